@@ -1,0 +1,54 @@
+"""Sphinx configuration; pictures and tables are made from the package itself before anything is read."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import figures  # noqa: E402
+import tables  # noqa: E402
+
+import eppanalysis  # noqa: E402
+
+project = "eppanalysis"
+author = "eppanalysis developers"
+version = release = eppanalysis.__version__
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+]
+exclude_patterns = ["_build", "_generated/*.md"]
+html_theme = "furo"
+html_title = "eppanalysis"
+html_static_path = ["_static"]
+
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_heading_anchors = 3
+nitpicky = False
+
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+
+
+def make_pages(app) -> None:
+    """Make everything that the pages include."""
+    generated = HERE / "_generated"
+    generated.mkdir(exist_ok=True)
+    figures.make_all(generated)
+    tables.make_all(generated)
+
+
+def setup(app) -> None:
+    """Register the maker of pictures and tables."""
+    app.connect("builder-inited", make_pages)

@@ -1,0 +1,138 @@
+"""Limit cycles of loops with backlash, friction and other nonlinear elements.
+
+The public face. Every name is imported from its module when it is first used, so that ``import eppanalysis`` costs
+next to nothing; ``dir(eppanalysis)`` lists the names.
+
+Examples
+--------
+>>> import eppanalysis as epp
+>>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+>>> loop.name
+'loop'
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case as Case, case as case, read_case as read_case, shipped_cases as shipped_cases
+    from eppanalysis.errors import (
+        CaseError as CaseError,
+        EppError as EppError,
+        ModelError as ModelError,
+        NotConverged as NotConverged,
+    )
+    from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
+    from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
+    from eppanalysis.methods.simulate import simulate as simulate
+    from eppanalysis.models import signals as signals
+    from eppanalysis.models.elbow import ElbowParameters as ElbowParameters, elbow as elbow
+    from eppanalysis.models.linear import StateSpace as StateSpace
+    from eppanalysis.models.lure import LureSystem as LureSystem
+    from eppanalysis.models.nonlinearities import (
+        Coulomb as Coulomb,
+        Cube as Cube,
+        DeadZone as DeadZone,
+        DeadZoneSaturation as DeadZoneSaturation,
+        FiveBandLaw as FiveBandLaw,
+        Friction as Friction,
+        HysteresisRelay as HysteresisRelay,
+        HysteresisRelayDeadZone as HysteresisRelayDeadZone,
+        JumpAndFollow as JumpAndFollow,
+        LockPin as LockPin,
+        Nonlinearity as Nonlinearity,
+        NordinShaft as NordinShaft,
+        PiecewiseLinear as PiecewiseLinear,
+        Play as Play,
+        Preload as Preload,
+        Quantiser as Quantiser,
+        Relay as Relay,
+        RelayDeadZone as RelayDeadZone,
+        Saturation as Saturation,
+        Sine as Sine,
+        StictionPulley as StictionPulley,
+    )
+    from eppanalysis.results import (
+        Event as Event,
+        LimitCycle as LimitCycle,
+        Prediction as Prediction,
+        Status as Status,
+        Trajectory as Trajectory,
+    )
+
+__version__ = "0.1.0"
+
+#: Public names by the module that holds them.
+_NAMES = {
+    "case": ("Case", "case", "read_case", "shipped_cases"),
+    "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
+    "methods.describing": ("predict_limit_cycles",),
+    "methods.ladder": ("Ladder", "ladder"),
+    "methods.simulate": ("simulate",),
+    "models.elbow": ("ElbowParameters", "elbow"),
+    "models.linear": ("StateSpace",),
+    "models.lure": ("LureSystem",),
+    "models.nonlinearities": (
+        "Coulomb",
+        "Cube",
+        "DeadZone",
+        "DeadZoneSaturation",
+        "FiveBandLaw",
+        "Friction",
+        "HysteresisRelay",
+        "HysteresisRelayDeadZone",
+        "JumpAndFollow",
+        "LockPin",
+        "Nonlinearity",
+        "NordinShaft",
+        "PiecewiseLinear",
+        "Play",
+        "Preload",
+        "Quantiser",
+        "Relay",
+        "RelayDeadZone",
+        "Saturation",
+        "Sine",
+        "StictionPulley",
+    ),
+    "results": ("Event", "LimitCycle", "Prediction", "Status", "Trajectory"),
+}
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
+#: Public modules, for names that would not be clear on their own (the motions Step, Ramp, Sine, ...).
+_MODULES = {"signals": "models.signals"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on its first use (PEP 562)."""
+    if name in _MODULES:
+        value: Any = import_module(f"{__name__}.{_MODULES[name]}")
+    elif name in _MODULE_OF:
+        value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names and the version."""
+    return sorted([*_MODULE_OF, *_MODULES, "__version__"])
+
+
+class _Package(ModuleType):
+    """Keeps the public function `case` in front of the module ``eppanalysis.case``.
+
+    Importing a submodule sets the attribute of its name on the package, which would hide the function behind the module
+    from then on.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _MODULE_OF and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,0 +1,80 @@
+"""Cases: validated case files, the quantities in them, and the systems that they describe.
+
+A case file is TOML. It may name a `base` in the same folder, or one that ships, and override single fields of it; each
+value is a quantity as people write it, or a table of value, mark, note and tolerance.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eppanalysis.case.expected import Cycle, Expected, Published
+from eppanalysis.case.files import Missing, read_raw, shipped_cases, shipped_cases_folder
+from eppanalysis.case.model import Case, json_schema, load
+from eppanalysis.case.quantities import Parameter
+from eppanalysis.errors import CaseError
+
+__all__ = [
+    "Case",
+    "Cycle",
+    "Expected",
+    "Parameter",
+    "Published",
+    "case",
+    "json_schema",
+    "read_case",
+    "shipped_cases",
+    "shipped_cases_folder",
+]
+
+
+def read_case(path: str | Path) -> Case:
+    """Read and validate a case file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The TOML file.
+
+    Raises
+    ------
+    CaseError
+        If anything in it, or in a base of it, is not valid: one sentence with file, field, value and what was expected.
+
+    Examples
+    --------
+    >>> found = read_case(shipped_cases_folder() / "fig8a_original.toml")
+    >>> found.name, str(found.parameters["lock_pin.backlash"])
+    ('fig8a_original', '2.5 deg')
+    """
+    return load(read_raw(Path(path), str(path)))
+
+
+def case(name: str) -> Case:
+    """A case that ships.
+
+    Parameters
+    ----------
+    name : str
+        Name of its file without the ending; :func:`shipped_cases` lists them.
+
+    Raises
+    ------
+    CaseError
+        If no such case ships.
+
+    Examples
+    --------
+    >>> case("relay_ideal_khalil79").kind
+    'loop'
+    """
+    import difflib
+
+    known = shipped_cases()
+    if name not in known:
+        close = difflib.get_close_matches(str(name)[:100], known, n=1)
+        expected = (
+            f"a case that ships: did you mean {close[0]!r}?" if close else "a case file, or the name of a shipped case"
+        )
+        raise CaseError(str(name)[:100], "", Missing(), expected)
+    return load(read_raw(shipped_cases_folder() / f"{name}.toml", f"{name}.toml"))

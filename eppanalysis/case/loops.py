@@ -1,0 +1,366 @@
+"""Generic loops of a case file: elements by name, and the system that they close."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+import re
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from eppanalysis.case.files import Missing, RawCase
+from eppanalysis.case.quantities import AnyQuantity, Parameter
+from eppanalysis.case.schema import LoopSection
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.linear import as_state_space
+from eppanalysis.models.lure import LureSystem, SignalMap
+from eppanalysis.models.nonlinearities.base import Nonlinearity
+
+#: Elements by the name that a case file calls them, with the module that holds their class.
+ELEMENTS: dict[str, tuple[str, str]] = {
+    "piecewise_linear": ("piecewise", "PiecewiseLinear"),
+    "five_band_law": ("static", "FiveBandLaw"),
+    "saturation": ("static", "Saturation"),
+    "dead_zone": ("static", "DeadZone"),
+    "dead_zone_saturation": ("static", "DeadZoneSaturation"),
+    "relay": ("static", "Relay"),
+    "relay_dead_zone": ("static", "RelayDeadZone"),
+    "preload": ("static", "Preload"),
+    "quantiser": ("static", "Quantiser"),
+    "coulomb": ("static", "Coulomb"),
+    "cube": ("static", "Cube"),
+    "sine": ("static", "Sine"),
+    "friction": ("friction", "Friction"),
+    "hysteresis_relay": ("memory", "HysteresisRelay"),
+    "hysteresis_relay_dead_zone": ("memory", "HysteresisRelayDeadZone"),
+    "play": ("memory", "Play"),
+    "jump_and_follow": ("memory", "JumpAndFollow"),
+    "stiction_pulley": ("memory", "StictionPulley"),
+    "lock_pin": ("contact", "LockPin"),
+    "nordin_shaft": ("contact", "NordinShaft"),
+}
+LARGEST_COUNT = 100_000
+_TEXT_FIELDS = {"model"}
+_COUNT_FIELDS = {"levels"}
+_MODEL_SENTENCE = re.compile(r"(?P<what>(?:\w+: (?P<field>\w+) is )?.*?); expected (?P<expected>.*)", re.DOTALL)
+_LIST_FIELDS = {"breakpoints", "slopes", "intercepts"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One element of a loop, or one linear block of a ring.
+
+    Attributes
+    ----------
+    name : str
+        Of the element; empty for a linear block.
+    kind : str
+        Name of the element's class in a case file; empty for a linear block.
+    parameters : dict of str to Parameter
+        Scalar fields of the element.
+    others : dict
+        Lists and texts of the element, or num and den of a linear block.
+    memory : float or None
+        First held value at the start.
+    """
+
+    name: str
+    kind: str
+    parameters: dict[str, Parameter]
+    others: dict[str, Any]
+    memory: float | None = None
+
+
+def element_class(kind: str) -> type[Nonlinearity]:
+    """Class of an element, imported when it is used."""
+    module, name = ELEMENTS[kind]
+    return getattr(import_module(f"eppanalysis.models.nonlinearities.{module}"), name)
+
+
+def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple[Block, ...]:
+    """Check a list of elements and linear blocks.
+
+    Raises
+    ------
+    CaseError
+        If a table is no known element, lacks a field, or has one that is not known or has no valid value.
+    """
+    blocks = tuple(_read_block(t, f"{field}.{i}", raw) for i, t in enumerate(tables))
+    names = [b.name for b in blocks if b.name]
+    for i, block in enumerate(blocks):
+        if block.name and names.count(block.name) > 1:
+            raise CaseError(raw.origin(field), f"{field}.{i}.name", block.name, "a name that no other element has")
+    return blocks
+
+
+def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
+    source = raw.origin(field)
+    if "element" not in table:
+        if set(table) != {"num", "den"}:
+            wrong = next((k for k in table if k not in ("num", "den")), None)
+            shown: object = table[wrong] if wrong else Missing()
+            name = wrong or ("num" if "num" not in table else "den")
+            raise CaseError(source, f"{field}.{name}", shown, "an element, or num and den of a linear block")
+        return Block("", "", {}, {k: _numbers(table[k], f"{field}.{k}", source) for k in ("num", "den")})
+    kind = table["element"]
+    if not isinstance(kind, str) or kind not in ELEMENTS:
+        close = difflib.get_close_matches(str(kind)[:60], ELEMENTS, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(ELEMENTS)}"
+        raise CaseError(source, f"{field}.element", kind, f"a known element: {hint}")
+    name = table.get("name", kind)
+    if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
+        raise CaseError(source, f"{field}.name", name, "a plain name of letters, digits and underscores")
+    memory = table.get("memory")
+    if memory is not None:
+        memory = _scalar(memory, f"{field}.memory", source).value
+    return _read_fields(kind, name, memory, table, f"{field}", source)
+
+
+def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, Any], field: str, source: str) -> Block:
+    known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
+    parameters: dict[str, Parameter] = {}
+    others: dict[str, Any] = {}
+    for key, value in table.items():
+        if key in ("element", "name", "memory"):
+            continue
+        place = f"{field}.{key}"
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
+            raise CaseError(source, place, value, f"a field of {kind}: {hint}")
+        if key in _LIST_FIELDS:
+            others[key] = _numbers(value, place, source)
+        elif key in _TEXT_FIELDS:
+            others[key] = value
+        else:
+            parameters[key] = _scalar(value, place, source)
+    for key, default in known.items():
+        if default is inspect.Parameter.empty and key not in table:
+            raise CaseError(source, f"{field}.{key}", Missing(), f"a value: {kind} needs it")
+    return Block(name, kind, parameters, others, memory)
+
+
+def _scalar(value: Any, field: str, source: str) -> Parameter:
+    try:
+        return AnyQuantity().read(value)
+    except PydanticCustomError as error:
+        context = error.context or {}
+        raise CaseError(source, field, context.get("shown", value), context.get("expected", "a number")) from None
+
+
+def _numbers(value: Any, field: str, source: str) -> list[float]:
+    if not isinstance(value, list) or not value:
+        raise CaseError(source, field, value, "a list of numbers")
+    return [float(_scalar(v, f"{field}.{i}", source).value) for i, v in enumerate(value)]
+
+
+def make_element(block: Block, field: str, source: str) -> Nonlinearity:
+    """The element of a block.
+
+    Raises
+    ------
+    CaseError
+        If the element does not take the values.
+    """
+    values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
+    for key in _COUNT_FIELDS & set(values):
+        if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
+            raise CaseError(source, f"{field}.{key}", values[key], f"a whole number from 1 to {LARGEST_COUNT}")
+        values[key] = round(values[key])
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            return element_class(block.kind)(**values, **block.others)
+    except ModelError as error:
+        raise _from_model_error(error, field, source, {**values, **block.others}) from None
+
+
+def _from_model_error(error: ModelError, field: str, source: str, value: object) -> CaseError:
+    """A model's own sentence as that of a case: field, value and what was expected, where it says so."""
+    sentence = str(error).rstrip(".")
+    match = _MODEL_SENTENCE.fullmatch(sentence)
+    if match is None:
+        return CaseError(source, field, value, f"a valid model ({sentence})")
+    if match["field"] and isinstance(value, dict):
+        return CaseError(source, f"{field}.{match['field']}", value.get(match["field"]), match["expected"])
+    return CaseError(source, field, value, f"{match['expected']} ({match['what']})")
+
+
+def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> LureSystem:
+    """The system of a generic loop.
+
+    Raises
+    ------
+    CaseError
+        If the parts do not fit: an improper transfer function, wrong shapes, forms mixed.
+    """
+    form = _form(loop, raw)
+    field = "loop.blocks" if form == "blocks" else "loop.elements"
+    source = raw.origin(field)
+    made = {i: make_element(b, f"{field}.{i}", source) for i, b in enumerate(blocks) if b.kind}
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            if form == "state space":
+                return _from_state_space(loop, blocks, list(made.values()), raw)
+            return _from_ring(loop, blocks, made, raw)
+    except ModelError as error:
+        raise _from_model_error(error, "loop", raw.origin("loop"), raw.name) from None
+
+
+def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Nonlinearity], raw: RawCase) -> LureSystem:
+    """A ring of blocks; a transfer function with one element is one of two."""
+    ring: list[Any] = [
+        made[i] if i in made else _linear(b.others, loop, raw, f"loop.blocks.{i}") for i, b in enumerate(blocks)
+    ]
+    if loop.blocks is None:
+        ring.append(_linear({"num": loop.num, "den": loop.den}, loop, raw, "loop"))
+    gain = 1.0 if loop.gain is None else float(loop.gain.value)
+    if gain != 1.0:
+        ring.append(as_state_space(([gain], [1.0]), None if loop.time_step is None else float(loop.time_step.value)))
+    elements = [b for b in blocks if b.kind]
+    return LureSystem.from_blocks(
+        ring,
+        delay=0.0 if loop.delay is None else float(loop.delay.value),
+        feedback=loop.feedback,
+        x0=loop.initial_state,
+        memory=[b.memory for b in elements],
+        element_names=[b.name for b in elements],
+        name=raw.name,
+    )
+
+
+def _form(loop: LoopSection, raw: RawCase) -> str:
+    """Which of the three forms of a loop is given; exactly one may be."""
+    given = {
+        "transfer function": loop.num is not None or loop.den is not None,
+        "blocks": loop.blocks is not None,
+        "state space": any(m is not None for m in (loop.A, loop.B, loop.C)),
+    }
+    forms = [name for name, there in given.items() if there]
+    if len(forms) != 1:
+        expected = "exactly one of: num and den with one element, blocks, or A, B, C with elements"
+        raise CaseError(raw.origin("loop"), "loop", " and ".join(forms) or Missing(), expected)
+    form = forms[0]
+    needed = {
+        "transfer function": ("num", "den", "elements"),
+        "blocks": ("blocks",),
+        "state space": ("A", "B", "C", "elements"),
+    }
+    for name in needed[form]:
+        if not getattr(loop, name):
+            raise CaseError(raw.origin("loop"), f"loop.{name}", Missing(), f"a value: a {form} needs it")
+    if form == "transfer function" and len(loop.elements or []) != 1:
+        expected = "one element; put several into blocks or a state space"
+        raise CaseError(raw.origin("loop.elements"), "loop.elements", f"{len(loop.elements or [])} elements", expected)
+    if form == "blocks" and loop.elements is not None:
+        raise CaseError(raw.origin("loop.elements"), "loop.elements", "given", "the elements inside blocks")
+    if form != "state space":
+        _refuse_state_space_fields(loop, raw)
+    return form
+
+
+def _refuse_state_space_fields(loop: LoopSection, raw: RawCase) -> None:
+    names = (
+        "D",
+        "constant_state",
+        "constant_input",
+        "inputs",
+        "input_matrix",
+        "input_feedthrough",
+        "states",
+        "signals",
+    )
+    for name in names:
+        if getattr(loop, name):
+            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", "given", "it only beside A, B and C")
+
+
+def _linear(block: dict[str, Any], loop: LoopSection, raw: RawCase, field: str) -> Any:
+    step = None if loop.time_step is None else float(loop.time_step.value)
+    try:
+        return as_state_space((block["num"], block["den"]), step)
+    except ModelError as error:
+        raise _from_model_error(error, f"{field}.num", raw.origin(f"{field}.num"), block["num"]) from None
+
+
+def _from_state_space(
+    loop: LoopSection, blocks: tuple[Block, ...], elements: list[Nonlinearity], raw: RawCase
+) -> LureSystem:
+    gain = 1.0 if loop.gain is None else float(loop.gain.value)
+    n_outputs = sum(e.n_outputs for e in elements)
+    delay = 0.0 if loop.delay is None else float(loop.delay.value)
+    _check_rectangles(loop, raw)
+    n = len(loop.A or [])
+    if n and len((loop.A or [[]])[0]) != n:
+        raise CaseError(raw.origin("loop.A"), "loop.A", loop.A, "a square matrix")
+    for name, length in (("initial_state", n), ("states", n)):
+        given = getattr(loop, name)
+        if given is not None and len(given) != length:
+            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", given, f"{length} entries, one for each state")
+    return LureSystem.build(
+        np.array(loop.A, float),
+        gain * np.array(loop.B, float),
+        np.array(loop.C, float),
+        elements,
+        D=loop.D,
+        B_input=loop.input_matrix,
+        D_input=loop.input_feedthrough,
+        input_names=loop.inputs,
+        constant_state=loop.constant_state,
+        constant_input=loop.constant_input,
+        element_names=[b.name for b in blocks],
+        signals=_signals(loop, n, n_outputs, raw),
+        x0=np.ones(n) if loop.initial_state is None else loop.initial_state,
+        memory=[b.memory for b in blocks],
+        delays=np.full(n_outputs, delay),
+        time_step=None if loop.time_step is None else float(loop.time_step.value),
+        state_names=loop.states,
+        name=raw.name,
+    )
+
+
+def _check_rectangles(loop: LoopSection, raw: RawCase) -> None:
+    for name in ("A", "B", "C", "D", "input_matrix", "input_feedthrough"):
+        matrix = getattr(loop, name)
+        if matrix is not None and len({len(row) for row in matrix}) > 1:
+            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", matrix, "rows of equal length")
+
+
+def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalMap | None:
+    """The named signals of a state space; None leaves them to the elements."""
+    if loop.signals is None:
+        return None
+    rows_state: list[list[float]] = []
+    rows_output: list[list[float]] = []
+    for name, row in loop.signals.items():
+        for part, given, length, rows in (
+            ("state", row.state, n, rows_state),
+            ("output", row.output, n_outputs, rows_output),
+        ):
+            if given is not None and len(given) != length:
+                field = f"loop.signals.{name}.{part}"
+                raise CaseError(raw.origin(field), field, given, f"{length} numbers")
+            rows.append(given if given is not None else [0.0] * length)
+    n_signals = len(loop.signals)
+    return SignalMap(
+        tuple(loop.signals),
+        np.array(rows_state, np.float64).reshape(n_signals, n),
+        np.array(rows_output, np.float64).reshape(n_signals, n_outputs),
+        np.zeros((n_signals, len(loop.inputs))),
+        np.array([row.constant for row in loop.signals.values()]),
+        tuple(row.unit for row in loop.signals.values()),
+    )
+
+
+def describe_block(block: Block) -> dict[str, Any]:
+    """Plain data of a block, for provenance."""
+    return {
+        "name": block.name,
+        "element": block.kind,
+        **{k: dataclasses.asdict(p) for k, p in block.parameters.items()},
+        **block.others,
+    }

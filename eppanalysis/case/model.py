@@ -1,0 +1,379 @@
+"""The case: a validated case file as a frozen noun."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters
+from eppanalysis.case.expected import Expected, make_expected
+from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
+from eppanalysis.case.loops import build_loop, read_blocks
+from eppanalysis.case.motions import make_motion
+from eppanalysis.case.quantities import Parameter
+from eppanalysis.case.schema import FILES, ElbowFile, LoopFile, find_quantity, section_fields, validate
+from eppanalysis.case.toml import write_toml
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.elbow import elbow
+from eppanalysis.models.elbow_parameters import ElbowParameters
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.signals import Motion, Step
+from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, write_si
+
+#: Fields whose change leaves the case's expected answers true.
+_NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A validated case.
+
+    Attributes
+    ----------
+    name, title : str
+        Stem of the file; what the case is about, in a few words.
+    kind : {"elbow", "loop"}
+    source : str
+        The file, as the user gave it.
+    parameters : dict of str to Parameter
+        Every scalar parameter that is given, by its dotted name: "lock_pin.backlash", or "play.gap" (name and field of
+        an element) and "loop.gain" in a generic loop.
+    input : Motion or None
+        What the external input does from t = 0 on; None when the system has no input or it stays where it is.
+    t_end : float
+        How long to simulate [s].
+    expected : Expected
+        What should come out.
+    """
+
+    name: str
+    title: str
+    kind: str
+    source: str
+    parameters: dict[str, Parameter]
+    input: Motion | None
+    t_end: float
+    expected: Expected
+    _raw: RawCase = field(repr=False)
+    _system: LureSystem = field(repr=False)
+    _elbow: ElbowParameters | None = field(repr=False, default=None)
+
+    def to_system(self) -> LureSystem:
+        """The system that the case describes."""
+        return self._system
+
+    @property
+    def elbow_parameters(self) -> ElbowParameters:
+        """Parameters of the elbow in SI units.
+
+        Raises
+        ------
+        CaseError
+            If the case is a generic loop.
+        """
+        if self._elbow is None:
+            raise CaseError(self.source, "kind", self.kind, "a case of the elbow")
+        return self._elbow
+
+    def value(self, name: str) -> float:
+        """A parameter in SI units; of the elbow also those that follow from others or are left at their default.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or it is switched off.
+
+        Examples
+        --------
+        >>> from eppanalysis.case import case
+        >>> round(case("fig8a_original").value("bands.slack"), 6)
+        5.560277
+        """
+        if name in self.parameters:
+            return float(self.parameters[name].value)
+        self._check_known(name, self.source)
+        found = _implied(self._elbow, name) if self._elbow is not None else None
+        if found is None:
+            raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
+        return found
+
+    def si(self, name: str, value: object) -> float:
+        """SI value of a quantity that could stand in the parameter `name`, such as "0.6 deg" for a backlash.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or the value has another dimension.
+        """
+        self._check_known(name, self.source)
+        try:
+            if self.kind == "elbow":
+                return parse_quantity(value, self.unit(name)[0])
+            number, unit = parse_any(value)
+        except QuantityError as error:
+            raise CaseError(self.source, name, value, error.expected) from None
+        if unit not in ("", self.unit(name)[0]):
+            raise CaseError(self.source, name, value, f"a quantity in {self.unit(name)[0] or 'plain numbers'}")
+        return number
+
+    def unit(self, name: str) -> tuple[str, str]:
+        """SI unit of a parameter, and the unit that people use.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter.
+        """
+        self._check_known(name, self.source)
+        if name in self.parameters:
+            return self.parameters[name].unit, self.parameters[name].friendly
+        quantity = find_quantity(FILES["elbow"], name.split("."))
+        return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
+
+    def text(self, name: str, value: float, digits: int = 6) -> str:
+        """A value of a parameter, given in SI units, as people write it."""
+        return format_si(value, *self.unit(name), digits)
+
+    def with_values(self, values: Mapping[str, Any], source: str = "with_values") -> Case:
+        """The same case with other values, validated again; its expected answers are dropped, as they no longer hold.
+
+        Parameters
+        ----------
+        values : mapping of str to str, number, bool, Parameter or table
+            By dotted names; plain numbers are in SI units. A field that another one stands in for (thresholds for
+            widths, prehensor mass for inertia) drops that other one.
+        source : str
+            What messages call the place where the values come from.
+
+        Raises
+        ------
+        CaseError
+            If a field is not known or the case is no longer valid.
+
+        Examples
+        --------
+        >>> from eppanalysis.case import case
+        >>> changed = case("fig8a_original").with_values({"lock_pin.backlash": "0.5 deg"})
+        >>> str(changed.parameters["lock_pin.backlash"])
+        '0.5 deg'
+        """
+        data = copy.deepcopy(self._raw.data)
+        if any(str(name) not in _NO_CHANGE_OF_SYSTEM for name in values):
+            data = without_answers(data)
+        origins = dict(self._raw.origins)
+        given: dict[str, set[str]] = {}
+        for name in values:
+            section, _, last = str(name).partition(".")
+            given.setdefault(section, set()).add(last)
+        for section, names in given.items():
+            if isinstance(data.get(section), dict):
+                data[section] = drop_alternatives(section, data[section], names)
+        for name, value in values.items():
+            if not isinstance(name, str) or not name or len(name) > 200:
+                raise CaseError(source, "", name, "the dotted name of a field")
+            plain = _plain(value)
+            self._check_settable(name, plain, source)
+            path = self._path(name)
+            _set(data, path, plain, source, name)
+            # Its sections too, for what the change makes missing; fields that stay keep their own entries.
+            origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
+        return load(replace(self._raw, data=data, origins=origins))
+
+    def to_toml(self) -> str:
+        """The whole case as TOML text, without a base."""
+        return write_toml({"kind": self.kind, **self._raw.data})
+
+    def provenance(self) -> dict[str, Any]:
+        """What a result needs to be traced back: file, checksum, version and every parameter with its mark."""
+        from eppanalysis import __version__
+
+        content = json.dumps(self._raw.data, sort_keys=True, ensure_ascii=True)
+        return {
+            "case": self.name,
+            "kind": self.kind,
+            "source": self.source,
+            "sha256": hashlib.sha256(content.encode()).hexdigest(),
+            "version": __version__,
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+        }
+
+    def _known(self) -> list[str]:
+        if self.kind == "elbow":
+            return section_fields(ElbowFile, SECTIONS)
+        return [*self.parameters, "loop.gain", "loop.delay", "loop.time_step"]
+
+    def _check_known(self, name: str, source: str, shown: object = None) -> None:
+        known = self._known()
+        if name in known:
+            return
+        close = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.endswith(f".{name}")][:1]
+        hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
+        raise CaseError(source, name, "not known" if shown is None else shown, f"a known field: {hint}")
+
+    def _check_settable(self, name: str, value: Any, source: str) -> None:
+        """Refuse names that validation could not put right; the rest of the file may be set too ("run.t_end")."""
+        if name.partition(".")[0] in ("run", "expected", "title", "loop"):
+            return
+        if self.kind == "loop" and name.partition(".")[0] in self._element_names():
+            return
+        self._check_known(name, source, value)
+
+    def _element_names(self) -> dict[str, tuple[str, int]]:
+        """Where each named element stands in the file."""
+        loop = self._raw.data.get("loop", {})
+        return {
+            table.get("name", table["element"]): (place, i)
+            for place in ("elements", "blocks")
+            for i, table in enumerate(loop.get(place) or [])
+            if "element" in table
+        }
+
+    def _path(self, name: str) -> list[str | int]:
+        first, _, rest = name.partition(".")
+        elements = self._element_names() if self.kind == "loop" else {}
+        if first in elements:
+            return ["loop", *elements[first], rest]
+        return list(name.split("."))
+
+
+def load(raw: RawCase) -> Case:
+    """The case of a file that has been read and merged.
+
+    Raises
+    ------
+    CaseError
+        If anything in it is not valid.
+    """
+    file = validate(raw)
+    return _load_elbow(file, raw) if isinstance(file, ElbowFile) else _load_loop(file, raw)
+
+
+def _load_elbow(file: ElbowFile, raw: RawCase) -> Case:
+    fields = elbow_fields(file)
+    parameters = elbow_parameters(fields, raw)
+    motion: Motion = Step(parameters.harness.step)
+    if file.run.input is not None:
+        motion = make_motion(file.run.input, "m", raw)
+    return Case(
+        raw.name,
+        file.title,
+        "elbow",
+        raw.source,
+        fields,
+        motion,
+        float(file.run.t_end.value),
+        make_expected(file.expected),
+        raw,
+        _elbow_system(parameters, raw),
+        parameters,
+    )
+
+
+def _elbow_system(parameters: ElbowParameters, raw: RawCase) -> LureSystem:
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            return replace(elbow(parameters), name=raw.name)
+    except (ModelError, ArithmeticError) as error:
+        raise CaseError(raw.source, "", "beyond the range of numbers", f"ordinary magnitudes ({error})") from None
+
+
+def _load_loop(file: LoopFile, raw: RawCase) -> Case:
+    loop = file.loop
+    place = "loop.elements" if loop.blocks is None else "loop.blocks"
+    blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
+    system = build_loop(loop, blocks, raw)
+    fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
+    for name in ("gain", "delay", "time_step"):
+        found = getattr(loop, name)
+        if found is not None:
+            fields[f"loop.{name}"] = found
+    motion = None
+    if file.run.input is not None:
+        if not loop.inputs:
+            raise CaseError(raw.origin("run.input"), "run.input", file.run.input.kind, "no input: the loop has none")
+        motion = make_motion(file.run.input, "", raw)
+    t_end, expected = float(file.run.t_end.value), make_expected(file.expected)
+    if expected.signal is not None and expected.signal not in system.signals.names:
+        wanted = f"one of {', '.join(system.signals.names)}"
+        raise CaseError(raw.origin("expected.signal"), "expected.signal", expected.signal, wanted)
+    return Case(raw.name, file.title, "loop", raw.source, fields, motion, t_end, expected, raw, system)
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """JSON schema of a case file, for editors.
+
+    Parameters
+    ----------
+    kind : {"elbow", "loop"}
+
+    Raises
+    ------
+    CaseError
+        If there is no such kind.
+    """
+    if kind not in FILES:
+        raise CaseError("json_schema", "kind", kind, " or ".join(repr(k) for k in FILES))
+    schema = FILES[kind].model_json_schema()
+    schema["properties"]["base"] = {"type": "string", "description": "Case that this one inherits from."}
+    return schema
+
+
+def _plain(value: Any) -> Any:
+    """A value as TOML would give it."""
+    if isinstance(value, Parameter):
+        text = value.value if isinstance(value.value, bool) else write_si(value.value, value.unit, value.friendly)
+        table = {"value": text, "mark": value.mark, "note": value.note}
+        if value.tolerance is not None:
+            table["tolerance"] = write_si(value.tolerance, value.unit, value.friendly)
+        return table
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):  # numpy
+        return value.tolist()
+    return value
+
+
+def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, name: str) -> None:
+    here: Any = data
+    for part in path[:-1]:
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, {})
+        elif isinstance(part, int) and isinstance(here, list):
+            here = here[part]
+        else:
+            break
+    last = path[-1]
+    if not isinstance(here, dict) or not isinstance(last, str) or not last:
+        raise CaseError(source, name, value, "the dotted name of a field")
+    here[last] = value
+
+
+def _implied(parameters: ElbowParameters, name: str) -> float | None:
+    """A parameter that the file does not give itself."""
+    section, _, last = name.partition(".")
+    bands = parameters.bands
+    slack, low, high, top = bands.thresholds
+    derived = {
+        "bands.slack": slack,
+        "bands.low": low,
+        "bands.high": high,
+        "bands.max": top,
+        "bands.centre": bands.parking_centre,
+        "bands.parking_width": high - low,
+        "bands.range": top - slack,
+        "forearm.inertia": parameters.forearm.total_inertia,
+        "forearm.gravity_moment": parameters.forearm.total_gravity_moment,
+    }
+    if name in derived:
+        return derived[name]
+    found = getattr(getattr(parameters, section), last)
+    return None if found is None else float(found)

@@ -1,0 +1,130 @@
+"""Harness motions of a case file, recorded ones included."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from pathlib import Path
+
+from eppanalysis.case.files import Missing, RawCase
+from eppanalysis.case.quantities import Parameter
+from eppanalysis.case.schema import RampInput, RecordedInput, SineInput, StepInput
+from eppanalysis.errors import CaseError
+from eppanalysis.models.signals import Motion, Ramp, Recorded, Sine, Step
+from eppanalysis.units import QuantityError, parse_quantity
+
+LARGEST_RECORDING = 64_000_000
+_HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
+
+Input = StepInput | RampInput | SineInput | RecordedInput
+
+
+def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
+    """The motion of a case, in SI units.
+
+    Parameters
+    ----------
+    given : StepInput, RampInput, SineInput or RecordedInput
+    unit : str
+        SI unit of the system's input.
+    raw : RawCase
+        The case that it stands in.
+
+    Raises
+    ------
+    CaseError
+        If a value has the wrong dimension, times are out of order, or a recording cannot be read.
+    """
+    if isinstance(given, RecordedInput):
+        return read_recording(raw.folder / given.file, unit, given.file, raw)
+    if isinstance(given, StepInput):
+        return Step(_value(given.size, "size", unit, raw), _time(given.time))
+    if isinstance(given, RampInput):
+        start, stop = _time(given.start), None if given.stop is None else float(given.stop.value)
+        if stop is not None and stop <= start:
+            field = "run.input.stop"
+            raise CaseError(raw.origin(field), field, str(given.stop), "a time after start")
+        per_second = f"{unit}/s" if unit else "Hz"
+        return Ramp(_value(given.rate, "rate", per_second, raw), start, stop)
+    phase = 0.0 if given.phase is None else float(given.phase.value)
+    return Sine(_value(given.amplitude, "amplitude", unit, raw), float(given.frequency.value), phase)
+
+
+def _time(given: Parameter | None) -> float:
+    return 0.0 if given is None else float(given.value)
+
+
+def _value(given: Parameter, name: str, unit: str, raw: RawCase) -> float:
+    if given.unit not in ("", unit):
+        field = f"run.input.{name}"
+        raise CaseError(raw.origin(field), field, str(given), f"a quantity in {unit or 'plain numbers'}")
+    return float(given.value)
+
+
+def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
+    """A recorded motion: a CSV file with two columns, time and position, under a header.
+
+    The header may give units in brackets, as in ``time [ms], position [mm]``; without them they are SI.
+
+    Raises
+    ------
+    CaseError
+        If the file is not there, a row has a hole, or times do not increase.
+    """
+    if not path.is_file() or path.resolve().parent != path.parent.resolve():
+        field = "run.input.file"
+        raise CaseError(raw.origin(field), field, label, "the name of a CSV file in the case's folder")
+    if path.stat().st_size > LARGEST_RECORDING:
+        raise CaseError(str(path), "", f"{path.stat().st_size} bytes long", f"at most {LARGEST_RECORDING} bytes")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [(number, row) for number, row in enumerate(csv.reader(stream), start=1) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise CaseError(str(path), "", f"not readable ({error})", "a CSV file in UTF-8") from None
+    if len(rows) < 3:
+        raise CaseError(str(path), "", f"{len(rows)} rows long", "a header and two or more rows of time and position")
+    factors = _factors(rows[0][1], unit, str(path))
+    times: list[float] = []
+    values: list[float] = []
+    for number, row in rows[1:]:
+        time, value = _read_row(row, number, str(path))
+        if times and time * factors[0] <= times[-1]:
+            raise CaseError(str(path), f"line {number}, time", row[0], "a later time than in the line before")
+        if time < 0:
+            raise CaseError(str(path), f"line {number}, time", row[0], "a time that is not negative")
+        times.append(time * factors[0])
+        values.append(value * factors[1])
+    return Recorded(times, values)  # type: ignore[arg-type]
+
+
+def _factors(header: list[str], unit: str, source: str) -> tuple[float, float]:
+    """SI values of the units that a header gives."""
+    if len(header) != 2:
+        raise CaseError(source, "line 1", ", ".join(header), "a header of two columns: time and position")
+    factors = []
+    for cell, si, column in zip(header, ("s", unit), ("time", "position"), strict=True):
+        match = _HEADER.fullmatch(cell)
+        if match is None:
+            raise CaseError(source, f"line 1, {column}", cell, f"a name such as '{column} [{si or '1'}]'")
+        try:
+            factors.append(parse_quantity(f"1 {match[2] or si}", si))
+        except QuantityError as error:
+            raise CaseError(source, f"line 1, {column}", cell, f"the unit of {error.expected}") from None
+    return factors[0], factors[1]
+
+
+def _read_row(row: list[str], number: int, source: str) -> tuple[float, float]:
+    if len(row) != 2:
+        raise CaseError(source, f"line {number}", ", ".join(row), "two numbers: time and position")
+    numbers = []
+    for cell, column in zip(row, ("time", "position"), strict=True):
+        try:
+            found = float(cell)
+        except ValueError:
+            found = math.nan
+        if not math.isfinite(found):
+            shown: object = cell if cell.strip() else Missing()
+            raise CaseError(source, f"line {number}, {column}", shown, "a finite number; a recording has no holes")
+        numbers.append(found)
+    return numbers[0], numbers[1]

@@ -1,0 +1,235 @@
+"""Values of a case file: a plain value, or a table that also says where the value comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity
+
+Mark = Literal["paper", "derived", "assumed", "measured"]
+MARKS: tuple[str, ...] = get_args(Mark)
+LONGEST_TEXT = 2000
+_KEYS = ("value", "mark", "note", "tolerance")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One value of a case, in SI units.
+
+    Attributes
+    ----------
+    value : float or bool
+        In the SI unit `unit`.
+    unit, friendly : str
+        SI unit, and the unit that people use.
+    mark : {"paper", "derived", "assumed", "measured"}
+        Where the value comes from; what a user gives without a mark is assumed.
+    note : str
+    tolerance : float or None
+        Half width of the interval that the value lies in, in `unit`.
+    """
+
+    value: float | bool
+    unit: str = ""
+    friendly: str = ""
+    mark: Mark = "assumed"
+    note: str = ""
+    tolerance: float | None = None
+
+    def __str__(self) -> str:
+        """The value as people write it."""
+        if isinstance(self.value, bool):
+            return "true" if self.value else "false"
+        return format_si(self.value, self.unit, self.friendly)
+
+
+def _fail(expected: str, shown: Any) -> PydanticCustomError:
+    """What :mod:`eppanalysis.case.schema` turns into a sentence."""
+    return PydanticCustomError("quantity", "expected {expected}", {"expected": expected, "shown": shown})
+
+
+def _split_table(raw: Any) -> tuple[Any, Mark, str, Any]:
+    """Value, mark, note and tolerance of a plain value or a table."""
+    if not isinstance(raw, Mapping):
+        return raw, "assumed", "", None
+    unknown = [k for k in raw if k not in _KEYS]
+    if unknown:
+        raise _fail(f"a table of {', '.join(_KEYS)} only, without {unknown[0]!r}", raw)
+    if "value" not in raw:
+        raise _fail("a table with a value", raw)
+    mark, note = raw.get("mark", "assumed"), raw.get("note", "")
+    if mark not in MARKS:
+        raise _fail(f"a mark that is one of {', '.join(MARKS)}", mark)
+    if not isinstance(note, str) or len(note) > LONGEST_TEXT:
+        raise _fail(f"a note that is a text of at most {LONGEST_TEXT} characters", note)
+    return raw["value"], mark, note, raw.get("tolerance")
+
+
+def _tolerance(raw: Any, value: float, unit: str) -> float | None:
+    """Tolerance in SI units; a percentage is of the value."""
+    if raw is None:
+        return None
+    try:
+        if isinstance(raw, str) and raw.rstrip().endswith("%"):
+            tolerance = abs(value) * parse_quantity(raw, "")
+        else:
+            tolerance = parse_quantity(raw, unit)
+    except QuantityError as error:
+        raise _fail(f"a tolerance in per cent or {error.expected}", raw) from None
+    if tolerance < 0:
+        raise _fail("a tolerance that is not negative", raw)
+    return tolerance
+
+
+class _Field:
+    """Base of the field types: how pydantic calls them."""
+
+    def read(self, raw: Any) -> Any:
+        raise NotImplementedError
+
+    def schema(self) -> dict[str, Any]:
+        """JSON schema of the plain value."""
+        raise NotImplementedError
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Validate with :meth:`read`."""
+        return core_schema.no_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """A plain value, or a table of value, mark, note and tolerance."""
+        plain = self.schema()
+        table = {
+            "type": "object",
+            "required": ["value"],
+            "additionalProperties": False,
+            "properties": {
+                "value": plain,
+                "mark": {"enum": list(MARKS)},
+                "note": {"type": "string", "maxLength": LONGEST_TEXT},
+                "tolerance": {"type": ["number", "string"]},
+            },
+        }
+        return {"anyOf": [plain, table]}
+
+
+@dataclass(frozen=True)
+class Quantity(_Field):
+    """A quantity of a given dimension and range.
+
+    Attributes
+    ----------
+    unit, friendly : str
+        SI unit, and the unit that people use (the same by default).
+    above, at_least, at_most : float or None
+        Range, in SI units.
+    """
+
+    unit: str
+    friendly: str = ""
+    above: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+
+    def read(self, raw: Any) -> Parameter:
+        """The parameter in SI units."""
+        given, mark, note, tolerance = _split_table(raw)
+        try:
+            value = parse_quantity(given, self.unit)
+        except QuantityError as error:
+            raise _fail(error.expected, given) from None
+        self._check_range(value, given)
+        friendly = self.friendly or self.unit
+        return Parameter(value, self.unit, friendly, mark, note, _tolerance(tolerance, value, self.unit))
+
+    def _check_range(self, value: float, given: Any) -> None:
+        if self.above is not None and not value > self.above:
+            raise _fail("a positive number" if self.above == 0 else f"more than {self._text(self.above)}", given)
+        if self.at_least is not None and not value >= self.at_least:
+            raise _fail(
+                "zero or a positive number" if self.at_least == 0 else f"at least {self._text(self.at_least)}", given
+            )
+        if self.at_most is not None and not value <= self.at_most:
+            raise _fail(f"at most {self._text(self.at_most)}", given)
+
+    def _text(self, value: float) -> str:
+        return format_si(value, self.unit, self.friendly or self.unit)
+
+    def schema(self) -> dict[str, Any]:
+        """JSON schema of the plain value."""
+        return {"type": ["number", "string"], "description": f"SI unit: {self.unit or '1'}"}
+
+
+@dataclass(frozen=True)
+class AnyQuantity(_Field):
+    """A quantity of any dimension, as generic loops hold them."""
+
+    def read(self, raw: Any) -> Parameter:
+        """The parameter in SI units."""
+        given, mark, note, tolerance = _split_table(raw)
+        try:
+            value, unit = parse_any(given)
+        except QuantityError as error:
+            raise _fail(error.expected, given) from None
+        return Parameter(value, unit, unit, mark, note, _tolerance(tolerance, value, unit))
+
+    def schema(self) -> dict[str, Any]:
+        """JSON schema of the plain value."""
+        return {"type": ["number", "string"]}
+
+
+@dataclass(frozen=True)
+class Count(_Field):
+    """A whole number in a range."""
+
+    at_least: int
+    at_most: int
+
+    def read(self, raw: Any) -> Parameter:
+        """The parameter."""
+        given, mark, note, _ = _split_table(raw)
+        if isinstance(given, str) and given.strip().isdigit() and len(given) < 10:
+            given = int(given)
+        whole = isinstance(given, int) and not isinstance(given, bool)
+        if not whole or not self.at_least <= given <= self.at_most:
+            raise _fail(f"a whole number from {self.at_least} to {self.at_most}", given)
+        return Parameter(given, "", "", mark, note)
+
+    def schema(self) -> dict[str, Any]:
+        """JSON schema of the plain value."""
+        return {"type": "integer", "minimum": self.at_least, "maximum": self.at_most}
+
+
+@dataclass(frozen=True)
+class Flag(_Field):
+    """True or false."""
+
+    def read(self, raw: Any) -> Parameter:
+        """The parameter."""
+        given, mark, note, _ = _split_table(raw)
+        if isinstance(given, str) and given.strip().lower() in ("true", "false"):
+            given = given.strip().lower() == "true"
+        if not isinstance(given, bool):
+            raise _fail("true or false", given)
+        return Parameter(given, "", "", mark, note)
+
+    def schema(self) -> dict[str, Any]:
+        """JSON schema of the plain value."""
+        return {"type": "boolean"}
+
+
+Angle = Annotated[Parameter, Quantity("rad", "deg", at_least=0)]
+Length = Annotated[Parameter, Quantity("m", "mm")]
+PositiveLength = Annotated[Parameter, Quantity("m", "mm", above=0)]
+Duration = Annotated[Parameter, Quantity("s", "ms", at_least=0)]
+PositiveDuration = Annotated[Parameter, Quantity("s", "ms", above=0)]
+Force = Annotated[Parameter, Quantity("N", "lbf")]
+PositiveForce = Annotated[Parameter, Quantity("N", "lbf", above=0)]
+Torque = Annotated[Parameter, Quantity("N*m", at_least=0)]
+PositiveTorque = Annotated[Parameter, Quantity("N*m", above=0)]
+Inertia = Annotated[Parameter, Quantity("kg*m^2", above=0)]
+TorsionalDamping = Annotated[Parameter, Quantity("N*m*s/rad", at_least=0)]

@@ -1,0 +1,394 @@
+"""What a case file may hold, as pydantic models, and their errors as one sentence."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from eppanalysis.case.files import Missing, RawCase
+from eppanalysis.case.quantities import (
+    LONGEST_TEXT,
+    Angle,
+    AnyQuantity,
+    Count,
+    Duration,
+    Flag,
+    Force,
+    Inertia,
+    Length,
+    Parameter,
+    PositiveDuration,
+    PositiveForce,
+    PositiveLength,
+    PositiveTorque,
+    Quantity,
+    Torque,
+    TorsionalDamping,
+)
+from eppanalysis.errors import CaseError
+from eppanalysis.units import KINDS
+
+Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=60)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Row = Annotated[list[Number], Field(max_length=200)]
+Matrix = Annotated[list[Row], Field(max_length=200)]
+Scalar = Annotated[Parameter, AnyQuantity()]
+Yes = Annotated[Parameter, Flag()]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DriveSection(_Model):
+    """Motor, gearing and H-bridge seen at the output shaft."""
+
+    supply_voltage: Annotated[Parameter, Quantity("V", above=0)]
+    no_load_speed: Annotated[Parameter, Quantity("rad/s", "deg/s", above=0)]
+    stall_torque: PositiveTorque
+    inertia: Inertia
+    coulomb_friction: Torque
+    electrical_time_constant: PositiveDuration
+
+
+class ControllerSection(_Model):
+    """Timing of the controller."""
+
+    delay: Duration
+    sample_period: PositiveDuration | None = None
+
+
+class BandsSection(_Model):
+    """Thresholds of the five-band law: centre, parking width and range, or all four of them."""
+
+    centre: PositiveForce | None = None
+    parking_width: PositiveForce | None = None
+    range: PositiveForce | None = None
+    slack: Force | None = None
+    low: PositiveForce | None = None
+    high: PositiveForce | None = None
+    max: PositiveForce | None = None
+    offset_voltage: Annotated[Parameter, Quantity("V", at_least=0)] | None = None
+
+
+class LockPinSection(_Model):
+    """Free-swing backlash between drive and forearm."""
+
+    backlash: Angle
+    stiffness: Annotated[Parameter, Quantity("N*m/rad", above=0)]
+    damping: TorsionalDamping
+
+
+class ForearmSection(_Model):
+    """Forearm and prehensor."""
+
+    inertia: Inertia | None = None
+    prehensor_mass: Annotated[Parameter, Quantity("kg", above=0)] | None = None
+    prehensor_distance: Annotated[Parameter, Quantity("m", above=0)] | None = None
+    shell_inertia: Annotated[Parameter, Quantity("kg*m^2", at_least=0)] | None = None
+    viscous_friction: TorsionalDamping
+    gravity_moment: Torque | None = None
+    upright: Yes | None = None
+
+
+class CableSection(_Model):
+    """The cable, or two of them."""
+
+    stiffness: Annotated[Parameter, Quantity("N/m", above=0)]
+    spring_ratio: Annotated[Parameter, Quantity("", above=0)]
+    antagonist: Yes | None = None
+    pretension: PositiveForce | None = None
+
+
+class PulleySection(_Model):
+    """The pulley on the elbow axis."""
+
+    radius: PositiveLength
+    friction: Annotated[Parameter, Quantity("", at_least=0)]
+    flexion_angle: Annotated[Parameter, Quantity("rad", "deg", at_least=0, at_most=3.141592653589794)]
+    kinetic_ratio: Annotated[Parameter, Quantity("", at_least=0, at_most=1)]
+
+
+class HarnessSection(_Model):
+    """What the user, or the step-input board, does."""
+
+    step: Length
+
+
+class SensorSection(_Model):
+    """The force sensor; what is not given is left out."""
+
+    gain: Annotated[Parameter, Quantity("V/N", "V/lbf", above=0)] | None = None
+    full_scale: Annotated[Parameter, Quantity("V", above=0)] | None = None
+    bits: Annotated[Parameter, Count(1, 24)] | None = None
+    filter: PositiveDuration | None = None
+
+
+class ParkingSection(_Model):
+    """The parking logic."""
+
+    dwell_time: PositiveDuration | None = None
+
+
+class StepInput(_Model):
+    """A jump."""
+
+    kind: Literal["step"]
+    size: Scalar
+    time: Duration | None = None
+
+
+class RampInput(_Model):
+    """A motion at constant rate."""
+
+    kind: Literal["ramp"]
+    rate: Scalar
+    start: Duration | None = None
+    stop: PositiveDuration | None = None
+
+
+class SineInput(_Model):
+    """A sine."""
+
+    kind: Literal["sine"]
+    amplitude: Scalar
+    frequency: Annotated[Parameter, Quantity("Hz", above=0)]
+    phase: Annotated[Parameter, Quantity("rad", "deg")] | None = None
+
+
+class RecordedInput(_Model):
+    """A recorded motion: a CSV file of times and values in the case's folder."""
+
+    kind: Literal["recorded"]
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
+
+
+class RunSection(_Model):
+    """How the case is simulated."""
+
+    t_end: Annotated[Parameter, Quantity("s", above=0)]
+    input: Annotated[StepInput | RampInput | SineInput | RecordedInput, Field(discriminator="kind")] | None = None
+
+
+class CycleAnswer(_Model):
+    """A known limit cycle."""
+
+    amplitude: Positive
+    omega: Positive
+    period: Positive | None = None
+    mean: Number | None = None
+    middle: Number | None = None
+    fundamental: Number | None = None
+    stable: bool | None = None
+    largest_multiplier: Number | None = None
+    also: dict[Name, Number] = {}
+
+
+class PublishedValue(_Model):
+    """A number from the literature."""
+
+    quantity: Text
+    value: Number
+    source: Text
+    how_known: Text = ""
+    confirmed: bool = False
+
+
+class ExpectedSection(_Model):
+    """What the case should give, and who says so."""
+
+    outcome: Literal["oscillate", "settle"] | None = None
+    signal: Name | None = None
+    describing_function: list[CycleAnswer] | None = None
+    exact: list[CycleAnswer] | None = None
+    published: list[PublishedValue] = []
+    paper: Text = ""
+    finding: Text = ""
+    source: Text = ""
+    note: Text = ""
+
+
+class ElbowFile(_Model):
+    """A case of the elbow."""
+
+    kind: Literal["elbow"] = "elbow"
+    title: Text
+    drive: DriveSection
+    controller: ControllerSection
+    bands: BandsSection
+    lock_pin: LockPinSection
+    forearm: ForearmSection
+    cable: CableSection
+    pulley: PulleySection
+    harness: HarnessSection
+    sensor: SensorSection = SensorSection()
+    parking: ParkingSection = ParkingSection()
+    run: RunSection
+    expected: ExpectedSection = ExpectedSection()
+
+
+class SignalRow(_Model):
+    """A named signal: weights of the states and of the elements' outputs."""
+
+    state: Row | None = None
+    output: Row | None = None
+    constant: Number = 0.0
+    unit: Annotated[str, Field(max_length=30)] = ""
+
+
+class LoopSection(_Model):
+    """A generic loop: a transfer function and one element, a ring of blocks, or a state space with elements."""
+
+    gain: Scalar | None = None
+    num: Row | None = None
+    den: Row | None = None
+    blocks: Annotated[list[dict[str, Any]], Field(max_length=50)] | None = None
+    A: Matrix | None = None
+    B: Matrix | None = None
+    C: Matrix | None = None
+    D: Matrix | None = None
+    constant_state: Row | None = None
+    constant_input: Row | None = None
+    inputs: list[Name] = []
+    input_matrix: Matrix | None = None
+    input_feedthrough: Matrix | None = None
+    elements: Annotated[list[dict[str, Any]], Field(max_length=50)] | None = None
+    states: list[Name] | None = None
+    signals: dict[Name, SignalRow] | None = None
+    initial_state: Row | None = None
+    delay: Duration | None = None
+    time_step: PositiveDuration | None = None
+    feedback: Literal[-1, 1] = -1
+
+
+class LoopFile(_Model):
+    """A case of a generic loop."""
+
+    kind: Literal["loop"]
+    title: Text
+    loop: LoopSection
+    run: RunSection
+    expected: ExpectedSection = ExpectedSection()
+
+
+FILES: dict[str, type[_Model]] = {"elbow": ElbowFile, "loop": LoopFile}
+
+_SENTENCES = {
+    "string_type": "a text",
+    "list_type": "a list",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "finite_number": "a finite number",
+    "model_type": "a table of fields",
+    "model_attributes_type": "a table of fields",
+    "dict_type": "a table",
+    "string_pattern_mismatch": "a plain name of letters, digits and underscores",
+}
+
+
+def validate(raw: RawCase) -> ElbowFile | LoopFile:
+    """The validated model of a case file.
+
+    Raises
+    ------
+    CaseError
+        On the first thing that is wrong: a field that is not known before one that is missing or has a wrong value.
+    """
+    kind = raw.data.get("kind", "elbow")
+    model = FILES.get(kind) if isinstance(kind, str) else None
+    if model is None:
+        raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in FILES))
+    try:
+        return model.model_validate(raw.data)  # type: ignore[return-value]
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        first = min(found, key=lambda e: (e["type"] != "extra_forbidden", e["type"] == "missing"))
+        raise _case_error(dict(first), raw, model) from None
+
+
+def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> CaseError:
+    loc = [str(part) for part in error["loc"]]
+    if loc[:2] == ["run", "input"] and len(loc) > 2:
+        del loc[2]  # the name of the union's member
+    field, context = ".".join(loc), error.get("ctx", {})
+    shown: Any = error["input"]
+    if error["type"] == "extra_forbidden":
+        expected = _suggest(loc[-1], _model_at(model, loc[:-1]))
+    elif error["type"] == "missing":
+        shown, expected = Missing(), _wanted(model, loc)
+    elif error["type"] == "quantity":
+        shown, expected = context["shown"], context["expected"]
+    elif error["type"].startswith("union_tag"):
+        field, expected = f"{field}.kind", "'step', 'ramp', 'sine' or 'recorded'"
+        shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown
+    elif error["type"] == "literal_error":
+        expected = context["expected"]
+    elif error["type"] in _SENTENCES:
+        expected = _SENTENCES[error["type"]]
+    else:
+        expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should have ").lower()
+    return CaseError(raw.origin(field), field, shown, expected)
+
+
+def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:
+    """The model behind a dotted path; None where there is none, or several."""
+    for part in path:
+        if part.isdigit():
+            continue
+        info = model.model_fields.get(part)
+        found = (
+            [m for m in _members(info.annotation) if isinstance(m, type) and issubclass(m, BaseModel)] if info else []
+        )
+        if len(found) != 1:
+            return None
+        model = found[0]
+    return model
+
+
+def section_fields(model: type[BaseModel], sections: Iterable[str]) -> list[str]:
+    """Dotted names of all fields of some sections."""
+    found = [(name, _model_at(model, [name])) for name in sections]
+    return [f"{name}.{field}" for name, section in found if section is not None for field in section.model_fields]
+
+
+def _members(annotation: Any) -> list[Any]:
+    """Everything inside a union, list or annotation."""
+    inner = getattr(annotation, "__args__", ())
+    return [annotation] if not inner else [m for a in inner for m in _members(a)]
+
+
+def _suggest(name: str, model: type[BaseModel] | None) -> str:
+    known = sorted(model.model_fields) if model is not None else []
+    if model in FILES.values():
+        known.append("base")
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"a known field in its place: did you mean {close[0]!r}?"
+    return f"a known field in its place: one of {', '.join(known)}" if known else "a known field in its place"
+
+
+def _wanted(model: type[BaseModel], loc: list[str]) -> str:
+    quantity = find_quantity(model, loc)
+    if quantity is not None:
+        kind, example = KINDS.get(quantity.unit, ("a quantity", "1"))
+        return f"{kind} such as {example!r}" if quantity.unit else f"{kind} such as {example}"
+    return "a section" if _model_at(model, loc) is not None else "a value"
+
+
+def find_quantity(model: type[BaseModel], loc: list[str]) -> Quantity | None:
+    """The kind of quantity that a field holds, None when it holds something else."""
+    parent = _model_at(model, loc[:-1])
+    info = parent.model_fields.get(loc[-1]) if parent is not None else None
+    if info is None:
+        return None
+    candidates = [*info.metadata]
+    for member in getattr(info.annotation, "__args__", ()):
+        candidates += getattr(member, "__metadata__", ())
+    return next((c for c in candidates if isinstance(c, Quantity)), None)

@@ -1,0 +1,60 @@
+"""Plain TOML values as text."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def write_toml(data: dict[str, Any]) -> str:
+    """TOML text of nested tables of texts, numbers, booleans and lists.
+
+    Examples
+    --------
+    >>> print(write_toml({"title": "a loop", "run": {"t_end": "6 s"}}), end="")
+    title = "a loop"
+    <BLANKLINE>
+    [run]
+    t_end = "6 s"
+    """
+    return "\n".join(_section("", data)).strip("\n") + "\n"
+
+
+def _section(prefix: str, data: dict[str, Any]) -> list[str]:
+    plain = {k: v for k, v in data.items() if not _is_section(v)}
+    lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
+    if prefix and (lines or not data):
+        lines.insert(0, f"[{prefix}]")
+    for key, value in data.items():
+        if _is_section(value):
+            lines += ["", *_section(f"{prefix}.{_key(key)}" if prefix else _key(key), value)]
+    return lines
+
+
+def _is_section(value: Any) -> bool:
+    """Whether a table gets a heading of its own; parameters and empty tables are written in line."""
+    return isinstance(value, dict) and "value" not in value and bool(value)
+
+
+def _key(key: str) -> str:
+    return key if _BARE.fullmatch(key) else _text(key)
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_value(v) for v in value)}]"
+    if isinstance(value, dict):
+        inside = ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items())
+        return f"{{ {inside} }}" if inside else "{}"
+    return repr(value)

@@ -1,0 +1,611 @@
+"""Compiled: the run of a hybrid system through its modes, exact between events.
+
+Two ways of advancing, one result. Where no smooth channel acts and the state stands on the step grid of its mode, the
+*fast step* multiplies by precomputed matrices and proves from end values, end rates and a bound on the fourth
+derivative (Bernstein coefficients of the cubic plus its remainder) that no guard is reached. Where it can't prove that,
+after an event, off the grid, and for smooth channels, the *series step* expands the state to rounding and looks for the
+first rise of every guard. Rules at the start of a series step, for a guard that stands within rounding of zero: the
+sign of its first derivative that is above rounding decides; rising fires at once, falling arms it for its next rise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from eppanalysis.kernels.modes import HOT, find_slot, make_slots, make_work
+from eppanalysis.kernels.series import (
+    DELAY_LINE,
+    EPS,
+    ORDER,
+    expand,
+    first_rise,
+    guard_noise,
+    guard_series,
+    guard_travel,
+    guard_value,
+    may_rise,
+    state_at,
+    travel,
+)
+
+DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
+LINE_CAPACITY = 8192
+
+
+class Room(NamedTuple):
+    """Scratch room of a run."""
+
+    X: np.ndarray  # (order + 1, n) series of the state
+    Y: np.ndarray  # (order + 2, n) sizes behind it
+    Sg: np.ndarray  # (order + 1, s) series of the smooth channels, their arguments, and helpers
+    arg: np.ndarray
+    aux: np.ndarray
+    sigma: np.ndarray  # (s,)
+    p: np.ndarray  # (order + 1,) series of a guard
+    noise: np.ndarray  # (8,)
+    row: np.ndarray  # (8, n)
+    held: np.ndarray  # (H,)
+    guard: np.ndarray  # (4, G)
+    end: np.ndarray  # (2n + 2G,)
+    line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
+    line_h: np.ndarray  # (s, ring) unit of its series
+    line_c: np.ndarray  # (s, ring, order + 1)
+    line_n: np.ndarray  # (s, 2) int: segments written, segment being read
+
+
+@njit(cache=True, nogil=True)
+def make_room(model):
+    """Scratch room for one run of a model."""
+    n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
+    G = model.guard_first[-1]
+    delayed = False
+    for j in range(n_s):
+        if model.smooth_kind[j] == DELAY_LINE:
+            delayed = True
+    size = LINE_CAPACITY if delayed else 1
+    return Room(
+        np.zeros((ORDER + 1, n)),
+        np.zeros((ORDER + 2, n)),
+        np.zeros((ORDER + 1, n_s)),
+        np.zeros((ORDER + 1, n_s)),
+        np.zeros((ORDER + 1, n_s)),
+        np.zeros(n_s),
+        np.zeros(ORDER + 1),
+        np.zeros(8),
+        np.zeros((8, n)),
+        np.zeros(n_H),
+        np.zeros((4, G)),
+        np.zeros(2 * n + 2 * G),
+        np.zeros((n_s, size, 2)),
+        np.ones((n_s, size)),
+        np.zeros((n_s, size, ORDER + 1)),
+        np.zeros((n_s, 2), np.int64),
+    )
+
+
+@njit(cache=True, nogil=True)
+def run(model, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H, ev_modes, rate, stats):
+    """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
+
+    Parameters
+    ----------
+    model : Model
+    x, modes, H : arrays (n,), (E,), (h,)
+        State, mode of each element, held values (the last one is 1).
+    t_end, base_step : float
+        End, and longest step of the grid.
+    samples, out : arrays (nt,), (nt, y)
+        Increasing times at which the signals are wanted, and where they go.
+    max_events, keep : int
+        Events allowed in all, and the size of the ring that keeps the last ones.
+    ev_t, ev_guard, ev_x, ev_H, ev_modes : arrays (keep, ...)
+        Ring: time, guard, and state, held values and modes just after the event.
+    rate : array (n,)
+        Filled with the rate of the state at the end.
+    stats : array (8,)
+        Filled with: time reached, events, samples written, fast steps, series steps, forced leaves, largest guard
+        excess, slots compiled.
+
+    Returns
+    -------
+    int
+        DONE or the reason for stopping early.
+    """
+    slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
+    return _advance(
+        model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H,
+        ev_modes, rate, stats,
+    )  # fmt: skip
+
+
+@njit(**HOT)
+def _advance(
+    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H,
+    ev_modes, rate, stats,
+):  # fmt: skip
+    """The loop of :func:`run`, without allocation."""
+    n, n_s = x.size, model.S.shape[1]
+    X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
+    p, noise, largest, recent, D, V = room.p, room.noise, room.row[0], room.row[1], room.row[2], room.row[3]
+    f, xd, small, held = room.row[4], room.row[5], room.row[7], room.held
+    constant, g0, g1, tol, end = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.end
+    line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
+    for i in range(n):
+        largest[i] = recent[i] = abs(x[i])
+    n_samples, n_knots = samples.size, model.knot_time.size
+    i_sample, i_knot, count, same_instant, armed, forced = 0, 0, 0, 0, False, False
+    t, j_grid, last_t = 0.0, 0, 0.0
+    limit_same = 2 * model.mode_first[-1] + 16
+    for i in range(8):
+        stats[i] = 0.0
+    code = DONE
+    q = find_slot(model, slots, work, modes, base_step)
+    if q < 0:
+        return SINGULAR
+    _start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
+    _enter(slots, q, H, f, constant)
+    while True:
+        # External inputs that jump or bend now.
+        while i_knot < n_knots and model.knot_time[i_knot] <= t:
+            x[model.knot_state[i_knot]] = model.knot_value[i_knot]
+            H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
+            i_knot += 1
+            armed = False
+            _enter(slots, q, H, f, constant)
+        if t >= t_end:
+            break
+        h = slots.step[q]
+        t_stop = t_end
+        if i_knot < n_knots and model.knot_time[i_knot] < t_stop:
+            t_stop = model.knot_time[i_knot]
+        # Fast step: proven free of events from the values at its ends.
+        if armed:
+            t1 = (j_grid + 1) * h
+            inside = i_sample < n_samples and samples[i_sample] > t + 1e-9 * h and samples[i_sample] < t1 - 1e-9 * h
+            if t1 <= t_stop and not inside:
+                if _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
+                    if i_sample < n_samples and samples[i_sample] <= t + 1e-9 * h:
+                        _write(slots, q, x, H, Sg[0], out[i_sample])
+                        i_sample += 1
+                    for i in range(n):
+                        x[i] += end[i]
+                        xd[i] = end[n + i]
+                    for g in range(slots.n_guards[q]):
+                        g0[g] += end[2 * n + g]
+                        g1[g] = end[2 * n + slots.n_guards[q] + g]
+                    j_grid += 1
+                    t = t1
+                    stats[3] += 1
+                    continue
+        # Series step, at most to the next point of the grid.
+        j_grid = int(np.floor(t / h + 1e-9)) + 1
+        t1 = j_grid * h
+        on_grid = True
+        if t1 > t_stop:
+            t1, on_grid = t_stop, False
+        for i in range(n):
+            largest[i] = max(largest[i], abs(x[i]))
+        d = t1 - t
+        if armed:
+            u = _predicted(slots, q, n, g0, g1, h, end)
+            if u < 0.9:
+                d, on_grid = min(d, u * h), False
+        if forced:
+            d, on_grid = min(d, 1e-6 * h), False
+        for j in range(n_s):
+            if model.smooth_kind[j] == DELAY_LINE:
+                d1 = _line_room(model, j, t, d, line_t, line_h, line_n)
+                if d1 < 0.0:
+                    code = HISTORY
+                    break
+                if d1 < d:
+                    d, on_grid = d1, False
+        if code != DONE:
+            break
+        last = -1
+        while last < 0:
+            for j in range(n_s):
+                if model.smooth_kind[j] == DELAY_LINE:
+                    _read_line(model, j, t, d, line_t, line_h, line_c, line_n, Sg, p)
+            last = expand(model, slots, q, x, f, H, d, largest, small, X, Sg, arg, aux)
+            if last < 0:
+                d, on_grid = 0.5 * d, False
+                if not d > 1e-14 * h:
+                    code = STALLED
+                    break
+        stats[4] += 1
+        if code != DONE:
+            break
+        travel(X, last, D, V)
+        best, which = 2.0, -1
+        for g in range(slots.n_guards[q]):
+            reach = guard_travel(slots, q, g, D, V, d)
+            if guard_value(slots, q, g, X, Sg, constant[g], d) + 1.000001 * reach < 0.0:
+                continue
+            guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
+            u = _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, noise, forced)
+            if u < best:
+                best, which = u, g
+        forced = False
+        for i in range(n):
+            recent[i] = abs(X[0, i]) + D[i]
+        if best > 0.0:
+            u1 = min(best, 1.0)
+            while i_sample < n_samples and samples[i_sample] < t + u1 * d - 1e-9 * h * (which < 0):
+                _sample_series(slots, q, X, last, Sg, max(0.0, (samples[i_sample] - t) / d), H, room, out[i_sample])
+                i_sample += 1
+            _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
+        if which < 0:
+            state_at(X, last, 1.0, x)
+            t = t1 if on_grid or t1 - t == d else t + d
+            armed = bool(slots.linear[q]) and on_grid
+            if armed:
+                _arm(slots, q, x, f, constant, xd, g0, g1, tol)
+        else:
+            if best > 0.0:
+                state_at(X, last, best, x)
+                t += best * d
+            armed = False
+            if t - last_t > 1e-13 * h:
+                same_instant = 0
+            last_t = t
+            same_instant += 1
+            if same_instant > limit_same:
+                forced = True
+                stats[5] += 1
+                same_instant = 0
+                continue
+            if count >= max_events:
+                code = EVENT_LIMIT
+                break
+            k = slots.guard[q, which]
+            _reset(model, slots, q, k, x, H, Sg, last, best, modes, held)
+            q1 = slots.next[q, which]
+            if q1 < 0:
+                before = slots.count[0]
+                q1 = find_slot(model, slots, work, modes, base_step)
+                if q1 < 0:
+                    code = SINGULAR
+                    break
+                if slots.count[0] >= before:
+                    slots.next[q, which] = q1
+            q = q1
+            _settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
+            _enter(slots, q, H, f, constant)
+            r = count % keep
+            ev_t[r] = t
+            ev_guard[r] = k
+            _record(r, x, H, modes, ev_x, ev_H, ev_modes)
+            count += 1
+        for i in range(n):
+            if not abs(x[i]) < 1e100:
+                code = DIVERGED
+        if code != DONE:
+            break
+    if code == DONE:
+        while i_sample < n_samples and samples[i_sample] <= t * (1.0 + 1e-12):
+            _write(slots, q, x, H, Sg[0], out[i_sample])
+            i_sample += 1
+    if code != SINGULAR:
+        expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
+        for i in range(n):
+            rate[i] = X[1, i]
+    stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
+    return code
+
+
+@njit(**HOT)
+def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
+    """Increments over one grid step into `end`; False when an event inside cannot be excluded."""
+    G = slots.n_guards[q]
+    T, bound = slots.T[q], slots.bound[q]
+    size = 2 * n + 2 * G
+    for r in range(size):
+        end[r] = 0.0
+    i = 0
+    while i + 4 <= n:
+        a, b, c, d = xd[i], xd[i + 1], xd[i + 2], xd[i + 3]
+        ra, rb, rc, rd = T[i], T[i + 1], T[i + 2], T[i + 3]
+        for r in range(size):
+            end[r] += ra[r] * a + rb[r] * b + rc[r] * c + rd[r] * d
+        i += 4
+    while i < n:
+        a, ra = xd[i], T[i]
+        for r in range(size):
+            end[r] += ra[r] * a
+        i += 1
+    third = h / 3.0
+    for g in range(G):
+        a = g0[g]
+        b = a + end[2 * n + g]
+        most = max(max(a, b), max(a + third * g1[g], b - third * end[2 * n + G + g]))
+        if most > -tol[g]:
+            return False
+        stray = tol[g]
+        for i in range(n):
+            stray += bound[i, g] * abs(xd[i])
+        if most > -stray:
+            return False
+    return True
+
+
+@njit(**HOT)
+def _predicted(slots, q, n, g0, g1, h, end):
+    """Fraction of the step that surely holds the first event, by the guards' cubics: how far the series need reach."""
+    G = slots.n_guards[q]
+    first = 1.0
+    for g in range(G):
+        a, b, c, d = g0[g], h * g1[g], g0[g] + end[2 * n + g], h * end[2 * n + G + g]
+        if c <= 0.0 and a + b / 3.0 <= 0.0 and c - d / 3.0 <= 0.0:
+            continue
+        u = 0.05
+        while u < first:
+            w = 1.0 - u
+            v = w * w * ((1.0 + 2.0 * u) * a + u * b) + u * u * ((3.0 - 2.0 * u) * c - w * d)
+            if v > 0.0:
+                first = u
+            u += 0.05
+    return first + 0.05
+
+
+@njit(**HOT)
+def _enter(slots, q, H, f, constant):
+    """Constant parts of the rate and of the guards while mode and held values stay."""
+    for i in range(f.size):
+        v = 0.0
+        for j in range(H.size):
+            v += slots.N[q, i, j] * H[j]
+        f[i] = v
+    for g in range(slots.n_guards[q]):
+        v = 0.0
+        for j in range(H.size):
+            v += slots.gH[q, g, j] * H[j]
+        constant[g] = v
+
+
+@njit(**HOT)
+def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
+    """Rates and guards at a grid point, for the fast steps that follow."""
+    n = x.size
+    count, place, value = slots.M_count[q], slots.M_place[q], slots.M_value[q]
+    for i in range(n):
+        v = f[i]
+        for c in range(count[i]):
+            v += value[i, c] * x[place[i, c]]
+        xd[i] = v
+    for g in range(slots.n_guards[q]):
+        v, d, size = constant[g], 0.0, abs(constant[g])
+        for c in range(slots.ga_count[q, g]):
+            i, a = slots.ga_place[q, g, c], slots.ga_value[q, g, c]
+            v += a * x[i]
+            size += abs(a * x[i])
+            d += a * xd[i]
+        if slots.gb_count[q, g]:
+            d = 0.0
+            for i in range(n):
+                d += slots.gf[q, g, i] * xd[i]
+            for c in range(slots.gb_count[q, g]):
+                a = slots.gb_value[q, g, c] * xd[slots.gb_place[q, g, c]]
+                v += a
+                size += abs(a)
+        g0[g], g1[g], tol[g] = v, d, 256.0 * EPS * size
+
+
+@njit(**HOT)
+def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, noise, forced):
+    """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
+    if p[0] < 0.0 and not may_rise(p, last, 0.0):
+        return 2.0
+    # Two terms decide nearly always; more only where the guard touches.
+    terms = min(2, last - 1)
+    guard_noise(slots, q, g, X, Sg, H, d, recent, Y, terms, noise)
+    if p[0] < -noise[0]:
+        return first_rise(p, 0, last, noise[0])
+    if forced:
+        return 2.0
+    if p[0] > noise[0]:
+        return 0.0
+    for k in range(1, min(6, last - 1)):
+        if k == 2:
+            guard_noise(slots, q, g, X, Sg, H, d, recent, Y, min(6, last - 1), noise)
+        if p[k] > noise[k]:
+            return 0.0
+        if p[k] < -noise[k]:
+            return first_rise(p, k, last, 0.0)
+    return 2.0
+
+
+@njit(**HOT)
+def _reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
+    """Held values and mode of the element whose guard k fired."""
+    e = model.guard_element[k]
+    z0, h0 = model.first[e, 0], model.first[e, 2]
+    n_ze, n_he = model.first[e + 1, 0] - z0, model.first[e + 1, 2] - h0
+    for a in range(n_he):
+        v = model.reset_0[k, a]
+        for b in range(n_he):
+            v += model.reset_h[k, a, b] * H[h0 + b]
+        for b in range(n_ze):
+            c = model.reset_z[k, a, b]
+            if c != 0.0:
+                v += c * _input(slots, q, z0 + b, x, H, Sg, last, u)
+        new[a] = v
+    for a in range(n_he):
+        H[h0 + a] = new[a]
+    modes[e] = model.guard_target[k]
+
+
+@njit(**HOT)
+def _input(slots, q, row, x, H, Sg, last, u):
+    v = 0.0
+    for i in range(x.size):
+        v += slots.Zx[q, row, i] * x[i]
+    for j in range(H.size):
+        v += slots.ZH[q, row, j] * H[j]
+    for j in range(Sg.shape[1]):
+        c = slots.Zs[q, row, j]
+        if c != 0.0:
+            s = 0.0
+            for k in range(last, -1, -1):
+                s = s * u + Sg[k, j]
+            v += c * s
+    return v
+
+
+@njit(**HOT)
+def _settle_on_level(model, slots, q, e, modes, x, H):
+    """Put the input of a sticking element exactly on its level, which the event located to rounding."""
+    m = model.mode_first[e] + modes[e]
+    if not model.mode_stick[m]:
+        return
+    z0, w0 = model.first[e, 0], model.first[e, 1]
+    rest, alone, count, scale = -model.mode_level[m], -1, 0, 0.0
+    for j in range(H.size):
+        rest += model.Kz[z0, j] * H[j]
+    left = rest
+    for i in range(x.size):
+        c = model.C[z0, i]
+        if c != 0.0:
+            left += c * x[i]
+            scale += c * model.B[i, w0]
+            alone, count = i, count + 1
+    if count == 1:
+        x[alone] = -rest / model.C[z0, alone]
+        return
+    for i in range(x.size):
+        x[i] -= model.B[i, w0] * left / scale
+
+
+@njit(**HOT)
+def _write(slots, q, x, H, sigma, row):
+    """Signals at state x."""
+    for i in range(row.size):
+        v = 0.0
+        for c in range(slots.Y_count[q, i]):
+            v += slots.Y_value[q, i, c] * x[slots.Y_place[q, i, c]]
+        for j in range(H.size):
+            v += slots.YH[q, i, j] * H[j]
+        for j in range(sigma.size):
+            v += slots.Ys[q, i, j] * sigma[j]
+        row[i] = v
+
+
+@njit(**HOT)
+def _sample_series(slots, q, X, last, Sg, u, H, room, row):
+    """Signals at u of a series step."""
+    x, sigma = room.row[6], room.sigma
+    state_at(X, last, u, x)
+    state_at(Sg, last, u, sigma)
+    _write(slots, q, x, H, sigma, row)
+
+
+@njit(**HOT)
+def _record(r, x, H, modes, ev_x, ev_H, ev_modes):
+    """State just after an event, into place r of the ring."""
+    for i in range(x.size):
+        ev_x[r, i] = x[i]
+    for i in range(H.size):
+        ev_H[r, i] = H[i]
+    for i in range(modes.size):
+        ev_modes[r, i] = modes[i]
+
+
+@njit(**HOT)
+def _start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n):
+    """Before the start a delayed output has had its value at the start for ever."""
+    for j in range(line_n.shape[0]):
+        if model.smooth_kind[j] != DELAY_LINE:
+            continue
+        w = model.smooth_w[j]
+        v = 0.0
+        for i in range(x.size):
+            v += slots.Wx[q, w, i] * x[i]
+        for i in range(H.size):
+            v += slots.WH[q, w, i] * H[i]
+        line_t[j, 0, 0], line_t[j, 0, 1] = -1e300, 0.0
+        line_c[j, 0, 0] = v
+        line_n[j, 0], line_n[j, 1] = 1, 0
+
+
+@njit(**HOT)
+def _line_room(model, j, t, d, line_t, line_h, line_n):
+    """How far the segment that holds t - delay reaches; -1 when history was overwritten."""
+    size = line_t.shape[1]
+    late = t - model.smooth_delay[j]
+    slack = 1e-14 * max(abs(t), abs(late))
+    while line_n[j, 1] < line_n[j, 0] - 1 and line_t[j, line_n[j, 1] % size, 1] <= late + slack:
+        line_n[j, 1] += 1
+    if line_n[j, 0] - line_n[j, 1] > size:
+        return -1.0
+    if line_n[j, 1] == line_n[j, 0] - 1:
+        # The newest segment ends now: a step within the delay stays behind it.
+        return min(d, max(line_t[j, line_n[j, 1] % size, 1] - late, 0.0)) if late < t - slack else d
+    return min(d, line_t[j, line_n[j, 1] % size, 1] - late)
+
+
+@njit(**HOT)
+def _read_line(model, j, t, d, line_t, line_h, line_c, line_n, Sg, p):
+    """Series of the delayed output over [t, t + d] from its segment, by a shift of the series."""
+    r = line_n[j, 1] % line_t.shape[1]
+    c, h = line_c[j, r], line_h[j, r]
+    constant = True
+    for k in range(1, ORDER + 1):
+        if c[k] != 0.0:
+            constant = False
+    if constant:
+        Sg[0, j] = c[0]
+        for k in range(1, ORDER + 1):
+            Sg[k, j] = 0.0
+        return
+    u = (t - model.smooth_delay[j] - line_t[j, r, 0]) / h
+    for k in range(ORDER + 1):
+        p[k] = c[k]
+    for i in range(ORDER):
+        for k in range(ORDER - 1, i - 1, -1):
+            p[k] += u * p[k + 1]
+    f = 1.0
+    for k in range(ORDER + 1):
+        Sg[k, j] = p[k] * f
+        f *= d / h
+
+
+@njit(**HOT)
+def _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n):
+    """Append what the delayed outputs did over the step just made."""
+    n_s = line_n.shape[0]
+    for j in range(n_s):
+        if model.smooth_kind[j] != DELAY_LINE:
+            continue
+        size = line_t.shape[1]
+        r = line_n[j, 0] % size
+        w = model.smooth_w[j]
+        constant = True
+        for k in range(last + 1, ORDER + 1):
+            line_c[j, r, k] = 0.0
+        for k in range(last + 1):
+            v = 0.0
+            for i in range(X.shape[1]):
+                v += slots.Wx[q, w, i] * X[k, i]
+            for i in range(n_s):
+                v += slots.Ws[q, w, i] * Sg[k, i]
+            if k == 0:
+                for i in range(H.size):
+                    v += slots.WH[q, w, i] * H[i]
+            elif v != 0.0:
+                constant = False
+            line_c[j, r, k] = v
+        before = (line_n[j, 0] - 1) % size
+        if constant and line_c[j, before, 0] == line_c[j, r, 0]:
+            flat = True
+            for k in range(1, ORDER + 1):
+                if line_c[j, before, k] != 0.0:
+                    flat = False
+            if flat:
+                line_t[j, before, 1] = t + u1 * d
+                continue
+        line_t[j, r, 0], line_t[j, r, 1] = t, t + u1 * d
+        line_h[j, r] = d
+        line_n[j, 0] += 1

@@ -1,0 +1,99 @@
+"""Compiled: what a run came to, read from its last events: at rest, on a cycle, or neither."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+UNDECIDED, SETTLED, CYCLE = 0, 1, 2
+#: A cycle is accepted when its extrapolated limit is this close, relative to its own size.
+CYCLE_TOLERANCE = 1e-3
+#: At rest: what would still move in the time since the last switch, relative to what moved before.
+REST_TOLERANCE = 1e-6
+
+
+@njit(cache=True, nogil=True)
+def verdict(ev_t, ev_guard, ev_x, count, t_end, x_start, x_end, rate_end, compared, found):
+    """UNDECIDED, SETTLED or CYCLE from the ring of the last events.
+
+    Parameters
+    ----------
+    ev_t, ev_guard, ev_x : arrays (keep, ...)
+        Ring of events, `count` of them in all.
+    t_end : float
+        End of the run.
+    x_start, x_end, rate_end : arrays (n,)
+        State at the start; state and its rate at the end.
+    compared : bool array (n,)
+        States that must repeat.
+    found : array (4,)
+        Filled with: events in a period, period, change of the state over the last period relative to the cycle's size,
+        and the same extrapolated to all periods to come.
+    """
+    keep, n = ev_x.shape
+    held = min(count, keep)
+    size = np.zeros(n)
+    for i in range(n):
+        low, high = min(x_start[i], x_end[i]), max(x_start[i], x_end[i])
+        for k in range(held):
+            low, high = min(low, ev_x[k, i]), max(high, ev_x[k, i])
+        size[i] = high - low
+    quiet = t_end - ev_t[(count - 1) % keep] if count > 0 else t_end
+    if quiet >= 0.02 * t_end:
+        rest = True
+        for i in range(n):
+            if compared[i] and abs(rate_end[i]) * max(quiet, 0.1 * t_end) > REST_TOLERANCE * size[i]:
+                rest = False
+        if rest:
+            return SETTLED
+    for p in range(1, held // 3 + 1):
+        if _repeats(ev_guard, count, keep, p):
+            local = np.zeros(n)
+            _range(ev_x, count, keep, p, local)
+            vanished = True
+            for i in range(n):
+                if compared[i] and local[i] > REST_TOLERANCE * size[i]:
+                    vanished = False
+            if vanished:
+                return SETTLED
+            d1 = _change(ev_x, count - 1, keep, p, local, size, compared)
+            d2 = _change(ev_x, count - 1 - p, keep, p, local, size, compared)
+            ratio = d1 / d2 if d2 > 0.0 else 0.0
+            rest_change = d1 * ratio / (1.0 - ratio) if ratio < 1.0 else 1e300
+            if d1 < 1e-9 or (d1 < 0.02 and rest_change < CYCLE_TOLERANCE):
+                found[0], found[2], found[3] = p, d1, min(rest_change, max(d1, 0.0) if d1 < 1e-9 else rest_change)
+                found[1] = ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep]
+                return CYCLE
+    return UNDECIDED
+
+
+@njit(cache=True, nogil=True)
+def _repeats(ev_guard, count, keep, p):
+    """Whether the last three stretches of p events are the same."""
+    for k in range(2 * p):
+        if ev_guard[(count - 1 - k) % keep] != ev_guard[(count - 1 - k - p) % keep]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _range(ev_x, count, keep, p, out):
+    for i in range(out.size):
+        low = high = ev_x[(count - 1) % keep, i]
+        for k in range(p + 1):
+            v = ev_x[(count - 1 - k) % keep, i]
+            low, high = min(low, v), max(high, v)
+        out[i] = high - low
+
+
+@njit(cache=True, nogil=True)
+def _change(ev_x, last, keep, p, local, size, compared):
+    """Largest change over the period before event `last`, relative to the cycle's (or, if larger by far, the run's) size."""
+    worst = 0.0
+    for i in range(local.size):
+        if not compared[i]:
+            continue
+        scale = max(local[i], 1e-6 * size[i])
+        if scale > 0.0:
+            worst = max(worst, abs(ev_x[last % keep, i] - ev_x[(last - p) % keep, i]) / scale)
+    return worst

@@ -1,0 +1,203 @@
+"""Describing-function prediction: all limit cycles that first-order harmonic balance with bias has.
+
+The equations are in ``describing_balance``, the searches in ``describing_search`` (one element) and
+``describing_multi`` (several), stability and error estimates in ``describing_quality``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing_balance import Array, Balance, make_balance, mean_state
+from eppanalysis.methods.describing_margins import linear_margins
+from eppanalysis.methods.describing_multi import choose_pivot, search_several
+from eppanalysis.methods.describing_quality import Point, error_estimate, point, stability
+from eppanalysis.methods.describing_search import Found, frequency_nodes, search_one
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.results import LimitCycle, Prediction, Status
+
+__all__ = ["linear_margins", "predict_limit_cycles"]
+
+_METHOD = "describing function"
+
+
+def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> Prediction:
+    """All limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
+
+    Parameters
+    ----------
+    system : LureSystem
+    input_value : mapping of str to float, optional
+        Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+
+    Returns
+    -------
+    Prediction
+        Cycles in ascending order of amplitude at the first element's input, which is in sine phase.
+
+    Raises
+    ------
+    ModelError
+        If an element has no describing function, an input is unknown, or the static balance does not determine the
+        means.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> prediction = epp.predict_limit_cycles(loop)
+    >>> [(round(c.omega, 6), round(c.amplitude("x"), 6), c.stable) for c in prediction]
+    [(1.414214, 0.212207, True)]
+    """
+    value = _input_vector(system, input_value)
+    with np.errstate(all="ignore"):
+        if not system.elements:
+            raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
+        single = len(system.elements) == 1 and system.elements[0].n_inputs == 1 and system.elements[0].n_outputs == 1
+        balance = make_balance(system, 0 if single else choose_pivot(system), value)
+        found = search_one(balance) if single else search_several(balance)
+        points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
+        points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
+        cycles = tuple(_cycle(balance, p, value) for p in points)
+        curves = _nyquist(balance, points, cycles) if single else _branches(balance, found, points, cycles)
+    return Prediction(
+        cycles=cycles,
+        status=Status.CONVERGED,
+        search=found.search,
+        curves=curves,
+        margins=linear_margins(system),
+        provenance={"system": system.name, "input": dict(zip(system.input_names, value.tolist(), strict=True))},
+    )
+
+
+def _input_vector(system: LureSystem, given: Mapping[str, float] | None) -> Array:
+    value = np.array(system.v0, float)
+    for name, number in (given or {}).items():
+        if name not in system.input_names:
+            known = ", ".join(system.input_names) or "none"
+            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
+        value[system.input_names.index(name)] = number
+    return value
+
+
+def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
+    system = balance.system
+    turn = np.exp(-1j * p.phase[0])
+    W = p.gain * (p.amplitude * np.exp(1j * p.phase) * turn)[balance.owner]
+    signals = system.signals
+    # Phasors stand for Im(P exp(j omega t)) = Re(-j P exp(j omega t)).
+    c1 = -1j * (system.signal_response(np.array([p.omega]))[0] @ W)
+    x = mean_state(system, value, p.bias, p.mean)
+    c0 = signals.C @ x + signals.D @ p.mean + signals.D_input @ value + signals.constant
+    stable, criterion = stability(balance, p)
+    error, content = error_estimate(balance, p)
+    period = 2.0 * np.pi / p.omega
+    time = np.linspace(0.0, period, 129)
+    wave = np.exp(1j * p.omega * time)
+    names = signals.names
+    return LimitCycle(
+        method=_METHOD,
+        status=Status.CONVERGED,
+        period=period,
+        mean={n: float(c) for n, c in zip(names, c0, strict=True)},
+        peak_to_peak={n: 2.0 * float(abs(c)) for n, c in zip(names, c1, strict=True)},
+        harmonics={n: np.array([a, b], complex) for n, a, b in zip(names, c0, c1, strict=True)},
+        stable=stable,
+        stability_criterion=criterion,
+        residual=p.residual,
+        error_estimate=error,
+        time=time,
+        waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
+        units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
+        provenance={
+            "elements": {
+                n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
+                for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
+            },
+            "harmonic_content": content,
+        },
+    )
+
+
+def _intersections(
+    balance: Balance, points: list[Point], cycles: tuple[LimitCycle, ...], element: int
+) -> list[dict[str, Any]]:
+    """Where the response of the rest meets -1/N of an element, in the order of the cycles."""
+    output = balance.system.output_slices[element].start
+    return [
+        {
+            "omega": p.omega,
+            "amplitude": float(p.amplitude[element]),
+            "bias": float(p.bias[element]),
+            "value": complex(-1.0 / p.gain[output]),
+            "stable": c.stable,
+        }
+        for p, c in zip(points, cycles, strict=True)
+    ]
+
+
+def _nyquist(balance: Balance, points: list[Point], cycles: tuple[LimitCycle, ...]) -> dict[str, Any]:
+    """Nyquist curve of the linear part (negative feedback) and the locus -1/N, both around their intersections."""
+    system = balance.system
+    omega = _picture_nodes(system, points)
+    thresholds = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
+    centre = [float(p.amplitude[0]) for p in points] or [*thresholds[thresholds > 0]] or [1.0]
+    amplitude = np.geomspace(min(centre) / 30, max(centre) * 30, 400)
+    amplitude = np.unique(np.concatenate([amplitude, thresholds[thresholds > 0] * (1 + 1e-9)]))
+    bias = float(points[0].bias[0]) if points else 0.0
+    gain = balance.evaluate(amplitude[:, None], np.full((len(amplitude), 1), bias), np.ones(len(amplitude)))[1][:, 0]
+    used = np.abs(gain) > 0
+    return {
+        "kind": "nyquist",
+        "omega": omega,
+        "response": -balance.linear(omega)[:, 0, 0],
+        "amplitude": amplitude[used],
+        "locus": -1.0 / gain[used],
+        "bias": bias,
+        "intersections": _intersections(balance, points, cycles, 0),
+    }
+
+
+def _picture_nodes(system: LureSystem, points: list[Point]) -> Array:
+    if not np.any(system.delays):
+        return frequency_nodes(system, 40)
+    top = 3 * max([p.omega for p in points] or [2 * np.pi / float(system.delays.max())])
+    nodes = frequency_nodes(replace(system, delays=np.zeros_like(system.delays)), 40)
+    return np.unique(np.concatenate([nodes[nodes < top], np.linspace(0.0, top, 1000)[1:]]))
+
+
+def _branches(balance: Balance, found: Found, points: list[Point], cycles: tuple[LimitCycle, ...]) -> dict[str, Any]:
+    """Along each solution curve: amplitude and frequency, and the loop gain that would have to be one.
+
+    ``locus`` is -1/N of the principal element along the curve, ``response`` what the rest of the loop returns for its
+    output; both meet where the loop gain is one.
+    """
+    system = balance.system
+    principal = system.element_names.index("bands") if "bands" in system.element_names else 0
+    output = system.output_slices[principal].start
+    branches = []
+    for curve in found.curves:
+        a, _, b, omega = balance.unpack(curve)
+        loop_gain = np.exp(-curve[:, -1])
+        locus = -1.0 / balance.evaluate(a, b, omega)[1][:, output]
+        branches.append(
+            {
+                "amplitude": a[:, principal],
+                "omega": omega,
+                "loop_gain": loop_gain,
+                "locus": locus,
+                "response": locus * loop_gain,
+                "amplitudes": {n: a[:, i] for i, n in enumerate(system.element_names)},
+            }
+        )
+    return {
+        "kind": "residual",
+        "element": system.element_names[principal],
+        "branches": branches,
+        "intersections": _intersections(balance, points, cycles, principal),
+    }

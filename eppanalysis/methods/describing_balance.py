@@ -1,0 +1,385 @@
+"""First-order harmonic balance with bias as equations: residual, Jacobian, a vectorised Newton, the static balance.
+
+Notation: ``m`` elements, ``a`` (..., m) amplitudes and ``b`` (..., m) means of their first inputs, ``omega`` (...,).
+Phasors P stand for ``Im(P exp(j omega t))``, so an input in sine phase has a real phasor. A vector of unknowns is
+
+    X = [ln a_p, ln omega, (ln a_i, phase_i) for i != p, b_1 .. b_m, ln lambda]          length 3 m + 1
+
+with the pivot element p in sine phase and a real gain lambda put in front of it for the fundamental. Its 3 m
+equations leave curves; the limit cycles are the points of these curves with lambda = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.nonlinearities.base import Nonlinearity
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+_STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
+_LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Means (nb, nw), gains (nb, nw) and their derivatives by ln a, b and ln omega of the owning element."""
+
+    mean: Array
+    gain: ComplexArray
+    d_mean: tuple[Array, ...]
+    d_gain: tuple[ComplexArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The balance equations of one system at one value of its external inputs.
+
+    Attributes
+    ----------
+    system : LureSystem
+    pivot : int
+        Element whose input is in sine phase and carries the artificial gain.
+    on_bias, on_mean, prescribed : array, shapes (m, m), (m, nw), (m,)
+        Static balance ``on_bias @ b + on_mean @ mean = prescribed``, from which the state has been eliminated.
+    operating_bias : array, shape (m,)
+        Inputs of the elements in the start state of the system: where a search for biases begins.
+    """
+
+    system: LureSystem
+    pivot: int
+    on_bias: Array
+    on_mean: Array
+    prescribed: Array
+    operating_bias: Array
+
+    @property
+    def m(self) -> int:
+        """Number of elements."""
+        return len(self.system.elements)
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """Places of the first inputs in ``z``."""
+        return np.array([s.start for s in self.system.input_slices], dtype=np.intp)
+
+    @cached_property
+    def owner(self) -> NDArray[np.intp]:
+        """Element that owns each output, shape (nw,)."""
+        return np.repeat(np.arange(self.m), [e.n_outputs for e in self.system.elements])
+
+    @cached_property
+    def others(self) -> NDArray[np.intp]:
+        """All elements but the pivot."""
+        return np.array([i for i in range(self.m) if i != self.pivot], dtype=np.intp)
+
+    @cached_property
+    def rate_dependent(self) -> NDArray[np.bool_]:
+        """Which elements have a describing function that depends on frequency."""
+        return np.array([e.n_inputs > 1 for e in self.system.elements])
+
+    def linear(self, omega: Array) -> ComplexArray:
+        """Response from all outputs to the first inputs, shape (nb, m, nw)."""
+        unique, inverse = np.unique(omega, return_inverse=True)
+        return self.system.frequency_response(unique)[:, self.rows, :][inverse.ravel()]
+
+    def linear_and_slope(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """:meth:`linear` and its derivative by ln omega."""
+        h, n = 1e-5, len(omega)
+        all_three = self.linear(np.concatenate([omega, omega * (1.0 + h), omega * (1.0 - h)]))
+        return all_three[:n], (all_three[n : 2 * n] - all_three[2 * n :]) / (2.0 * h)
+
+    def evaluate(self, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
+        """Mean outputs and gains of all elements, shapes (..., nw)."""
+        means, gains = [], []
+        for i, e in enumerate(self.system.elements):
+            mean, gain = _describe(e, a[..., i], b[..., i], omega)
+            means.append(mean)
+            gains.append(gain)
+        return np.concatenate(means, -1), np.concatenate(gains, -1)
+
+    def slopes(self, a: Array, b: Array, omega: Array, free_pivot: bool = True) -> Slopes:
+        """Means, gains and derivatives at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
+        nw = self.owner.size
+        mean, gain = np.zeros((len(omega), nw)), np.zeros((len(omega), nw), complex)
+        d_mean = tuple(np.zeros_like(mean) for _ in range(3))
+        d_gain = tuple(np.zeros_like(gain) for _ in range(3))
+        for i, e in enumerate(self.system.elements):
+            out = self.system.output_slices[i]
+            ai, bi = a[:, i], b[:, i]
+            step_b = (bi + (_STEP * ai + 1e-12 * np.abs(bi))) - bi
+            shifts = [(1.0, 0.0 * bi, 1.0)]
+            wanted = [k for k in (0, 1, 2) if self._moves(i, k, free_pivot)]
+            for k in wanted:
+                shifts.append([(1.0 + _STEP, 0.0 * bi, 1.0), (1.0, step_b, 1.0), (1.0, 0.0 * bi, 1.0 + _STEP)][k])
+            stack_a = np.stack([ai * s[0] for s in shifts])
+            stack_b = np.stack([bi + s[1] for s in shifts])
+            stack_w = np.stack([omega * s[2] for s in shifts])
+            means, gains = _describe(e, stack_a, stack_b, stack_w)
+            mean[:, out], gain[:, out] = means[0], gains[0]
+            for number, k in enumerate(wanted, start=1):
+                step = np.maximum(step_b, 1e-290)[:, None] if k == 1 else _STEP
+                d_mean[k][:, out] = (means[number] - means[0]) / step
+                d_gain[k][:, out] = (gains[number] - gains[0]) / step
+        return Slopes(mean, gain, d_mean, d_gain)
+
+    def _moves(self, element: int, k: int, free_pivot: bool) -> bool:
+        if k == 0:
+            return free_pivot or element != self.pivot
+        return k == 1 or (free_pivot and bool(self.rate_dependent[element]))
+
+    def pack(self, a: Array, phase: Array, b: Array, omega: Array, gain: Array) -> Array:
+        """Vector of unknowns, shape (nb, 3 m + 1)."""
+        inner = np.stack([np.log(a[:, self.others]), phase[:, self.others]], -1).reshape(len(omega), -1)
+        columns = [np.log(a[:, [self.pivot]]), np.log(omega)[:, None], inner, b, np.log(gain)[:, None]]
+        return np.concatenate(columns, -1)
+
+    def unpack(self, X: Array) -> tuple[Array, Array, Array, Array]:
+        """Amplitudes (nb, m), phases (nb, m), biases (nb, m) and omega (nb,)."""
+        m, n = self.m, len(X)
+        inner = X[:, 2 : 2 * m].reshape(n, m - 1, 2)
+        log_a, phase = np.zeros((n, m)), np.zeros((n, m))
+        log_a[:, self.pivot] = X[:, 0]
+        log_a[:, self.others] = inner[..., 0]
+        phase[:, self.others] = inner[..., 1]
+        return np.exp(log_a), phase, X[:, 2 * m : 3 * m], np.exp(X[:, 1])
+
+    def residual(self, X: Array) -> tuple[Array, Array]:
+        """Residual (nb, 3 m), Jacobian (nb, 3 m, 3 m + 1); rows: real parts, imaginary parts, static balance."""
+        a, phase, b, omega = self.unpack(X)
+        s = self.slopes(a, b, omega)
+        return self.assemble(X, s, a * np.exp(1j * phase), b, *self.linear_and_slope(omega))
+
+    def assemble(
+        self, X: Array, s: Slopes, Z: ComplexArray, b: Array, L: ComplexArray, dL: ComplexArray
+    ) -> tuple[Array, Array]:
+        """Residual and Jacobian from what they are made of: slopes, inputs Z, biases, linear response and its slope."""
+        n, m = len(X), self.m
+        front = np.ones((n, m))
+        front[:, self.pivot] = np.exp(X[:, -1])
+        L = L * (front / Z)[:, :, None]
+        dL = dL * (front / Z)[:, :, None]
+        Zw = Z[:, self.owner]
+        G = self._by_element(L * (s.gain * Zw)[:, None, :])
+        total = G.sum(-1)
+        eye = np.eye(m) * total[:, None, :]
+        by_log_a = G + self._by_element(L * (s.d_gain[0] * Zw)[:, None, :]) - eye
+        by_phase = 1j * (G - eye)
+        by_bias = self._by_element(L * (s.d_gain[1] * Zw)[:, None, :])
+        by_omega = (dL * (s.gain * Zw)[:, None, :] + L * (s.d_gain[2] * Zw)[:, None, :]).sum(-1)
+        J = np.zeros((n, 3 * m, 3 * m + 1))
+        complex_rows = np.zeros((n, m, 3 * m + 1), complex)
+        complex_rows[..., 0] = by_log_a[..., self.pivot]
+        complex_rows[..., 1] = by_omega
+        complex_rows[..., 2 : 2 * m : 2] = by_log_a[..., self.others]
+        complex_rows[..., 3 : 2 * m : 2] = by_phase[..., self.others]
+        complex_rows[..., 2 * m : 3 * m] = by_bias
+        complex_rows[:, self.pivot, -1] = total[:, self.pivot]
+        J[:, :m], J[:, m : 2 * m] = complex_rows.real, complex_rows.imag
+        static_by_log_a = self._by_element(self.on_mean * s.d_mean[0][:, None, :])
+        J[:, 2 * m :, 0] = static_by_log_a[..., self.pivot]
+        J[:, 2 * m :, 1] = (self.on_mean * s.d_mean[2][:, None, :]).sum(-1)
+        J[:, 2 * m :, 2 : 2 * m : 2] = static_by_log_a[..., self.others]
+        J[:, 2 * m :, 2 * m : 3 * m] = self.on_bias + self._by_element(self.on_mean * s.d_mean[1][:, None, :])
+        R = np.concatenate([total.real - 1.0, total.imag, self._static(b, s.mean)], -1)
+        return R, J
+
+    def _by_element(self, columns: NDArray) -> NDArray:
+        """Sum over the outputs of each element: (..., nw) to (..., m)."""
+        starts = np.array([s.start for s in self.system.output_slices])
+        return np.add.reduceat(columns, starts, axis=-1)
+
+    def _static(self, b: Array, mean: Array) -> Array:
+        return b @ self.on_bias.T + mean @ self.on_mean.T - self.prescribed
+
+    def closure(self, X: Array) -> Array:
+        """Largest relative residual of each point, shape (nb,)."""
+        a, phase, b, omega = self.unpack(X)
+        mean, gain = self.evaluate(a, b, omega)
+        Z = a * np.exp(1j * phase)
+        total = (self.linear(omega) * (gain * Z[:, self.owner])[:, None, :]).sum(-1) / Z
+        output = np.abs(mean) + np.abs(gain) * a[:, self.owner]
+        size = (np.abs(b) + a) @ np.abs(self.on_bias).T + output @ np.abs(self.on_mean).T + np.abs(self.prescribed)
+        static = np.abs(self._static(b, mean)) / np.where(size > 0, size, 1.0)
+        return np.concatenate([np.abs(total - 1.0), static], -1).max(-1)
+
+
+def _describe(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
+    with np.errstate(all="ignore"):
+        mean, gain = element.describing_function(a, b, omega)
+    mean, gain = np.asarray(mean, float), np.asarray(gain, complex)
+    if element.n_outputs == 1:
+        shape = np.broadcast_shapes(np.shape(a), np.shape(b), np.shape(omega))
+        return np.broadcast_to(mean, shape)[..., None], np.broadcast_to(gain, shape)[..., None]
+    return mean, gain
+
+
+def newton(
+    balance: Balance, X: Array, normal: Array, iterations: int = 12, tolerance: float = 1e-12
+) -> tuple[Array, NDArray]:
+    """Bring points onto the solution curves, each within the plane through itself with the given `normal`.
+
+    Parameters
+    ----------
+    X, normal : array, shape (nb, 3 m + 1)
+    iterations : int, optional
+    tolerance : float, optional
+        On the last step, in logarithms, phases and biases relative to amplitude.
+
+    Returns
+    -------
+    (X, converged) : array (nb, 3 m + 1), bool array (nb,)
+    """
+    X, done, m = X.copy(), np.zeros(len(X), bool), balance.m
+    settled = np.zeros(len(X), bool)
+    alive = np.all(np.isfinite(X), -1)
+    for _ in range(iterations):
+        todo = np.flatnonzero(alive & ~done)
+        if not todo.size:
+            break
+        with np.errstate(all="ignore"):
+            R, J = balance.residual(X[todo])
+        J = np.concatenate([J, normal[todo][:, None, :]], 1)
+        R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
+        step, regular = solve_rows(J, R)
+        scale = scales(balance, X[todo])
+        size = np.abs(step) / scale
+        largest = size.max(-1)
+        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
+        X[todo] -= np.where(regular[:, None], step, 0.0)
+        alive[todo] &= regular & np.all(np.isfinite(X[todo]), -1) & (np.abs(X[todo][:, : 2 * m]).max(-1) < 300.0)
+        done[todo] = (largest < tolerance) & regular
+        # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
+        small = (largest < 1e-9) & regular
+        done[todo] |= small & settled[todo]
+        settled[todo] = small
+    return X, done & alive
+
+
+def scales(balance: Balance, X: Array) -> Array:
+    """Sizes by which steps are judged: one for logarithms and phases, amplitude plus mean for biases."""
+    a, _, b, _ = balance.unpack(X)
+    scale = np.ones_like(X)
+    scale[:, 2 * balance.m : 3 * balance.m] = a + 0.1 * np.abs(b)
+    scale[:, -1] = 3.0
+    return scale
+
+
+def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
+    """Solve a batch of systems after scaling their rows; singular or non-finite ones give zero and False."""
+    size = np.abs(J).max(-1, keepdims=True)
+    ok = np.all(np.isfinite(J), (1, 2)) & np.all(np.isfinite(R), 1) & np.all(size[..., 0] > 0, 1)
+    safe = np.where(ok[:, None, None], J / np.where(size > 0, size, 1.0), np.eye(J.shape[-1]))
+    right = np.where(ok[:, None], R / np.where(size[..., 0] > 0, size[..., 0], 1.0), 0.0)
+    try:
+        out = np.linalg.solve(safe, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        # One exactly singular matrix stops the whole batch; shifted, it gives a huge step that the caller rejects.
+        out = np.linalg.solve(safe + 1e-13 * np.eye(J.shape[-1]), right[..., None])[..., 0]
+    out = np.asarray(out, float)
+    ok &= np.all(np.isfinite(out), -1)
+    return np.where(ok[:, None], out, 0.0), ok
+
+
+def make_balance(system: LureSystem, pivot: int, value: Array) -> Balance:
+    """Balance of `system` with the external inputs at `value` (nv,); eliminates the state from the static part.
+
+    Raises
+    ------
+    ModelError
+        If the static balance leaves the means of the elements undetermined or overdetermined.
+    """
+    rows = np.array([s.start for s in system.input_slices], dtype=int)
+    n, m = system.A.shape[0], len(rows)
+    A = system.A - (np.eye(n) if system.time_step else 0.0)
+    state = np.hstack([A.T, system.C[rows].T]).T
+    left = _left_null(state, A, system.C[rows])
+    if left.shape[0] != m:
+        raise ModelError(f"{system.name}: the static balance has {left.shape[0]} equations for {m} means.")
+    on_bias = left[:, n:]
+    on_mean = -(left[:, :n] @ system.B + left[:, n:] @ system.D[rows])
+    forced = np.concatenate(
+        [system.B_input @ value + system.constant_state, system.D_input[rows] @ value + system.constant_input[rows]]
+    )
+    prescribed = left @ forced
+    on_bias = np.where(np.abs(on_bias) > 1e-13 * np.abs(on_bias).max(initial=0.0), on_bias, 0.0)
+    return Balance(system, pivot, on_bias, on_mean, prescribed, _start_inputs(system, rows))
+
+
+def _left_null(state: Array, A: Array, C: Array) -> Array:
+    """Rows that annihilate [A; C], found in equilibrated coordinates so that units do not decide ranks.
+
+    Modes at zero that the elements do not see (a free position, say) put no condition on the elements and are dropped.
+    """
+    n = A.shape[0]
+    if n == 0:
+        return np.eye(C.shape[0])
+    row, column = equilibrate(state)
+    scaled = row[:, None] * state * column
+    u, s, vt = np.linalg.svd(scaled)
+    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
+    left = u[:, rank:].T * row
+    if rank == n:
+        return left
+    hidden = column[:, None] * vt[rank:].T
+    return _without_hidden(left, A, hidden)
+
+
+def _without_hidden(left: Array, A: Array, hidden: Array) -> Array:
+    """Leave out the rows that only say that a hidden mode must not drift."""
+    # A row acts on the rate along a hidden direction h through left[:n] @ h; keep the combinations blind to it.
+    acts = left[:, : A.shape[0]] @ hidden
+    size = np.abs(left).max(-1)
+    u, s, _ = np.linalg.svd(acts / size[:, None])
+    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
+    return (u[:, rank:].T / size) @ left
+
+
+def equilibrate(matrix: Array) -> tuple[Array, Array]:
+    """Row and column factors (powers of two) that bring the largest entries of all rows and columns to about one."""
+    row, column = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
+    size = np.abs(matrix)
+    for _ in range(6):
+        r = (row[:, None] * size * column).max(1, initial=0.0)
+        row = row / np.where(r > 0, 2.0 ** np.round(np.log2(np.where(r > 0, r, 1.0)) / 2.0), 1.0)
+        c = (row[:, None] * size * column).max(0, initial=0.0)
+        column = column / np.where(c > 0, 2.0 ** np.round(np.log2(np.where(c > 0, c, 1.0)) / 2.0), 1.0)
+    return row, column
+
+
+def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
+    """First inputs of all elements in the start state, by passing through direct connections once for each element."""
+    w = np.zeros(system.B.shape[1])
+    z = np.zeros(system.C.shape[0])
+    for _ in range(len(rows) + 1):
+        z = system.C @ system.x0 + system.D @ w + system.D_input @ system.v0 + system.constant_input
+        for i, e in enumerate(system.elements):
+            scale = float(np.min(e.thresholds(), initial=np.inf))
+            scale = 1e-9 * (scale if np.isfinite(scale) else 1.0)
+            mean, _ = _describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
+            w[system.output_slices[i]] = np.nan_to_num(mean)
+    return z[rows]
+
+
+def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Array:
+    """State at which inputs and outputs of the elements have the given means, shape (n,); hidden modes stay at zero."""
+    rows = np.array([s.start for s in system.input_slices], dtype=int)
+    n = system.A.shape[0]
+    A = system.A - (np.eye(n) if system.time_step else 0.0)
+    matrix = np.vstack([A, system.C[rows]])
+    right = np.concatenate(
+        [
+            -(system.B @ mean + system.B_input @ value + system.constant_state),
+            bias - system.D[rows] @ mean - system.D_input[rows] @ value - system.constant_input[rows],
+        ]
+    )
+    row, column = equilibrate(matrix)
+    return column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0]

@@ -1,0 +1,241 @@
+"""Roots on curves: along one variable, and along solution curves of the harmonic balance (where lambda passes one).
+
+Pairs of roots near a fold are found because every local extremum is located before signs are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from eppanalysis.methods.describing_balance import Array, Balance, newton
+
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float = 1e-9) -> list[float]:
+    """All roots of `f` that the nodes bracket, or that an extremum between them reveals.
+
+    Parameters
+    ----------
+    f : callable
+    x, y : array, shape (n,)
+        Ascending nodes and ``f(x)``; intervals with a value that is not finite are left out.
+    accept : float, optional
+        Largest ``|f|`` at a root, which tells roots from jumps.
+
+    Returns
+    -------
+    list of float
+        Ascending.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1.0, 1.0, 6)
+    >>> [round(r, 9) for r in roots_along(lambda t: t * t - 1e-6, x, x * x - 1e-6)]
+    [-0.001, 0.001]
+    """
+    brackets = [(x[i], x[i + 1]) for i in np.flatnonzero(_changes(y))]
+    for i in _dips(y):
+        sign = np.sign(y[i])
+        found = minimize_scalar(
+            lambda t, s=sign: s * f(t), bounds=(x[i - 1], x[i + 1]), method="bounded", options={"xatol": 1e-12}
+        )
+        if sign * f(found.x) < 0:
+            brackets += [(x[i - 1], found.x), (found.x, x[i + 1])]
+    roots = []
+    for low, high in brackets:
+        root = _bracketed(f, low, high)
+        if root is not None and abs(f(root)) < accept:
+            roots.append(root)
+    return sorted(set(roots))
+
+
+def _bracketed(f: Callable[[float], float], low: float, high: float) -> float | None:
+    try:
+        return float(brentq(f, low, high, xtol=1e-300, rtol=8.9e-16, maxiter=200))
+    except (ValueError, RuntimeError):
+        return None
+
+
+def _changes(y: Array) -> NDArray[np.bool_]:
+    ok = np.isfinite(y[:-1]) & np.isfinite(y[1:])
+    return ok & ((y[:-1] < 0) != (y[1:] < 0))
+
+
+def _dips(y: Array) -> NDArray[np.intp]:
+    """Interior nodes that are nearer to zero than both neighbours, all of one sign."""
+    ok = np.isfinite(y)
+    middle = ok[1:-1] & ok[:-2] & ok[2:]
+    same = ((y[1:-1] < 0) == (y[:-2] < 0)) & ((y[1:-1] < 0) == (y[2:] < 0))
+    lower = (np.abs(y[1:-1]) <= np.abs(y[:-2])) & (np.abs(y[1:-1]) <= np.abs(y[2:]))
+    return np.flatnonzero(middle & same & lower) + 1
+
+
+def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
+    """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
+    from contourpy import LineType, contour_generator
+
+    masked = np.ma.masked_invalid(values.T)
+    generator = contour_generator(
+        np.arange(len(x)), np.arange(len(y)), masked, line_type=LineType.Separate, corner_mask=True
+    )
+    return [np.asarray(line) for line in generator.lines(0.0)]
+
+
+def at_index(nodes: Array, index: Array) -> Array:
+    """Values between nodes, at fractional indices."""
+    return np.interp(index, np.arange(len(nodes)), nodes)
+
+
+def crossings(balance: Balance, curve: Array) -> Array:
+    """Limit cycles (n, 3 m + 1) along one curve of exact solutions (points in order, shape (n_curve, 3 m + 1))."""
+    if len(curve) < 2:
+        return curve[:0]
+    F = curve[:, -1]
+    near = _near(curve)
+    pairs = [(curve[i], curve[i + 1]) for i in np.flatnonzero(_changes(F) & near)]
+    dips = [i for i in _dips(F) if near[i - 1] and near[i] and abs(F[i]) < 1.0]
+    if dips:
+        pairs += _split_at_extrema(balance, *(curve[np.array(dips) + k] for k in (-1, 0, 1)))
+    if not pairs:
+        return curve[:0]
+    start, end = (np.array(side) for side in zip(*pairs, strict=True))
+    return _close(balance, start, end)
+
+
+def _near(curve: Array) -> NDArray[np.bool_]:
+    """Whether neighbours are close enough to belong together."""
+    return np.abs(np.diff(curve[:, :2], axis=0)).max(-1) < 1.0
+
+
+def settle(balance: Balance, lines: list[Array], splits: int = 0) -> list[Array]:
+    """Bring polylines of approximate solutions onto the solution curves, all points at once.
+
+    Parameters
+    ----------
+    lines : list of array (n, 3 m + 1)
+    splits : int, optional
+        Points put between neighbours, so that features narrower than the grid show.
+    """
+    lines = [line for line in lines if len(line) > 1]
+    if not lines:
+        return []
+    if splits:
+        lines = [_split(line, splits) for line in lines]
+    start = np.concatenate(lines)
+    normals = np.concatenate([_weigh(balance, line, np.gradient(line, axis=0)) for line in lines])
+    X, ok = newton(balance, start, normals)
+    ok &= np.abs(X - start)[:, :2].max(-1) < 1.0
+    ends = np.cumsum([len(line) for line in lines])[:-1]
+    return [x[k] for x, k in zip(np.split(X, ends), np.split(ok, ends), strict=True)]
+
+
+def _split(line: Array, splits: int) -> Array:
+    parts = (np.arange(splits + 1) / (splits + 1))[None, :, None]
+    dense = (line[:-1, None] + parts * np.diff(line, axis=0)[:, None]).reshape(-1, line.shape[1])
+    return np.concatenate([dense, line[-1:]])
+
+
+def _weigh(balance: Balance, X: Array, chord: Array) -> Array:
+    """Normal of the plane across a chord, with biases measured by their amplitudes and lambda left out."""
+    m = balance.m
+    a, _, b, _ = balance.unpack(X)
+    normal = chord.copy()
+    normal[:, 2 * m : 3 * m] /= (a + 0.1 * np.abs(b)) ** 2
+    normal[:, -1] = 0.0
+    flat = np.abs(normal).max(-1) == 0
+    normal[flat, 0] = 1.0
+    return normal
+
+
+def _between(balance: Balance, points: list[Array], weights: list[Array], chord: Array) -> tuple[Array, NDArray]:
+    guess = np.sum([w[:, None] * p for w, p in zip(weights, points, strict=True)], axis=0)
+    return newton(balance, guess, _weigh(balance, points[0], chord), 8)
+
+
+def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array) -> list[tuple[Array, Array]]:
+    """Golden section for the extremum of ln lambda in [left, right]; brackets on both sides where the sign turns."""
+    sign = np.where(middle[:, -1] < 0, -1.0, 1.0)
+    chord = right - left
+
+    def value(u: Array) -> tuple[Array, Array]:
+        weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
+        X, ok = _between(balance, [left, middle, right], weights, chord)
+        return np.where(ok, sign * X[:, -1], np.inf), X
+
+    low, high = -np.ones(len(left)), np.ones(len(left))
+    c, d = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    (fc, Xc), (fd, Xd) = value(c), value(d)
+    for _ in range(42):
+        take = fc < fd
+        low, high = np.where(take, low, c), np.where(take, d, high)
+        new = np.where(take, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        f_new, X_new = value(new)
+        c, d = np.where(take, new, d), np.where(take, c, new)
+        fc, fd, Xc, Xd = (
+            np.where(take, f_new, fd),
+            np.where(take, fc, f_new),
+            np.where(take[:, None], X_new, Xd),
+            np.where(take[:, None], Xc, X_new),
+        )
+        if np.all((np.minimum(fc, fd) < 0) | (high - low < 1e-9)):
+            break
+    best = np.where((fc < fd)[:, None], Xc, Xd)
+    turned = np.minimum(fc, fd) < 0
+    return [pair for i in np.flatnonzero(turned) for pair in ((left[i], best[i]), (best[i], right[i]))]
+
+
+def _close(balance: Balance, start: Array, end: Array) -> Array:
+    """One limit cycle between each pair of points on either side of lambda = 1: false position, then Newton."""
+    chord = end - start
+    low, high = np.zeros(len(start)), np.ones(len(start))
+    f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
+    X = start.copy()
+    for k in range(30):
+        # Bisect now and then: false position alone stalls where lambda bends.
+        share = np.where(k % 3 == 2, 0.5, np.clip(f_low / (f_low - f_high), 0.02, 0.98))
+        u = low + share * (high - low)
+        X, ok = _between(balance, [start, end], [1.0 - u, u], chord)
+        f = np.where(ok, X[:, -1], 0.0)
+        left = (f < 0) == (f_low < 0)
+        low, f_low = np.where(left, u, low), np.where(left, f, f_low)
+        high, f_high = np.where(left, high, u), np.where(left, f_high, f)
+        if np.all((np.abs(f) < 1e-7 * np.abs(end[:, -1] - start[:, -1])) | (high - low < 1e-9)):
+            break
+    return polish(balance, X)
+
+
+def polish(balance: Balance, X: Array) -> Array:
+    """Newton at lambda = 1; points that do not converge or run away are dropped."""
+    if not len(X):
+        return X
+    start = X.copy()
+    start[:, -1] = 0.0
+    normal = np.zeros_like(X)
+    normal[:, -1] = 1.0
+    out, ok = newton(balance, start, normal, 20)
+    return out[ok & (np.abs(out - start)[:, :2].max(-1) < 0.3)]
+
+
+def distinct(balance: Balance, X: Array, tolerance: float = 1e-7) -> Array:
+    """Each limit cycle once, in ascending order of amplitude at the pivot."""
+    kept: list[Array] = []
+    m = balance.m
+    for x in X[np.argsort(X[:, 0], kind="stable")]:
+        scale = np.ones_like(x)
+        a, _, _, _ = balance.unpack(x[None])
+        scale[2 * m : 3 * m] = a[0]
+        if not any(np.abs(_wrapped(x - y, m) / scale)[:-1].max() < tolerance for y in kept):
+            kept.append(x)
+    return np.array(kept).reshape(-1, X.shape[1])
+
+
+def _wrapped(difference: Array, m: int) -> Array:
+    out = difference.copy()
+    out[3 : 2 * m : 2] = np.angle(np.exp(1j * out[3 : 2 * m : 2]))
+    return out

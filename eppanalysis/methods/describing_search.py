@@ -1,0 +1,358 @@
+"""Global search for one element whose describing function does not depend on frequency.
+
+Amplitude scales come from the element's thresholds and from where the loop gain passes one, frequency scales from
+poles, zeros and dead time; nothing is measured in absolute units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray, equilibrate
+from eppanalysis.methods.describing_curves import (
+    at_index,
+    contour_lines,
+    crossings,
+    distinct,
+    polish,
+    roots_along,
+    settle,
+)
+from eppanalysis.models.lure import LureSystem
+
+_MOST_NODES = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Limit cycles (k, 3 m + 1), the curves they were found on, and how."""
+
+    cycles: Array
+    curves: tuple[Array, ...]
+    search: str
+
+
+def frequency_scales(system: LureSystem) -> Array:
+    """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time."""
+    A = system.A
+    values = np.linalg.eigvals(A) if A.size else np.zeros(0)
+    zeros = _zeros(system)
+    if system.time_step:
+        values, zeros = (np.log(v[np.abs(v) > 1e-9].astype(complex)) / system.time_step for v in (values, zeros))
+    all_values = np.concatenate([values, zeros]).astype(complex)
+    sizes = np.concatenate([np.abs(all_values), np.abs(all_values.imag)])
+    largest = sizes.max(initial=0.0)
+    sizes = sizes[sizes > 1e-7 * largest]
+    late = system.delays[system.delays > 0]
+    return np.unique(np.concatenate([sizes, 1.0 / late]))
+
+
+def _zeros(system: LureSystem) -> ComplexArray:
+    """Finite transmission zeros of a loop with one element."""
+    if len(system.elements) != 1 or system.B.shape[1] != 1:
+        return np.zeros(0, complex)
+    n = system.A.shape[0]
+    return _pencil_zeros(system.A, system.B, system.C[:1], system.D[:1]) if n else np.zeros(0, complex)
+
+
+def _pencil_zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
+    n = A.shape[0]
+    P = np.block([[A, B], [C, D]])
+    Q = np.zeros_like(P)
+    Q[:n, :n] = np.eye(n)
+    row, column = equilibrate(P)
+    values = scipy.linalg.eigvals(row[:, None] * P * column, row[:, None] * Q * column)
+    return np.asarray(values[np.isfinite(values)], complex)
+
+
+def symmetry_candidates(system: LureSystem) -> Array:
+    """Frequencies of all real values of a rational L(j omega): zeros of ``L(s) - L(-s)`` next to the imaginary axis."""
+    if system.time_step or np.any(system.delays) or system.A.shape[0] == 0:
+        return np.zeros(0)
+    A, B, C = system.A, system.B, system.C[:1]
+    s = _pencil_zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
+    s = s[(s.imag > 0) & (np.abs(s.real) < 1e-3 * np.abs(s))]
+    return np.unique(s.imag)
+
+
+def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.0) -> Array:
+    """Ascending grid of omega [rad/s], denser at lightly damped poles, zeros and real values of L.
+
+    With dead time, or a sample time, phase keeps turning: nodes are then also evenly spaced, up to where the gain has
+    fallen below `lowest_gain` for good (or to half the sampling frequency). Without such a bound a loop with dead time
+    has infinitely many modes; those whose period is shorter than the dead time are left out.
+    """
+    scales = frequency_scales(system)
+    if system.time_step:
+        top = np.pi / system.time_step
+        low = min(float(scales.min(initial=top)), top) / 1e3
+        nodes = [
+            np.geomspace(low, top * (1.0 - 1e-9), 8 * per_decade),
+            np.linspace(0.0, top, 20 * per_decade + 2)[1:-1],
+        ]
+    else:
+        low, top = (scales.min() / 1e3, scales.max() * 1e3) if scales.size else (1e-12, 1e12)
+        nodes = [np.geomspace(low, top, int(per_decade * np.log10(top / low)) + 2)]
+    around = np.concatenate([scales, symmetry_candidates(system) if len(system.elements) == 1 else np.zeros(0)])
+    spread = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
+    nodes.append((around[:, None] * (1.0 + spread)).ravel())
+    if np.any(system.delays):
+        bounded = lowest_gain > 0
+        top = _gain_limit(system, np.concatenate(nodes), lowest_gain) if bounded else 2 * np.pi / system.delays.max()
+        step = 0.2 / system.delays.max()
+        nodes.append(np.arange(1, min(_MOST_NODES, int(top / step) + 2)) * step)
+    out = np.unique(np.concatenate(nodes))
+    return out[(out > 0) & (out <= top)]
+
+
+def _gain_limit(system: LureSystem, omega: Array, lowest_gain: float) -> float:
+    """Frequency beyond which the gain stays below `lowest_gain`."""
+    omega = np.sort(omega)
+    gain = np.abs(system.frequency_response(omega)[:, 0, 0])
+    above = np.flatnonzero(gain >= lowest_gain)
+    return float(omega[min(above[-1] + 1, len(omega) - 1)]) if above.size else float(omega[0])
+
+
+def amplitude_scales(balance: Balance, gains: Array) -> Array:
+    """Positive amplitudes that matter: thresholds, and where the element's gain meets 1/`gains` of the linear part."""
+    element = balance.system.elements[0]
+    thresholds = np.abs(np.asarray(element.thresholds(), float)).ravel()
+    reference = np.concatenate([thresholds, np.abs(balance.operating_bias)])
+    reference = reference[(reference > 0) & np.isfinite(reference)]
+    middle = float(np.exp(np.log(reference).mean())) if reference.size else 1.0
+    a = middle * np.geomspace(1e-60, 1e60, 601)
+    N = np.abs(balance.evaluate(a[:, None], np.zeros((601, 1)), np.ones(601))[1][:, 0])
+    meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
+    return np.unique(np.concatenate([reference, *meets]))
+
+
+def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
+    """Ascending grid of amplitudes, geometrically denser towards each threshold from both sides."""
+    low, high = scales.min() / 1e2, scales.max() * 1e2
+    nodes = [np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 2)]
+    spread = np.geomspace(1e-12, 0.3, 36)
+    thresholds = np.abs(np.asarray(thresholds, float)).ravel()
+    nodes.append((thresholds[:, None] * (1.0 + np.concatenate([-spread, spread]))).ravel())
+    gaps = np.unique(thresholds[thresholds > 0])
+    if gaps.size > 1:
+        parts = np.arange(1, 8) / 8.0
+        nodes.append((gaps[:-1, None] + parts * np.diff(gaps)[:, None]).ravel())
+    out = np.unique(np.concatenate(nodes))
+    return out[out > 0]
+
+
+def search_one(balance: Balance) -> Found:
+    """All limit cycles of a loop with one element of one output whose describing function is free of omega."""
+    system = balance.system
+    thresholds = np.asarray(system.elements[0].thresholds(), float).ravel()
+    rough = frequency_nodes(_without_delay(system), 10)
+    crossing_gains = _crossing_gains(system, rough)
+    scales = amplitude_scales(balance, crossing_gains)
+    if not scales.size:
+        return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
+    amplitude = amplitude_nodes(scales, thresholds, 24)
+    N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
+    omega = frequency_nodes(system, 40, _lowest_gain(N))
+    L = balance.linear(omega)[:, 0, 0]
+    lines = static_curves(balance, amplitude, scales)
+    real = _is_real(balance, lines)
+    finder = _on_crossings if real else _on_phase_curves
+    cycles, curves = finder(balance, lines, omega, L)
+    return Found(distinct(balance, cycles), tuple(curves), _sentence(system, real, omega, amplitude, len(lines)))
+
+
+def _without_delay(system: LureSystem) -> LureSystem:
+    return replace(system, delays=np.zeros_like(system.delays))
+
+
+def _crossing_gains(system: LureSystem, omega: Array) -> Array:
+    """Gains of the linear part that can meet the locus: at real values, or anywhere between the frequency scales."""
+    scales = frequency_scales(system)
+    if scales.size:
+        omega = omega[(omega >= scales.min() / 10) & (omega <= scales.max() * 10)]
+    gain = np.abs(system.frequency_response(omega)[:, 0, 0])
+    return gain[np.isfinite(gain) & (gain > 0)][::5]
+
+
+def _lowest_gain(N: ComplexArray) -> float:
+    """Gain of the linear part below which the element cannot make up for it; 0 for an element of unbounded gain."""
+    size = np.abs(N[np.isfinite(N)])
+    top = size.max(initial=0.0)
+    if top == 0:
+        return np.inf
+    unbounded = size[0] == top and size[: len(size) // 20].min() < 0.9 * top
+    return 0.0 if unbounded else 0.999 / top
+
+
+def static_curves(balance: Balance, amplitude: Array, scales: Array) -> list[Array]:
+    """Curves (n, 2) of (amplitude, bias) on which the static balance holds, all branches of the bias."""
+    zero = np.zeros((len(amplitude), 1))
+    q0 = _static(balance, amplitude, zero[:, 0])
+    size = _static_size(balance, amplitude, zero[:, 0])
+    symmetric = bool(np.all(np.abs(q0[np.isfinite(q0)]) <= 1e-9 * size[np.isfinite(q0)]))
+    lines = [np.stack([amplitude, zero[:, 0]], -1)] if symmetric else []
+    if _prescribed_alone(balance):
+        fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
+        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)]
+    bias = _bias_nodes(balance, scales)
+    coarse = amplitude[:: max(1, len(amplitude) // 250)]
+    grid = _static(balance, *np.broadcast_arrays(coarse[:, None], bias[None, :]))
+    if symmetric:
+        # The line of no bias is known already; dividing by the bias leaves the others.
+        grid, bias = grid[:, bias > 0], bias[bias > 0]
+        grid = grid / bias
+    for line in contour_lines(coarse, bias, grid):
+        points = np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)
+        points = _settle_bias(balance, points)
+        if len(points) > 1:
+            lines += [points, points * [1.0, -1.0]] if symmetric else [points]
+    return lines
+
+
+def _prescribed_alone(balance: Balance) -> bool:
+    return not np.any(balance.on_mean) and balance.on_bias[0, 0] != 0
+
+
+def _static(balance: Balance, a: Array, b: Array) -> Array:
+    mean = balance.evaluate(a[..., None], b[..., None], np.ones(np.shape(a)))[0][..., 0]
+    return balance.on_bias[0, 0] * b + balance.on_mean[0, 0] * mean - balance.prescribed[0]
+
+
+def _static_size(balance: Balance, a: Array, b: Array) -> Array:
+    mean, gain = balance.evaluate(a[..., None], b[..., None], np.ones(np.shape(a)))
+    output = np.abs(mean[..., 0]) + np.abs(gain[..., 0]) * a
+    return np.abs(balance.on_bias[0, 0]) * (np.abs(b) + a) + np.abs(balance.on_mean[0, 0]) * output
+
+
+def _bias_nodes(balance: Balance, scales: Array) -> Array:
+    """Biases of both signs on logarithmic grids, denser around the operating point, and zero."""
+    steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
+    centre = float(balance.operating_bias[0])
+    own = float(balance.prescribed[0] / balance.on_bias[0, 0]) if balance.on_bias[0, 0] else centre
+    around = [np.concatenate([[c], c + steps, c - steps]) for c in {0.0, centre, own}]
+    return np.unique(np.concatenate(around))
+
+
+def _settle_bias(balance: Balance, points: Array) -> Array:
+    """Bring contour points onto the static balance by bisection in the bias."""
+    a, b = points.T
+    width = 0.2 * np.abs(b) + 1e-3 * a
+    low, high = b - width, b + width
+    f_low, f_high = _static(balance, a, low), _static(balance, a, high)
+    ok = (f_low < 0) != (f_high < 0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        f = _static(balance, a, middle)
+        left = (f < 0) == (f_low < 0)
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+    return np.stack([a, np.where(ok, 0.5 * (low + high), b)], -1)
+
+
+def _is_real(balance: Balance, lines: list[Array]) -> bool:
+    for line in lines:
+        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1]
+        N = N[np.isfinite(N)]
+        if N.size and np.abs(N.imag).max() > 1e-12 * np.abs(N).max():
+            return False
+    return True
+
+
+def phase_crossings(balance: Balance, omega: Array, L: ComplexArray) -> Array:
+    """All omega of the grid's range at which L(j omega) is real, to rounding."""
+
+    def sine(w: float) -> float:
+        value = complex(balance.linear(np.array([w]))[0, 0, 0])
+        return value.imag / abs(value)
+
+    with np.errstate(all="ignore"):
+        return np.array(roots_along(sine, omega, L.imag / np.abs(L), accept=1e-7))
+
+
+def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+    """Real gain: each phase crossing by itself, all roots in amplitude along each branch of the bias."""
+    cycles, curves = [np.zeros((0, 4))], []
+    for w in phase_crossings(balance, omega, L):
+        gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
+        for line in lines:
+            if not np.any(line[:, 1]):
+                cycles.append(_symmetric_roots(balance, line[:, 0], w, gain))
+                continue
+            N = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0].real
+            for piece in _runs(N * gain > 0):
+                X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
+                curves += settle(balance, [X])
+    cycles += [crossings(balance, curve) for curve in curves]
+    return np.concatenate(cycles), curves
+
+
+def _symmetric_roots(balance: Balance, amplitude: Array, omega: float, gain: float) -> Array:
+    def excess(log_a: float) -> float:
+        N = balance.evaluate(np.exp([[log_a]]), np.zeros((1, 1)), np.array([omega]))[1][0, 0].real
+        return _log_excess(N * gain)
+
+    x = np.log(amplitude)
+    N = balance.evaluate(amplitude[:, None], np.zeros((len(x), 1)), np.full(len(x), omega))[1][:, 0].real
+    y = np.array([_log_excess(v) for v in N * gain])
+    roots = roots_along(excess, x, y)
+    return np.array([[r, np.log(omega), 0.0, 0.0] for r in roots]).reshape(-1, 4)
+
+
+def _log_excess(loop_gain: float) -> float:
+    return float(np.log(loop_gain)) if loop_gain > 1e-300 else (np.nan if np.isnan(loop_gain) else -690.0)
+
+
+def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
+    return np.stack([np.log(line[:, 0]), np.log(omega), line[:, 1], -np.log(np.abs(loop_gain))], -1)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Stretches of True that hold two points or more."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+
+
+def _on_phase_curves(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+    """Complex gain: contours of zero phase in the plane of (place along the bias branch, omega)."""
+    pieces: list[Array] = []
+    for line in lines:
+        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0]
+        with np.errstate(all="ignore"):
+            g = N[:, None] * L[None, :]
+            sine = np.where(np.abs(g) > 0, g.imag / np.abs(g), np.nan)
+        for path in contour_lines(line, omega, sine):
+            pieces += _phase_pieces(line, N, omega, L, path)
+    curves = settle(balance, pieces, 1)
+    cycles = [np.zeros((0, 4)), *(crossings(balance, curve) for curve in curves)]
+    return polish(balance, np.concatenate(cycles)), curves
+
+
+def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, path: Array) -> list[Array]:
+    """Stretches of a contour on which N L is positive; the others, where it is negative, meet them only at poles."""
+    loop = np.interp(path[:, 0], np.arange(len(line)), np.abs(N)) * np.exp(at_index(np.log(np.abs(L)), path[:, 1]))
+    nearest = np.round(path).astype(int)
+    positive = (N[nearest[:, 0]] * L[nearest[:, 1]]).real > 0
+    place = np.stack([np.exp(at_index(np.log(line[:, 0]), path[:, 0])), at_index(line[:, 1], path[:, 0])], -1)
+    w = np.exp(at_index(np.log(omega), path[:, 1]))
+    return [_points(place[run], w[run], loop[run]) for run in _runs(positive)]
+
+
+def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_branches: int) -> str:
+    how = (
+        "every frequency at which the linear part is real, then every amplitude on each branch of the bias"
+        if real
+        else "contours of zero phase over amplitude and frequency, then every crossing of unit gain along them"
+    )
+    text = (
+        f"Sought {how} ({n_branches} of the bias), with all local extrema located: "
+        f"omega {omega[0]:.3g} to {omega[-1]:.3g} rad/s, amplitude {amplitude[0]:.3g} to {amplitude[-1]:.3g}."
+    )
+    if np.any(system.delays):
+        text += (
+            " Dead time makes the phase turn for ever: faster modes, for which the gain cannot suffice (or, with an "
+            "element of unbounded gain, whose period is shorter than the dead time), were left out."
+        )
+    return text

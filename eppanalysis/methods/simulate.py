@@ -1,0 +1,263 @@
+"""Event-exact simulation in time, with a verdict: at rest, on a limit cycle, or undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.orbit import PeriodSampler
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.signals import Motion
+from eppanalysis.provenance import provenance
+from eppanalysis.results import Event, LimitCycle, Status, Trajectory
+
+Array = NDArray[np.float64]
+
+#: Codes of the kernel that end a run before its time.
+_EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
+_VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
+_KEPT_EVENTS = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What one call of the kernel left: signals, ring of events, end."""
+
+    code: int
+    samples: Array
+    count: int
+    time: Array
+    guard: NDArray[np.int64]
+    state: Array
+    modes: NDArray[np.int64]
+    x_end: Array
+    rate_end: Array
+    stats: Array
+
+    @property
+    def held(self) -> int:
+        """Events that the ring still holds."""
+        return min(self.count, self.time.size)
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """Ring places of the held events, oldest first."""
+        return np.arange(self.count - self.held, self.count) % max(self.time.size, 1)
+
+
+def simulate(
+    system: LureSystem,
+    input: Motion | Mapping[str, Motion] | None = None,
+    t_end: float = 10.0,
+    t_eval: ArrayLike | None = None,
+    *,
+    max_events: int = 200_000,
+    step: float | None = None,
+) -> Trajectory:
+    """Run a loop in time, exactly between events, every switch of every element located to rounding.
+
+    Parameters
+    ----------
+    system : LureSystem
+        Starts from its ``x0``, ``memory`` and ``v0``.
+    input : Motion or mapping of str to Motion, optional
+        Harness motion(s) added to the external inputs from t = 0 on; a single Motion drives the only input.
+    t_end : float
+        End [s], positive (for a discrete-time system too).
+    t_eval : array_like, shape (nt,), optional
+        Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
+    max_events : int
+        A run with more stops there and says so (accumulating switches).
+    step : float, optional
+        Longest internal step [s]; the results do not depend on it but for rounding.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    EppError
+        If `t_end` or `t_eval` is not valid.
+    ModelError
+        If the loop has no unique solution.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> run = epp.simulate(loop, t_end=200.0)
+    >>> run.status.name, round(run.limit_cycle.period, 8)
+    ('LIMIT_CYCLE', 4.55107103)
+    """
+    if not (np.isfinite(t_end) and t_end > 0):
+        raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
+    times = _sample_times(t_end, t_eval)
+    if system.time_step:
+        from eppanalysis.methods.iterate import iterate
+
+        return iterate(system, input, t_end)
+    hybrid = HybridSystem.from_lure(system, _motions(system, input))
+    base = step or _base_step(times, t_eval is None, hybrid)
+    run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS)
+    status, found = judge(hybrid, run, t_end)
+    n_written = int(run.stats[2])
+    signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
+    settings = {"t_end": t_end, "step": base, "max_events": max_events, "system": system.name}
+    facts = provenance("event-exact simulation", settings) | {"statistics": _statistics(run)}
+    cycle = _limit_cycle(system, hybrid, run, found, base, facts) if status is Status.LIMIT_CYCLE else None
+    settled = status is Status.SETTLED
+    return Trajectory(
+        t=times[:n_written],
+        signals=signals,
+        events=_events(hybrid, run),
+        status=status,
+        limit_cycle=cycle,
+        settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
+        settled_since=_since(run, found) if status.ok else float("nan"),
+        units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
+        provenance=facts,
+    )
+
+
+def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, max_events: int, keep: int) -> Run:
+    """One call of the compiled engine.
+
+    Raises
+    ------
+    EppError
+        If a combination of modes has no unique solution, or a dead time is too long for its history.
+    """
+    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
+
+    x, modes, H = hybrid.x0.copy(), hybrid.modes0.copy(), hybrid.H0.copy()
+    n, keep = x.size, max(1, min(keep, max_events))
+    samples = np.empty((times.size, hybrid.model.Yx.shape[0]))
+    time, guard = np.empty(keep), np.empty(keep, np.int64)
+    state, held, mode = np.empty((keep, n)), np.empty((keep, H.size)), np.empty((keep, modes.size), np.int64)
+    rate, stats = np.zeros(n), np.zeros(8)
+    code = run(
+        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep, time, guard, state, held, mode, rate, stats
+    )
+    if code == SINGULAR:
+        raise EppError(
+            "simulate: the loop has no unique solution in one combination of modes (an algebraic loop through the elements)."
+        )
+    if code == HISTORY:
+        raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter dead time.")
+    return Run(code, samples, int(stats[1]), time, guard, state, mode, x, rate, stats)
+
+
+def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
+    """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change."""
+    from eppanalysis.kernels.verdict import verdict
+
+    found = np.zeros(4)
+    if run.code in _EARLY:
+        return _EARLY[run.code], found
+    code = verdict(
+        run.time, run.guard, run.state, run.count, t_end, hybrid.x0, run.x_end, run.rate_end, hybrid.compared, found
+    )
+    return _VERDICTS[int(code)], found
+
+
+def _motions(system: LureSystem, given: Motion | Mapping[str, Motion] | None) -> Mapping[str, Motion]:
+    if given is None:
+        return {}
+    if isinstance(given, Mapping):
+        return given
+    if len(system.input_names) != 1:
+        raise EppError(f"{system.name} has {len(system.input_names)} inputs; expected motions by name, not a single one.")
+    return {system.input_names[0]: given}
+
+
+def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
+    if t_eval is None:
+        return np.linspace(0.0, t_end, 6001)
+    times = np.atleast_1d(np.asarray(t_eval, float))
+    if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+        raise EppError("simulate: t_eval must hold finite times in increasing order.")
+    if times.size and (times[0] < 0 or times[-1] > t_end * (1 + 1e-12)):
+        raise EppError(f"simulate: t_eval runs from {times[0]} to {times[-1]}; expected times from 0 to t_end = {t_end}.")
+    return times
+
+
+def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
+    """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
+    if times.size > 1:
+        spacing = times[-1] / (times.size - 1)
+        if even or (times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)):
+            return float(spacing)
+    return 2.0 * hybrid.time_scale
+
+
+def _statistics(run: Run) -> dict[str, Any]:
+    names = ("time_reached", "events", "samples", "fast_steps", "series_steps", "forced_leaves")
+    return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(names)}
+
+
+def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
+    """The held events from place `first` on, as sentences."""
+    element = hybrid.model.guard_element
+    out = []
+    for r in run.order[first:]:
+        g = int(run.guard[r])
+        e = int(element[g])
+        name = hybrid.element_names[e]
+        if name != "observer":
+            mode = hybrid.mode_names[e][int(run.modes[r, e])]
+            out.append(Event(float(run.time[r] - origin), name, hybrid.guard_names[g], mode))
+    return tuple(out)
+
+
+def _since(run: Run, found: Array) -> float:
+    """Time of the last switch before rest, or the begin of the first period that already repeats to a thousandth."""
+    if run.count == 0:
+        return 0.0
+    last = run.order[-1]
+    if found[0] == 0:
+        return float(run.time[last])
+    p = int(found[0])
+    scale = np.ptp(run.state[run.order[-p - 1 :]], axis=0)
+    scale = np.where(scale > 0, scale, np.inf)
+    place = run.held - 1 - p
+    while place - p >= 0:
+        a, b = run.order[place], run.order[place - p]
+        if run.guard[a] != run.guard[b] or np.max(np.abs(run.state[a] - run.state[b]) / scale) > 1e-3:
+            break
+        place -= p
+    return float(run.time[run.order[place]])
+
+
+def _limit_cycle(
+    system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, base: float, facts: dict[str, Any]
+) -> LimitCycle:
+    """The last period of a run, sampled once more on the arcs between its events."""
+    p, period = int(found[0]), float(found[1])
+    marks = run.time[run.order[-p - 1 :]]
+    sampler = PeriodSampler(marks, hybrid.time_scale)
+    fine = run_hybrid(hybrid, float(marks[-1]), sampler.times, 2.0 * hybrid.time_scale, run.count + 1, 1)
+    shape = sampler.analyse(dict(zip(system.signals.names, fine.samples.T, strict=True)))
+    return LimitCycle(
+        method="simulation",
+        status=Status.CONVERGED,
+        period=period,
+        mean=shape.mean,
+        peak_to_peak=shape.peak_to_peak,
+        harmonics=shape.harmonics,
+        stable=True,
+        stability_criterion="reached in simulation",
+        residual=float(found[2]),
+        error_estimate=float(found[3]),
+        events=_events(hybrid, run, run.held - p, float(marks[0])),
+        time=shape.time,
+        waveform=shape.waveform,
+        units=dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True)),
+        provenance=facts,
+    )

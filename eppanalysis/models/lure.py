@@ -1,0 +1,386 @@
+"""The Lur'e system: a linear state space with named signals, closed by any number of elements.
+
+    dx/dt = A x + B w(t - delay) + B_input v + constant_state
+    z     = C x + D w + D_input v + constant_input        inputs of the elements, stacked
+    w     = elements(z)                                    outputs of the elements, stacked
+
+``v`` are external inputs. With `time_step` set, the first line is ``x[k+1] = ...`` instead (discrete time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.linear import StateSpace, as_state_space
+from eppanalysis.models.nonlinearities.base import Nonlinearity
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SignalMap:
+    """Named outputs ``y = C x + D w + D_input v + constant`` that users see (not the inputs of the elements)."""
+
+    names: tuple[str, ...]
+    C: Array
+    D: Array
+    D_input: Array
+    constant: Array
+    units: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LureSystem:
+    """A linear state space closed by nonlinear elements.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+        State matrix.
+    B : array, shape (n, nw)
+        From the stacked outputs of the elements to the state rate.
+    C : array, shape (nz, n)
+        From the state to the stacked inputs of the elements.
+    D : array, shape (nz, nw)
+        From the outputs of the elements straight to their inputs (cascades); the loop gain through D and the elements'
+        slopes must stay regular.
+    elements : tuple of Nonlinearity
+        In the order in which their inputs and outputs are stacked.
+    element_names : tuple of str
+    signals : SignalMap
+        The named signals.
+    B_input, D_input : array, shapes (n, nv) and (nz, nv)
+        From the external inputs.
+    input_names : tuple of str
+    constant_state, constant_input : array, shapes (n,) and (nz,)
+        Constant terms.
+    x0 : array, shape (n,)
+        State at the start.
+    v0 : array, shape (nv,)
+        External inputs before the start, where the operating point is.
+    memory : tuple of (float or None)
+        First held value of each element at the start; None takes the element's own.
+    delays : array, shape (nw,)
+        Dead time of each element output [s] on its way to the state rate.
+    time_step : float or None
+        Sample time [s] of a discrete-time system.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    elements: tuple[Nonlinearity, ...]
+    element_names: tuple[str, ...]
+    signals: SignalMap
+    B_input: Array
+    D_input: Array
+    input_names: tuple[str, ...]
+    constant_state: Array
+    constant_input: Array
+    x0: Array
+    v0: Array
+    memory: tuple[float | None, ...]
+    delays: Array
+    time_step: float | None = None
+    state_names: tuple[str, ...] = ()
+    name: str = "loop"
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def build(
+        cls,
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        elements: Sequence[Nonlinearity],
+        *,
+        D: ArrayLike | None = None,
+        B_input: ArrayLike | None = None,
+        D_input: ArrayLike | None = None,
+        input_names: Sequence[str] = (),
+        constant_state: ArrayLike | None = None,
+        constant_input: ArrayLike | None = None,
+        element_names: Sequence[str] | None = None,
+        signals: SignalMap | None = None,
+        x0: ArrayLike | None = None,
+        v0: ArrayLike | None = None,
+        memory: Sequence[float | None] | None = None,
+        delays: ArrayLike | None = None,
+        time_step: float | None = None,
+        state_names: Sequence[str] | None = None,
+        name: str = "loop",
+    ) -> LureSystem:
+        """Make a system from what is not zero; everything else is filled in and all shapes are checked.
+
+        Raises
+        ------
+        ModelError
+            If shapes do not fit or a number is not finite.
+        """
+        A = np.atleast_2d(np.asarray(A, float))
+        n = A.shape[0] if A.size else 0
+        A = A.reshape(n, n)
+        nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
+
+        def array(label: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+            out = np.zeros(shape) if values is None else np.array(values, float)
+            if out.size == int(np.prod(shape)):
+                out = out.reshape(shape)
+            if out.shape != shape:
+                raise ModelError(f"{name}: {label} has shape {out.shape}; expected {shape}.")
+            if not np.all(np.isfinite(out)):
+                raise ModelError(f"{name}: {label} holds a number that is not finite.")
+            out.flags.writeable = False
+            return out
+
+        labels = tuple(element_names or (type(e).__name__.lower() for e in elements))
+        if signals is None:
+            signals = _element_signals(elements, labels, array("C", C, (nz, n)), array("D", D, (nz, nw)), nv)
+        return cls(
+            A=array("A", A, (n, n)),
+            B=array("B", B, (n, nw)),
+            C=array("C", C, (nz, n)),
+            D=array("D", D, (nz, nw)),
+            elements=tuple(elements),
+            element_names=labels,
+            signals=signals,
+            B_input=array("B_input", B_input, (n, nv)),
+            D_input=array("D_input", D_input, (nz, nv)),
+            input_names=tuple(input_names),
+            constant_state=array("constant_state", constant_state, (n,)),
+            constant_input=array("constant_input", constant_input, (nz,)),
+            x0=array("x0", x0, (n,)),
+            v0=array("v0", v0, (nv,)),
+            memory=tuple(memory) if memory is not None else (None,) * len(elements),
+            delays=array("delays", delays, (nw,)),
+            time_step=time_step,
+            state_names=tuple(state_names or (f"x{i}" for i in range(n))),
+            name=name,
+        )
+
+    @classmethod
+    def from_tf(
+        cls,
+        plant: control.TransferFunction | control.StateSpace | StateSpace | tuple[ArrayLike, ArrayLike],
+        element: Nonlinearity,
+        *,
+        delay: float = 0.0,
+        feedback: int = -1,
+        x0: ArrayLike | None = None,
+        memory: float | None = None,
+        name: str = "loop",
+    ) -> LureSystem:
+        """The textbook loop: ``x = feedback * G y``, ``y = element(x)``; element input "x", output "y".
+
+        Parameters
+        ----------
+        plant : control.TransferFunction, control.StateSpace, StateSpace or (numerator, denominator)
+            Linear part G, single input and output, proper; a discrete-time system makes a discrete-time loop.
+        element : Nonlinearity
+            With one input and one output.
+        delay : float, optional
+            Dead time of G [s].
+        feedback : {-1, 1}
+            Sign of the feedback.
+        x0 : array, optional
+            State of G at the start; by default all its states are 1, which leaves the equilibrium.
+
+        Raises
+        ------
+        ModelError
+            If the transfer function is improper or G is not single-input single-output.
+
+        Examples
+        --------
+        >>> import eppanalysis as epp
+        >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+        >>> loop.A.shape
+        (2, 2)
+        """
+        return cls.from_blocks([element, as_state_space(plant)], delay=delay, feedback=feedback, x0=x0, memory=[memory], name=name)
+
+    @classmethod
+    def from_blocks(
+        cls,
+        blocks: Sequence[Any],
+        *,
+        delay: float = 0.0,
+        feedback: int = -1,
+        x0: ArrayLike | None = None,
+        memory: Sequence[float | None] | None = None,
+        element_names: Sequence[str] | None = None,
+        name: str = "loop",
+    ) -> LureSystem:
+        """A ring of linear blocks and elements in series, closed by `feedback` from the last block to the first.
+
+        Parameters
+        ----------
+        blocks : sequence
+            Nonlinearity, or anything that :func:`as_state_space` takes, in the direction of the signal.
+        delay : float, optional
+            Dead time [s]; the loop is linear up to the elements' place, so it is put behind the first element.
+
+        Raises
+        ------
+        ModelError
+            If no block is an element, or sample times differ.
+        """
+        elements = [b for b in blocks if isinstance(b, Nonlinearity)]
+        if not elements:
+            raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
+        for e in elements:
+            if e.n_inputs != 1 or e.n_outputs != 1:
+                raise ModelError(f"{name}: {type(e).__name__} has several inputs or outputs; give the state space instead.")
+        linear = [as_state_space(b) for b in blocks if not isinstance(b, Nonlinearity)]
+        steps = {s.time_step for s in linear}
+        if len(steps) > 1:
+            raise ModelError(f"{name}: the linear blocks have different sample times {sorted(map(str, steps))}.")
+        ring = _Ring(elements, linear)
+        A, B, C, D = ring.close(blocks, feedback)
+        n = A.shape[0]
+        delays = np.zeros(len(elements))
+        delays[0] = delay
+        if delay and (len(elements) > 1 and np.any(D[:, 0])):
+            raise ModelError(f"{name}: dead time straight between two elements is not supported; put a linear block between.")
+        single = ("x", "y") if len(elements) == 1 else None
+        labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
+        signals = _element_signals(elements, labels, C, D, 0, single)
+        return cls.build(
+            A,
+            B,
+            C,
+            elements,
+            D=D,
+            element_names=labels,
+            signals=signals,
+            x0=np.ones(n) if x0 is None else x0,
+            memory=memory,
+            delays=delays,
+            time_step=steps.pop() if steps else None,
+            name=name,
+        )
+
+    @cached_property
+    def input_slices(self) -> tuple[slice, ...]:
+        """Where each element's inputs stand in ``z``."""
+        return _slices([e.n_inputs for e in self.elements])
+
+    @cached_property
+    def output_slices(self) -> tuple[slice, ...]:
+        """Where each element's outputs stand in ``w``."""
+        return _slices([e.n_outputs for e in self.elements])
+
+    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Response from the elements' outputs to their inputs, shape (..., nz, nw), dead time included.
+
+        Parameters
+        ----------
+        omega : array_like
+            Angular frequency [rad/s].
+        """
+        return self._response(omega, self.C, self.D)
+
+    def signal_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
+        return self._response(omega, self.signals.C, self.signals.D)
+
+    def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
+        omega = np.asarray(omega)
+        s = np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega
+        shape = np.shape(s)
+        resolvent = np.asarray(s)[..., None, None] * np.eye(self.A.shape[0]) - self.A
+        x = np.linalg.solve(resolvent, np.broadcast_to(self.B + 0j, (*shape, *self.B.shape)))
+        x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
+        return C @ x + D
+
+    def with_elements(self, elements: Sequence[Nonlinearity]) -> LureSystem:
+        """The same linear part closed by other elements, in the same places."""
+        return replace(self, elements=tuple(elements))
+
+    def to_control(self) -> control.StateSpace:
+        """The linear part from ``w`` to ``z`` as a python-control system (without dead time)."""
+        import control
+
+        return control.ss(self.A, self.B, self.C, self.D, *([self.time_step] if self.time_step else []))
+
+
+def _unique(names: list[str]) -> list[str]:
+    return [n if names.count(n) == 1 else f"{n}_{names[:i].count(n) + 1}" for i, n in enumerate(names)]
+
+
+def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *sizes])
+    return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+
+def _element_signals(
+    elements: Sequence[Nonlinearity], labels: Sequence[str], C: Array, D: Array, nv: int, single: tuple[str, str] | None = None
+) -> SignalMap:
+    """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one)."""
+    names: list[str] = []
+    rows_c, rows_d = [], []
+    nw = D.shape[1]
+    inputs, outputs = _slices([e.n_inputs for e in elements]), _slices([e.n_outputs for e in elements])
+    for label, zs, ws in zip(labels, inputs, outputs, strict=True):
+        names.append(single[0] if single else f"{label}_input")
+        rows_c.append(C[zs.start])
+        rows_d.append(D[zs.start])
+        for j in range(ws.start, ws.stop):
+            many = ws.stop - ws.start > 1
+            names.append(single[1] if single else f"{label}_output{j - ws.start + 1 if many else ''}")
+            rows_c.append(np.zeros(C.shape[1]))
+            rows_d.append(np.eye(nw)[j])
+    return SignalMap(
+        tuple(names), np.array(rows_c), np.array(rows_d), np.zeros((len(names), nv)), np.zeros(len(names)), ("",) * len(names)
+    )
+
+
+class _Ring:
+    """Series connection of blocks: each signal is a row (on the state, on the element outputs)."""
+
+    def __init__(self, elements: Sequence[Nonlinearity], linear: Sequence[StateSpace]) -> None:
+        self.n = sum(s.A.shape[0] for s in linear)
+        self.n_elements = len(elements)
+
+    def close(self, blocks: Sequence[Any], feedback: int) -> tuple[Array, Array, Array, Array]:
+        n, m = self.n, self.n_elements
+        A, B, C, D = np.zeros((n, n)), np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, m))
+        # Start the walk just behind the first element, whose output is a signal of its own.
+        first = next(i for i, b in enumerate(blocks) if isinstance(b, Nonlinearity))
+        order = [(first + k) % len(blocks) for k in range(1, len(blocks) + 1)]
+        on_state, on_element = np.zeros(n), np.eye(m)[0]
+        numbers = {i: k for k, i in enumerate(i for i, b in enumerate(blocks) if isinstance(b, Nonlinearity))}
+        offsets, total = {}, 0
+        for i, b in enumerate(blocks):
+            if not isinstance(b, Nonlinearity):
+                offsets[i] = total
+                total += as_state_space(b).A.shape[0]
+        for i in order:
+            if i == 0:
+                on_state, on_element = feedback * on_state, feedback * on_element
+            block = blocks[i]
+            if isinstance(block, Nonlinearity):
+                k = numbers[i]
+                C[k], D[k] = on_state, on_element
+                on_state, on_element = np.zeros(n), np.eye(m)[k]
+                continue
+            s = as_state_space(block)
+            rows = slice(offsets[i], offsets[i] + s.A.shape[0])
+            A[rows, rows] += s.A
+            A[rows] += np.outer(s.B[:, 0], on_state)
+            B[rows] += np.outer(s.B[:, 0], on_element)
+            out = s.D[0, 0] * on_state
+            out[rows] += s.C[0]
+            on_state, on_element = out, s.D[0, 0] * on_element
+        return A, B, C, D

@@ -1,0 +1,48 @@
+"""What every element offers: its map in time, its describing function, its automaton."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.models.automaton import Automaton
+
+
+class Nonlinearity(ABC):
+    """One nonlinear element of a loop.
+
+    Attributes
+    ----------
+    n_inputs, n_outputs : int
+        Numbers of scalar inputs and outputs. Only the first input is excited in the describing function; a second one
+        is its rate (lock pin) or a clock.
+    """
+
+    n_inputs: ClassVar[int] = 1
+    n_outputs: ClassVar[int] = 1
+
+    @abstractmethod
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """Output for the input `x` that is reached, monotonically, from the state `memory`; returns (output, memory)."""
+
+    @abstractmethod
+    def describing_function(
+        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Mean output and complex gain for ``x = bias + amplitude * sin(omega t)``.
+
+        The output is approximated by ``mean + Im(gain * amplitude * exp(j omega t))``: with
+        ``y ~ mean + b1 sin + a1 cos`` the gain is ``(b1 + j a1)/amplitude``. Arguments broadcast; with several
+        outputs both results have a trailing axis of length `n_outputs`.
+        """
+
+    @abstractmethod
+    def automaton(self) -> Automaton:
+        """Modes, guards and resets of the element for the hybrid system."""
+
+    def thresholds(self) -> NDArray[np.float64]:
+        """Positive amplitudes at which the describing function changes its form (the scales of an amplitude search)."""
+        return np.zeros(0)

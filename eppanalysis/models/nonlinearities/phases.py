@@ -1,0 +1,88 @@
+"""Small tools that the elements share: checked fields, broadcast arguments, stable functions of a phase.
+
+Phases are measured from a peak of the input: level ``x`` is crossed at the angle ``theta`` with
+``x = b + A cos(theta)``, which is known to full relative accuracy from its distances to both peaks.
+"""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
+
+Array = NDArray[np.float64]
+
+#: Stands for an amplitude of zero, so that quotients by the amplitude keep their limit.
+SMALLEST_AMPLITUDE = 1e-150
+
+
+def require(element: Any, field: str, holds: bool, expected: str) -> None:
+    """Refuse an element whose `field` does not hold, in one sentence.
+
+    Raises
+    ------
+    ModelError
+        If `holds` is false.
+    """
+    if not holds:
+        raise ModelError(f"{type(element).__name__}: {field} is {getattr(element, field)!r}; expected {expected}.")
+
+
+def require_numbers(element: Any, *fields: str) -> None:
+    """Refuse an element unless each of `fields` is a finite real number.
+
+    Raises
+    ------
+    ModelError
+        If one is not.
+    """
+    for name in fields:
+        value = getattr(element, name)
+        number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+        require(element, name, number, "a finite number")
+
+
+def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array, Array]:
+    """Arguments of a describing function as float arrays of one shape.
+
+    Raises
+    ------
+    ModelError
+        If an amplitude is negative.
+    """
+    a, b, w = np.broadcast_arrays(*(np.asarray(v, float) for v in (amplitude, bias, omega)))
+    if np.any(a < 0):
+        raise ModelError(f"The amplitude of a describing function is {float(np.nanmin(a))!r}; expected zero or more.")
+    return a, b, w
+
+
+def distances(*levels: float) -> Array:
+    """The positive ones among the absolute values of `levels`, ascending and without repetition."""
+    sizes = np.unique(np.abs(np.asarray(levels, float)))
+    return sizes[sizes > 0]
+
+
+def angle(from_peak: ArrayLike, to_trough: ArrayLike) -> Array:
+    """Angle from the peak, 0 to pi, of the level that lies `from_peak` below it and `to_trough` above the trough."""
+    return 2 * np.arctan2(np.sqrt(np.maximum(from_peak, 0)), np.sqrt(np.maximum(to_trough, 0)))
+
+
+def squared_sine(theta: Array) -> Array:
+    """``integral of sin^2 from 0 to theta = (theta - sin theta cos theta)/2``, accurate down to theta = 0."""
+    q = theta * theta
+    tail = 2 / 155925 + q * (-2 / 6081075 + q * 4 / 638512875)
+    series = theta * q * (1 / 3 + q * (-1 / 15 + q * (2 / 315 + q * (-1 / 2835 + q * tail))))
+    return np.where(np.abs(theta) < 0.25, series, (theta - np.sin(theta) * np.cos(theta)) / 2)
+
+
+def lever(theta: Array) -> Array:
+    """``integral of t sin(t) from 0 to theta = sin theta - theta cos theta``, accurate down to theta = 0."""
+    q = theta * theta
+    tail = 1 / 3991680 - q / 518918400
+    series = theta * q * (1 / 3 + q * (-1 / 30 + q * (1 / 840 + q * (-1 / 45360 + q * tail))))
+    return np.where(np.abs(theta) < 0.25, series, np.sin(theta) - theta * np.cos(theta))

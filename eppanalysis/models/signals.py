@@ -1,0 +1,263 @@
+"""Harness motions: offsets that are added to a system's external input from the start of a run on.
+
+Each motion gives ``value(t)``. The piecewise-linear ones give ``knots()`` besides, the data from which an exact
+integrator restarts; the sine gives its amplitude, angular frequency and phase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
+
+Array = NDArray[np.float64]
+Knots = tuple[Array, Array, Array]
+
+
+def _require_finite(name: str, **values: float) -> None:
+    for field_name, value in values.items():
+        if not np.isfinite(value):
+            raise ModelError(f"{name}: {field_name} is {value}; expected a finite number.")
+
+
+def _evaluate_knots(knots: Knots, t: ArrayLike) -> Array:
+    """Value of a piecewise-linear motion; at a jump the value behind it."""
+    times, values, slopes = knots
+    t = np.asarray(t, float)
+    piece = np.clip(np.searchsorted(times, t, side="right") - 1, 0, None)
+    return np.where(t < times[0], 0.0, values[piece] + slopes[piece] * (t - times[piece]))
+
+
+@dataclass(frozen=True)
+class Constant:
+    """An offset that never changes.
+
+    Parameters
+    ----------
+    size : float
+        Offset from t = 0 on, in the unit of the input; 0 leaves the system at its operating point.
+
+    Raises
+    ------
+    ModelError
+        If `size` is not finite.
+
+    Examples
+    --------
+    >>> float(Constant(0.0).value(3.0))
+    0.0
+    """
+
+    size: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_finite("Constant", size=self.size)
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        return np.full(np.shape(t), float(self.size))
+
+    def knots(self) -> Knots:
+        """Times, values behind them and slopes behind them, each of shape (1,)."""
+        return np.zeros(1), np.array([float(self.size)]), np.zeros(1)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A jump by `size` at `time`.
+
+    Parameters
+    ----------
+    size : float
+        Height of the jump, in the unit of the input.
+    time : float
+        When [s], not negative; at that time the value is already `size`.
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite, or `time` is negative.
+
+    Examples
+    --------
+    >>> Step(0.02).value([0.0, 1.0]).tolist()
+    [0.02, 0.02]
+    """
+
+    size: float
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_finite("Step", size=self.size, time=self.time)
+        if self.time < 0:
+            raise ModelError(f"Step: time is {self.time}; expected 0 or more.")
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        return _evaluate_knots(self.knots(), t)
+
+    def knots(self) -> Knots:
+        """Times, values behind them and slopes behind them, each of shape (2,) or (1,) for a step at 0."""
+        if self.time == 0.0:
+            return np.zeros(1), np.array([float(self.size)]), np.zeros(1)
+        return np.array([0.0, self.time]), np.array([0.0, self.size]), np.zeros(2)
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A motion at constant rate between two times, at rest before and after.
+
+    Parameters
+    ----------
+    rate : float
+        Slope, in the unit of the input per second.
+    start : float
+        When it begins [s], not negative.
+    stop : float, optional
+        When it ends [s], later than `start`; by default it never does.
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite or the times are out of order.
+
+    Examples
+    --------
+    >>> Ramp(2.0, start=1.0, stop=2.0).value([0.5, 1.5, 3.0]).tolist()
+    [0.0, 1.0, 2.0]
+    """
+
+    rate: float
+    start: float = 0.0
+    stop: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_finite("Ramp", rate=self.rate, start=self.start)
+        if self.start < 0:
+            raise ModelError(f"Ramp: start is {self.start}; expected 0 or more.")
+        if self.stop is not None:
+            _require_finite("Ramp", stop=self.stop)
+            if self.stop <= self.start:
+                raise ModelError(f"Ramp: stop is {self.stop}; expected a time after start ({self.start}).")
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        return _evaluate_knots(self.knots(), t)
+
+    def knots(self) -> Knots:
+        """Times, values behind them and slopes behind them, each of shape (1,) to (3,)."""
+        rows = [(0.0, 0.0, 0.0)] if self.start > 0 else []
+        rows.append((self.start, 0.0, self.rate))
+        if self.stop is not None:
+            rows.append((self.stop, self.rate * (self.stop - self.start), 0.0))
+        times, values, slopes = np.array(rows, float).T
+        return times, values, slopes
+
+
+@dataclass(frozen=True)
+class Sine:
+    """``amplitude * sin(2 pi frequency_hz t + phase)`` from t = 0 on.
+
+    Parameters
+    ----------
+    amplitude : float
+        In the unit of the input.
+    frequency_hz : float
+        [Hz], positive.
+    phase : float
+        [rad].
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite, or the frequency is not positive.
+
+    Examples
+    --------
+    >>> round(float(Sine(0.01, 1.0).value(0.25)), 12)
+    0.01
+    """
+
+    amplitude: float
+    frequency_hz: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_finite("Sine", amplitude=self.amplitude, frequency_hz=self.frequency_hz, phase=self.phase)
+        if self.frequency_hz <= 0:
+            raise ModelError(f"Sine: frequency_hz is {self.frequency_hz}; expected a positive number.")
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency [rad/s]."""
+        return 2.0 * np.pi * self.frequency_hz
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        t = np.asarray(t, float)
+        return np.where(t < 0.0, 0.0, self.amplitude * np.sin(self.omega * t + self.phase))
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A recorded motion, linear between its samples and constant behind the last one.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Sample times [s], finite and strictly increasing, the first not negative; before it the offset is 0.
+    values : array_like, shape (n,)
+        Samples, in the unit of the input, finite.
+
+    Raises
+    ------
+    ModelError
+        If lengths differ, a number is not finite, or times do not increase.
+
+    Examples
+    --------
+    >>> Recorded([0.0, 1.0], [0.0, 0.02]).value([0.5, 4.0]).tolist()
+    [0.01, 0.02]
+    """
+
+    times: Array = field(repr=False)
+    values: Array = field(repr=False)
+
+    def __post_init__(self) -> None:
+        times, values = (np.array(a, float, ndmin=1) for a in (self.times, self.values))
+        if times.shape != values.shape or times.ndim != 1 or times.size < 2:
+            raise ModelError(f"Recorded: times {times.shape} and values {values.shape}; expected two or more of each.")
+        for name, array in (("times", times), ("values", values)):
+            holes = np.flatnonzero(~np.isfinite(array))
+            if holes.size:
+                raise ModelError(f"Recorded: {name}[{holes[0]}] is {array[holes[0]]}; expected a finite number.")
+        stuck = np.flatnonzero(np.diff(times) <= 0)
+        if stuck.size:
+            i = int(stuck[0]) + 1
+            raise ModelError(
+                f"Recorded: times[{i}] is {times[i]}; expected more than the time before it ({times[i - 1]})."
+            )
+        if times[0] < 0:
+            raise ModelError(f"Recorded: times[0] is {times[0]}; expected 0 or more.")
+        for name, array in (("times", times), ("values", values)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        return _evaluate_knots(self.knots(), t)
+
+    def knots(self) -> Knots:
+        """Times, values behind them and slopes behind them, each of shape (n,) or (n + 1,)."""
+        times, values = self.times, self.values
+        slopes = np.append(np.diff(values) / np.diff(times), 0.0)
+        if times[0] > 0:
+            return np.append(0.0, times), np.append(0.0, values), np.append(0.0, slopes)
+        return times, values, slopes
+
+
+#: Every motion that a run accepts.
+Motion = Constant | Step | Ramp | Sine | Recorded

@@ -1,0 +1,262 @@
+"""What the verbs return: statuses that are sentences, events, trajectories, limit cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import NotConverged
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+class Status(Enum):
+    """How a method ended; the value is a sentence for people, with the remedy where there is one."""
+
+    CONVERGED = "The method converged."
+    SETTLED = "The motion settled at rest."
+    LIMIT_CYCLE = "The motion settled on a limit cycle."
+    UNDECIDED = "The motion had neither settled nor repeated itself by the end; simulate for longer."
+    DIVERGED = "The motion grew without bound."
+    EVENT_LIMIT = "The run stopped early: too many events (an accumulation of switches); its results end where it stopped."
+    NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
+
+    @property
+    def ok(self) -> bool:
+        """Whether results with this status may be relied on."""
+        return self in (Status.CONVERGED, Status.SETTLED, Status.LIMIT_CYCLE)
+
+
+def require_converged(status: Status, what: str) -> None:
+    """Raise NotConverged unless `status` is a success."""
+    if not status.ok:
+        raise NotConverged(f"{what}: {status.value}")
+
+
+@dataclass(frozen=True)
+class Event:
+    """One switch of one element.
+
+    Attributes
+    ----------
+    time : float
+        When [s].
+    element : str
+        Name of the element.
+    name : str
+        What happened ("contact lost", "sticks", ...).
+    mode : str
+        The element's mode after it.
+    """
+
+    time: float
+    element: str
+    name: str
+    mode: str
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCycle:
+    """A periodic motion as one method sees it.
+
+    Attributes
+    ----------
+    method : str
+        "describing function", "harmonic balance", "exact orbit" or "simulation".
+    status : Status
+    period, frequency : float
+        [s], [Hz].
+    mean, peak_to_peak : dict of str to float
+        Of every named signal, in its SI unit.
+    harmonics : dict of str to complex array
+        Coefficients c[k] of ``sum Re(c[k] exp(j k omega t))`` of every named signal, c[0] the mean.
+    stable : bool or None
+        None when the method cannot tell.
+    stability_criterion : str
+    multipliers : complex array or None
+        Floquet multipliers, where the method has them.
+    residual, error_estimate : float
+        Closure of the method's own equation; estimated relative error against the true cycle (nan when unknown).
+    events : tuple of Event
+    time, waveform : array, dict of str to array
+        One period, sampled.
+    provenance : dict
+    """
+
+    method: str
+    status: Status
+    period: float
+    mean: dict[str, float]
+    peak_to_peak: dict[str, float]
+    harmonics: dict[str, NDArray[np.complex128]]
+    stable: bool | None = None
+    stability_criterion: str = ""
+    multipliers: NDArray[np.complex128] | None = None
+    residual: float = float("nan")
+    error_estimate: float = float("nan")
+    events: tuple[Event, ...] = ()
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    waveform: dict[str, Array] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def frequency(self) -> float:
+        """Frequency [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency [rad/s]."""
+        return 2.0 * np.pi / self.period
+
+    def amplitude(self, signal: str) -> float:
+        """Amplitude of the fundamental of a signal, in its SI unit."""
+        return float(abs(self.harmonics[signal][1]))
+
+    def require_converged(self) -> LimitCycle:
+        """The cycle itself, or NotConverged."""
+        require_converged(self.status, self.method)
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "method": self.method,
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "period": self.period,
+            "frequency": self.frequency,
+            "mean": dict(self.mean),
+            "peak_to_peak": dict(self.peak_to_peak),
+            "amplitude": {k: float(abs(c[1])) for k, c in self.harmonics.items() if len(c) > 1},
+            "stable": self.stable,
+            "stability_criterion": self.stability_criterion,
+            "multipliers": None
+            if self.multipliers is None
+            else [[float(m.real), float(m.imag)] for m in np.atleast_1d(self.multipliers)],
+            "residual": self.residual,
+            "error_estimate": self.error_estimate,
+            "events": [{"time": e.time, "element": e.element, "name": e.name, "mode": e.mode} for e in self.events],
+            "provenance": dict(self.provenance),
+        }
+
+    def plot(self, signals: list[str] | None = None) -> Figure:
+        """Waveform of one period, one panel a signal."""
+        from eppanalysis.plots import plot_limit_cycle
+
+        return plot_limit_cycle(self, signals)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A run in time.
+
+    Attributes
+    ----------
+    t : array, shape (nt,)
+        Times [s].
+    signals : dict of str to array, shape (nt,)
+        Named signals in SI units.
+    events : tuple of Event
+        Every switch of every element.
+    status : Status
+        SETTLED, LIMIT_CYCLE, UNDECIDED, DIVERGED or EVENT_LIMIT.
+    limit_cycle : LimitCycle or None
+        The cycle that the run settles on.
+    settled_at : dict of str to float
+        Where the signals rest, when they do.
+    settled_since : float
+        Since when the run is at rest or on the cycle [s]; nan when it is neither.
+    """
+
+    t: Array
+    signals: dict[str, Array]
+    events: tuple[Event, ...]
+    status: Status
+    limit_cycle: LimitCycle | None = None
+    settled_at: dict[str, float] = field(default_factory=dict)
+    settled_since: float = float("nan")
+    units: dict[str, str] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Verdict and cycle as plain data in SI units, as ``--json`` prints it (the signals go to files)."""
+        return {
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "settled_at": dict(self.settled_at),
+            "settled_since": self.settled_since,
+            "limit_cycle": None if self.limit_cycle is None else self.limit_cycle.to_dict(),
+            "n_events": len(self.events),
+            "end_time": float(self.t[-1]) if self.t.size else float("nan"),
+            "provenance": dict(self.provenance),
+        }
+
+    def to_dataset(self) -> xarray.Dataset:
+        """The signals as an xarray Dataset over time, with units and provenance as attributes."""
+        import json
+
+        import xarray
+
+        data = {k: ("time", v, {"units": self.units.get(k, "")}) for k, v in self.signals.items()}
+        attributes = {"status": self.status.name.lower(), "provenance": json.dumps(self.provenance, default=str)}
+        return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attributes)
+
+    def plot(self, signals: list[str] | None = None) -> Figure:
+        """Signals against time, one panel each."""
+        from eppanalysis.plots import plot_trajectory
+
+        return plot_trajectory(self, signals)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """All limit cycles that first-order harmonic balance with bias has.
+
+    Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
+    ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop residual along the phase
+    curve. `search` says how completeness was sought.
+    """
+
+    cycles: tuple[LimitCycle, ...]
+    status: Status
+    search: str
+    curves: dict[str, Any] = field(default_factory=dict)
+    margins: dict[str, float] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.cycles)
+
+    def __getitem__(self, i: int) -> LimitCycle:
+        return self.cycles[i]
+
+    def __iter__(self):
+        return iter(self.cycles)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "search": self.search,
+            "margins": dict(self.margins),
+            "cycles": [c.to_dict() for c in self.cycles],
+            "provenance": dict(self.provenance),
+        }
+
+    def plot(self, ax: Axes | None = None) -> Figure:
+        """Nyquist picture with the -1/N locus, its intersections and arrows of stability."""
+        from eppanalysis.plots import plot_nyquist
+
+        return plot_nyquist(self, ax)

@@ -1,0 +1,233 @@
+"""Quantities as people write them ("2.5 deg", "1.25 lbf") to SI numbers and back; the only user of pint.
+
+Angles count as a dimension of their own: "10 Hz" is no angular velocity, "5 %" no angle, "1 lb" no force.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pint
+
+#: What a unit measures and how people write it, for messages.
+KINDS: dict[str, tuple[str, str]] = {
+    "": ("a plain number", "0.8"),
+    "rad": ("an angle", "2.5 deg"),
+    "rad/s": ("an angular velocity", "164 deg/s"),
+    "m": ("a length", "20 mm"),
+    "m/s": ("a velocity", "10 mm/s"),
+    "s": ("a time", "1 ms"),
+    "Hz": ("a frequency", "2 Hz"),
+    "kg": ("a mass", "0.45 kg"),
+    "N": ("a force", "1.25 lbf"),
+    "V": ("a voltage", "16 V"),
+    "V/N": ("a sensor gain", "2 V/lbf"),
+    "N/m": ("a stiffness", "6705 N/m"),
+    "N*m": ("a torque", "10.93 N*m"),
+    "N*m/rad": ("a torsional stiffness", "1000 N*m/rad"),
+    "N*m*s/rad": ("a torsional damping", "1.0 N*m*s/rad"),
+    "kg*m^2": ("a moment of inertia", "0.03 kg*m^2"),
+}
+
+_LONGEST = 80
+#: What pint raises for text that is no unit; its own errors derive from these.
+_PINT_FAILURES = (AttributeError, ValueError, TypeError, KeyError, OverflowError, AssertionError)
+
+_NUMBER = r"[+-]?(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
+_NAME = r"(?:[A-Za-zµμΩ][A-Za-z_]*|%)"
+_FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d)?"
+_UNIT = rf"(?:1/)?{_FACTOR}(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR})*"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
+_SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²": "^2", "³": "^3"})
+
+
+class QuantityError(ValueError):
+    """A value that is not the quantity wanted; `expected` says what is."""
+
+    def __init__(self, expected: str) -> None:
+        self.expected = expected
+        super().__init__(expected)
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+@cache
+def _factor_and_base(unit: str) -> tuple[float, str]:
+    """Factor to base units, and those units; angles keep their radian.
+
+    Raises
+    ------
+    QuantityError
+        If there is no such unit.
+    """
+    if not unit:
+        return 1.0, "dimensionless"
+
+    try:
+        registry = _registry()
+        parsed = registry.parse_units(unit)
+        one, two = (registry.Quantity(count, parsed).to_base_units() for count in (1.0, 2.0))
+    except _PINT_FAILURES as error:
+        raise QuantityError(f"a known unit in place of '{unit}'") from error
+    if two.magnitude != 2.0 * one.magnitude:
+        raise QuantityError(f"a unit without offset or logarithm in place of '{unit}'")
+    return float(one.magnitude), str(one.units)
+
+
+def _describe(unit: str) -> str:
+    kind, example = KINDS.get(unit, (f"a quantity in {unit}", f"1 {unit}"))
+    return f"{kind} such as {example!r}" if unit else f"{kind} such as {example}"
+
+
+def _split(text: str, unit: str | None) -> tuple[float, str]:
+    wanted = "a number with or without a unit" if unit is None else _describe(unit)
+    if len(text) > _LONGEST:
+        raise QuantityError(f"{wanted}, at most {_LONGEST} characters long")
+    match = _QUANTITY.fullmatch(text.translate(_SPELLINGS))
+    if match is None:
+        raise QuantityError(wanted)
+    number = float(match[1])
+    if not math.isfinite(number):
+        raise QuantityError(f"a finite number: {wanted}")
+    return number, (match[2] or "").strip()
+
+
+def _number(value: object, unit: str | None) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise QuantityError("a number with or without a unit" if unit is None else _describe(unit))
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise QuantityError("a finite number" if unit is None else f"a finite number: {_describe(unit)}")
+    return number
+
+
+def parse_quantity(value: object, unit: str) -> float:
+    """SI value of a quantity.
+
+    Parameters
+    ----------
+    value : str, int or float
+        Text with a unit, or a plain number, which is taken to be in SI units.
+    unit : str
+        The SI unit that the value must have the dimension of ("rad", "N*m/rad"; "" is a plain number).
+
+    Returns
+    -------
+    float
+        The value in `unit`.
+
+    Raises
+    ------
+    QuantityError
+        If the value is no such quantity, not finite, or a boolean.
+
+    Examples
+    --------
+    >>> round(parse_quantity("1.25 lbf", "N"), 6)
+    5.560277
+    """
+    if not isinstance(value, str):
+        return _number(value, unit)
+    number, given = _split(value, unit)
+    if not given:
+        return number
+    factor, base = _factor_and_base(given)
+    wanted_factor, wanted_base = _factor_and_base(unit)
+    if base != wanted_base:
+        raise QuantityError(_describe(unit) + _hint(base, wanted_base))
+    return _finite(number * factor / wanted_factor, unit)
+
+
+def _finite(value: float, unit: str) -> float:
+    if not math.isfinite(value):
+        raise QuantityError(f"a finite number: {_describe(unit)}")
+    return value
+
+
+def _hint(base: str, wanted: str) -> str:
+    """What was probably meant."""
+    if wanted == _factor_and_base("N")[1] and base == "kilogram":
+        return " (lb, oz, kg are masses; write lbf, ozf, kgf)"
+    if wanted == "kilogram" and base == _factor_and_base("N")[1]:
+        return " (lbf, ozf, kgf are forces; write lb, oz, kg)"
+    if wanted == _factor_and_base("rad/s")[1] and base == _factor_and_base("Hz")[1]:
+        return " (Hz counts turns; write turn/s)"
+    return ""
+
+
+def parse_any(value: object) -> tuple[float, str]:
+    """SI value and SI unit of a quantity of any dimension.
+
+    Raises
+    ------
+    QuantityError
+        If the value is no quantity, not finite, or a boolean.
+
+    Examples
+    --------
+    >>> parse_any("20 mm")
+    (0.02, 'm')
+    """
+    if not isinstance(value, str):
+        return _number(value, None), ""
+    number, given = _split(value, None)
+    factor, base = _factor_and_base(given)
+    for unit in KINDS:
+        unit_factor, unit_base = _factor_and_base(unit)
+        if base == unit_base:
+            return _finite(number * factor / unit_factor, unit), unit
+    return _finite(number * factor, base), base.replace(" ** ", "^").replace(" ", "")
+
+
+def format_si(value: float, unit: str, friendly: str | None = None, digits: int = 6) -> str:
+    """Text of an SI value in a unit that people use, for reading.
+
+    Parameters
+    ----------
+    value : float
+        In the SI unit `unit`.
+    unit : str
+    friendly : str, optional
+        Unit to write in; by default `unit` itself.
+    digits : int
+        Significant digits.
+
+    Examples
+    --------
+    >>> format_si(0.04363323129985824, "rad", "deg")
+    '2.5 deg'
+    """
+    shown = unit if friendly is None else friendly
+    scaled = value * _factor_and_base(unit)[0] / _factor_and_base(shown)[0]
+    return f"{scaled:.{digits}g} {shown}".rstrip()
+
+
+def write_si(value: float, unit: str, friendly: str | None = None) -> str:
+    """Text that :func:`parse_quantity` turns back into exactly the same number.
+
+    The friendly unit is used where at most 15 digits of it give the number back, the SI unit otherwise.
+
+    Examples
+    --------
+    >>> write_si(0.02, "m", "mm"), write_si(0.1, "N")
+    ('20 mm', '0.1 N')
+    """
+    text = format_si(value, unit, friendly, digits=15)
+    try:
+        if parse_quantity(text, unit) == value:
+            return text
+    except QuantityError:  # too large for the friendly unit
+        pass
+    return f"{float(value)!r} {unit}".rstrip()

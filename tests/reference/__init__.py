@@ -1,0 +1,1 @@
+"""Slow reference simulations, written from the equations alone, that witness what the package computes."""

@@ -1,0 +1,174 @@
+"""The command line: tables, JSON and files come out; what is wrong is one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from eppanalysis.cli import app
+
+runner = CliRunner()
+
+
+def run(*arguments: str):
+    result = runner.invoke(app, list(arguments))
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def one_sentence(result) -> str:
+    """The only line on the standard error, of a command that was refused."""
+    assert result.exit_code == 2
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert "Traceback" not in result.output
+    return lines[0]
+
+
+def test_help_names_every_command():
+    output = run("--help").output
+    for command in ("check", "predict", "simulate", "validate", "cases"):
+        assert command in output
+
+
+def test_cases_lists_what_ships():
+    found = json.loads(run("cases", "--json").stdout)["cases"]
+    assert "fig8a_original" in [case["name"] for case in found]
+    assert "fig8a_original" in run("cases").stdout
+
+
+def test_check_says_where_values_come_from():
+    output = run("check", "fig8a_original").stdout
+    assert "fig8a_original: valid" in output
+    assert "2.5 deg" in output
+    assert "paper" in output
+
+
+def test_check_reports_every_case_that_is_wrong():
+    result = run("check", "fig8a_original", "no_such_case", "neither_this")
+    assert result.exit_code == 2
+    assert "fig8a_original: valid" in result.stdout
+    assert len(result.stderr.strip().splitlines()) == 2
+
+
+def test_check_json_has_values_in_si_units():
+    document = json.loads(run("check", "fig8a_original", "--set", "lock_pin.backlash=0.5 deg", "--json").stdout)
+    backlash = document["cases"][0]["result"]["parameters"]["lock_pin.backlash"]
+    assert backlash["value"] == pytest.approx(0.5 * 3.141592653589793 / 180)
+    assert document["set"] == {"lock_pin.backlash": "0.5 deg"}
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("lock_pin.backlash=2.5 kg", "expected an angle"),
+        ("lock_pin.backlsh=2.5 deg", "lock_pin.backlash"),
+        ("lock_pin.stiffness=-1 N*m/rad", "lock_pin.stiffness"),
+        ("lock_pin.backlash=nan", "lock_pin.backlash"),
+        ("lock_pin.backlash", "expected FIELD=VALUE"),
+        ("=1", "expected FIELD=VALUE"),
+    ],
+)
+def test_wrong_settings_are_one_sentence(setting, expected):
+    assert expected in one_sentence(run("simulate", "fig8a_original", "--set", setting))
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"), [("", ""), ("a = ", ""), ('base = "self"', ""), ('title = "x"\nunknown = 1', "unknown")]
+)
+def test_wrong_files_are_one_sentence(tmp_path, content, expected):
+    path = tmp_path / "self.toml"
+    path.write_text(content)
+    sentence = one_sentence(run("predict", str(path)))
+    assert "self.toml" in sentence
+    assert expected in sentence
+
+
+def test_simulate_prints_the_verdict():
+    output = run("simulate", "fig8b_reduced_backlash").stdout
+    assert "settled at rest" in output
+    assert "theta [deg]" in output
+
+
+def test_simulate_json_is_documented_data():
+    (case,) = json.loads(run("simulate", "fig8a_original", "--json").stdout)["cases"]
+    assert case["result"]["status"] == "limit_cycle"
+    assert case["result"]["limit_cycle"]["frequency"] > 0
+    assert set(case) == {"name", "title", "kind", "result"}
+
+
+def test_predict_finds_both_cycles_of_the_original_elbow():
+    (case,) = json.loads(run("predict", "fig8a_original", "--json").stdout)["cases"]
+    assert {True, False} <= {cycle["stable"] for cycle in case["result"]["cycles"]}
+
+
+def test_validate_gives_a_verdict_in_words():
+    (case,) = json.loads(run("validate", "relay_deadzone", "--json").stdout)["cases"]
+    assert case["result"]["verdict"]
+    assert case["result"]["verdict"] in " ".join(run("validate", "relay_deadzone").stdout.split())
+
+
+@pytest.mark.parametrize("command", ["predict", "simulate", "validate"])
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".csv", ".nc"])
+def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix):
+    path = tmp_path / f"out{suffix}"
+    result = run(command, "relay_deadzone", "-o", str(path))
+    assert result.exit_code == 0, result.output
+    assert path.stat().st_size > 100
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_one_table_holds_several_cases(tmp_path):
+    path = tmp_path / "cycles.csv"
+    assert run("predict", "relay_deadzone", "sat_am165", "-o", str(path)).exit_code == 0
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["case"] for row in rows] == ["relay_deadzone", "relay_deadzone", "sat_am165"]
+
+
+def test_several_pictures_need_a_name_for_each(tmp_path):
+    cases = ("relay_deadzone", "sat_am165")
+    assert "{case}" in one_sentence(run("predict", *cases, "-o", str(tmp_path / "all.png")))
+    assert run("predict", *cases, "-o", str(tmp_path / "{case}.png")).exit_code == 0
+    assert sorted(p.stem for p in tmp_path.iterdir()) == sorted(cases)
+
+
+@pytest.mark.parametrize("name", ["out.docx", "out", "missing/out.png"])
+def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, name):
+    started = time.perf_counter()
+    one_sentence(run("simulate", "fig8a_original", "-o", str(tmp_path / name)))
+    assert time.perf_counter() - started < 1.0
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_interrupt_ends_with_130_and_no_file(tmp_path):
+    code = (
+        "import os, signal, eppanalysis.export as export\n"
+        "export.write_result = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
+        "from eppanalysis.cli import main\n"
+        "main()\n"
+    )
+    arguments = ["simulate", "relay_deadzone", "-o", str(tmp_path / "out.png")]
+    process = subprocess.run([sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True)
+    assert process.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in process.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_answers_at_once():
+    """Best of five, since a test machine may be busy; 0.4 s is the promise."""
+    times = []
+    for _ in range(5):
+        started = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "eppanalysis", "--help"], check=True, capture_output=True)
+        times.append(time.perf_counter() - started)
+    assert min(times) < 0.4

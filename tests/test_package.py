@@ -1,0 +1,82 @@
+"""The public face: light to import, complete, typed; and the floors of the package."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import eppanalysis
+
+ROOT = Path(eppanalysis.__file__).parent
+HEAVY = ("casadi", "control", "matplotlib", "numba", "pandas", "pint", "pydantic", "rich", "scipy", "typer", "xarray")
+
+
+def run_python(code: str) -> str:
+    """Output of a fresh interpreter, which has imported nothing yet."""
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_import_is_light():
+    code = f"import sys, eppanalysis; print([m for m in {HEAVY!r} if m in sys.modules])"
+    assert run_python(code) == "[]"
+
+
+def test_command_line_imports_nothing_that_computes():
+    heavy = tuple(m for m in HEAVY if m not in ("rich", "typer"))
+    code = f"import sys, eppanalysis.cli; print([m for m in {heavy!r} if m in sys.modules])"
+    assert run_python(code) == "[]"
+
+
+@pytest.mark.parametrize("name", dir(eppanalysis))
+def test_every_public_name_resolves(name):
+    assert getattr(eppanalysis, name) is not None
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'Backlash'"):
+        eppanalysis.Backlash  # noqa: B018
+
+
+def test_names_for_type_checkers_are_the_names_at_run_time():
+    tree = ast.parse((ROOT / "__init__.py").read_text())
+    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    declared = {alias.name for statement in block.body for alias in statement.names}
+    assert declared | {"__version__"} == set(dir(eppanalysis))
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import eppanalysis.case",
+        "from eppanalysis.case import Case",
+        "from eppanalysis import case",
+    ],
+)
+def test_case_is_the_function_whatever_was_imported_before(first):
+    code = f"{first}\nimport eppanalysis as epp\nfrom eppanalysis.case import Case\n"
+    assert run_python(code + "print(type(epp.case).__name__, Case.__name__)") == "function Case"
+
+
+def test_version_is_that_of_the_distribution():
+    assert importlib.metadata.version("eppanalysis") == eppanalysis.__version__
+
+
+def test_package_is_marked_as_typed():
+    assert (ROOT / "py.typed").is_file()
+
+
+def test_imports_run_downward_only():
+    pytest.importorskip("importlinter")
+    result = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as run; run()"],
+        cwd=ROOT.parent,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr

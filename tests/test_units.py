@@ -1,0 +1,141 @@
+"""Quantities: what people write, what is refused, and that text and number are inverse to each other."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given, strategies as st
+
+from eppanalysis.units import KINDS, QuantityError, format_si, parse_any, parse_quantity, write_si
+
+POUND_FORCE = 4.4482216152605  # N, exact by definition
+FRIENDLY = [
+    ("rad", "deg"),
+    ("rad/s", "deg/s"),
+    ("m", "mm"),
+    ("s", "ms"),
+    ("N", "lbf"),
+    ("V/N", "V/lbf"),
+    ("N*m/rad", "N*m/deg"),
+    ("kg*m^2", "kg*m^2"),
+    ("", "%"),
+    ("", ""),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("2.5 deg", "rad", math.radians(2.5)),
+        ("2.5°", "rad", math.radians(2.5)),
+        ("1.25 lbf", "N", 1.25 * POUND_FORCE),
+        ("0.45 kg", "kg", 0.45),
+        ("16 V", "V", 16.0),
+        ("1 ms", "s", 1e-3),
+        ("164 deg/s", "rad/s", math.radians(164)),
+        ("1 turn/s", "rad/s", 2 * math.pi),
+        ("60 rpm", "rad/s", 2 * math.pi),
+        ("10.93 N*m", "N*m", 10.93),
+        ("10.93 N·m", "N*m", 10.93),
+        ("6705 N/m", "N/m", 6705.0),
+        ("0.03 kg m²", "kg*m^2", 0.03),
+        ("0.01 N*m*s/rad", "N*m*s/rad", 0.01),
+        ("1 N*m/deg", "N*m/rad", 180 / math.pi),
+        ("2 V/lbf", "V/N", 2 / POUND_FORCE),
+        ("20mm", "m", 0.02),
+        ("-5e-3 m", "m", -0.005),
+        ("−5 mm", "m", -0.005),
+        ("5 %", "", 0.05),
+        ("1 kgf", "N", 9.80665),
+        ("2 Hz", "Hz", 2.0),
+        ("3.5", "N", 3.5),
+        (3, "N", 3.0),
+        (0.25, "rad", 0.25),
+    ],
+)
+def test_quantities_as_people_write_them(text: object, unit: str, value: float) -> None:
+    assert parse_quantity(text, unit) == pytest.approx(value, rel=4e-16 * 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("1 lb", "N", "write lbf"),
+        ("1 kg", "N", "write lbf"),
+        ("1 lbf", "kg", "write lb"),
+        ("2.5 kg", "rad", "an angle such as '2.5 deg'"),
+        ("5 %", "rad", "an angle"),
+        ("5 rad", "", "a plain number"),
+        ("10 Hz", "rad/s", "write turn/s"),
+        ("10 N*m", "N*m/rad", "a torsional stiffness"),
+        ("10 rad/s", "Hz", "a frequency"),
+        ("1 furlongs_per_fortnite", "m", "a known unit"),
+        ("1 degC", "m", "without offset"),
+        ("1 dB", "", "without offset or logarithm"),
+        ("2.5 deg deg", "rad", "an angle"),
+        ("deg", "rad", "an angle"),
+        ("", "rad", "an angle"),
+        ("nan", "rad", "an angle"),
+        ("1e999 rad", "rad", "a finite number"),
+        ("1 m^9", "m", "a length"),
+        ("9**9**9 m", "m", "a length"),
+        ("__import__('os') m", "m", "a length"),
+        ("9" * 5000, "m", "at most 80 characters"),
+        (float("nan"), "m", "a finite number"),
+        (float("-inf"), "m", "a finite number"),
+        (10**400, "m", "a finite number"),
+        (True, "m", "a length"),
+        (None, "m", "a length"),
+        ([1.0], "m", "a length"),
+    ],
+)
+def test_refusals(text: object, unit: str, expected: str) -> None:
+    with pytest.raises(QuantityError) as caught:
+        parse_quantity(text, unit)
+    assert expected in caught.value.expected
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(FRIENDLY))
+def test_written_text_gives_the_same_number(value: float, units: tuple[str, str]) -> None:
+    assert parse_quantity(write_si(value, *units), units[0]) == value
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from(FRIENDLY))
+def test_shown_text_gives_the_number_to_its_digits(value: float, units: tuple[str, str]) -> None:
+    assert parse_quantity(format_si(value, *units), units[0]) == pytest.approx(value, rel=5.1e-6)
+
+
+@given(st.text(max_size=100), st.sampled_from(list(KINDS)))
+def test_any_text_is_a_finite_number_or_refused(text: str, unit: str) -> None:
+    try:
+        assert math.isfinite(parse_quantity(text, unit))
+    except QuantityError as error:
+        assert error.expected
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "unit"),
+    [
+        ("2.5 deg", math.radians(2.5), "rad"),
+        ("3", 3.0, ""),
+        (4, 4.0, ""),
+        ("20 mm", 0.02, "m"),
+        ("1 lbf", 4.448222, "N"),
+    ],
+)
+def test_quantities_of_any_dimension(text: object, value: float, unit: str) -> None:
+    number, found = parse_any(text)
+    assert (number, found) == (pytest.approx(value, rel=1e-6), unit)
+
+
+def test_a_dimension_without_a_name_of_its_own() -> None:
+    number, unit = parse_any("3 mm/s^2")
+    assert number == pytest.approx(0.003) and parse_quantity(f"1 {unit}", "m/s^2") == 1.0
+
+
+def test_pint_is_imported_when_it_is_used() -> None:
+    code = "import sys, eppanalysis, eppanalysis.units; sys.exit('pint' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
