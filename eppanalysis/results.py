@@ -27,7 +27,9 @@ class Status(Enum):
     LIMIT_CYCLE = "The motion settled on a limit cycle."
     UNDECIDED = "The motion had neither settled nor repeated itself by the end; simulate for longer."
     DIVERGED = "The motion grew without bound."
-    EVENT_LIMIT = "The run stopped early: too many events (an accumulation of switches); its results end where it stopped."
+    EVENT_LIMIT = (
+        "The run stopped early: too many events (an accumulation of switches); its results end where it stopped."
+    )
     NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
 
     @property
@@ -89,6 +91,8 @@ class LimitCycle:
     events : tuple of Event
     time, waveform : array, dict of str to array
         One period, sampled.
+    state, memory : array, shape (n,), tuple of (float or None)
+        State and held values of the loop at the begin of the period, from which a run can be started; empty when unknown.
     provenance : dict
     """
 
@@ -106,6 +110,8 @@ class LimitCycle:
     events: tuple[Event, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     waveform: dict[str, Array] = field(default_factory=dict)
+    state: Array = field(default_factory=lambda: np.zeros(0))
+    memory: tuple[float | None, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 

@@ -27,6 +27,7 @@ from eppanalysis.kernels.series import (
     guard_travel,
     guard_value,
     may_rise,
+    rate_at,
     state_at,
     travel,
 )
@@ -87,7 +88,26 @@ def make_room(model):
 
 
 @njit(cache=True, nogil=True)
-def run(model, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H, ev_modes, rate, stats):
+def run(
+    model,
+    x,
+    modes,
+    H,
+    t_end,
+    base_step,
+    samples,
+    out,
+    max_events,
+    keep,
+    ev_t,
+    ev_guard,
+    ev_x,
+    ev_v,
+    ev_H,
+    ev_modes,
+    rate,
+    stats,
+):
     """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
 
     Parameters
@@ -101,8 +121,8 @@ def run(model, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev
         Increasing times at which the signals are wanted, and where they go.
     max_events, keep : int
         Events allowed in all, and the size of the ring that keeps the last ones.
-    ev_t, ev_guard, ev_x, ev_H, ev_modes : arrays (keep, ...)
-        Ring: time, guard, and state, held values and modes just after the event.
+    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes : arrays (keep, ...)
+        Ring: time, guard, and state, rate (just before), held values and modes (just after the event).
     rate : array (n,)
         Filled with the rate of the state at the end.
     stats : array (8,)
@@ -116,15 +136,15 @@ def run(model, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev
     """
     slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
     return _advance(
-        model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H,
-        ev_modes, rate, stats,
+        model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+        ev_H, ev_modes, rate, stats,
     )  # fmt: skip
 
 
 @njit(**HOT)
 def _advance(
-    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_H,
-    ev_modes, rate, stats,
+    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+    ev_H, ev_modes, rate, stats,
 ):  # fmt: skip
     """The loop of :func:`run`, without allocation."""
     n, n_s = x.size, model.S.shape[1]
@@ -248,6 +268,7 @@ def _advance(
             if best > 0.0:
                 state_at(X, last, best, x)
                 t += best * d
+            rate_at(X, last, best, d, rate)
             armed = False
             if t - last_t > 1e-13 * h:
                 same_instant = 0
@@ -278,6 +299,8 @@ def _advance(
             r = count % keep
             ev_t[r] = t
             ev_guard[r] = k
+            for i in range(n):
+                ev_v[r, i] = rate[i]
             _record(r, x, H, modes, ev_x, ev_H, ev_modes)
             count += 1
         for i in range(n):

@@ -27,6 +27,16 @@ def state_at(X, last, u, out):
 
 
 @njit(**HOT)
+def rate_at(X, last, u, h, out):
+    """Rate of the series X, of order `last` over the step h, at u."""
+    for i in range(out.size):
+        v = last * X[last, i]
+        for k in range(last - 1, 0, -1):
+            v = v * u + k * X[k, i]
+        out[i] = v / h
+
+
+@njit(**HOT)
 def expand(model, slots, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     """Fill X with the series of the state from x over the step h, and Sg with those of the smooth channels.
 
@@ -203,7 +213,7 @@ def guard_noise(slots, q, g, X, Sg, H, h, recent, Y, n_terms, noise):
             v = 0.0
             for c in range(count[i]):
                 j = place[i, c]
-                v += abs(value[i, c]) * (abs(X[k, j]) + 1e-2 * Y[k, j])
+                v += abs(value[i, c]) * max(abs(X[k, j]), Y[k, j])
             if k == 0:
                 for j in range(H.size):
                     v += abs(slots.N[q, i, j] * H[j])

@@ -13,12 +13,12 @@ REST_TOLERANCE = 1e-6
 
 
 @njit(cache=True, nogil=True)
-def verdict(ev_t, ev_guard, ev_x, count, t_end, x_start, x_end, rate_end, compared, found):
+def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, compared, found):
     """UNDECIDED, SETTLED or CYCLE from the ring of the last events.
 
     Parameters
     ----------
-    ev_t, ev_guard, ev_x : arrays (keep, ...)
+    ev_t, ev_guard, ev_x, ev_v : arrays (keep, ...)
         Ring of events, `count` of them in all.
     t_end : float
         End of the run.
@@ -49,7 +49,7 @@ def verdict(ev_t, ev_guard, ev_x, count, t_end, x_start, x_end, rate_end, compar
     for p in range(1, held // 3 + 1):
         if _repeats(ev_guard, count, keep, p):
             local = np.zeros(n)
-            _range(ev_x, count, keep, p, local)
+            _range(ev_t, ev_x, ev_v, count, keep, p, local)
             vanished = True
             for i in range(n):
                 if compared[i] and local[i] > REST_TOLERANCE * size[i]:
@@ -77,13 +77,17 @@ def _repeats(ev_guard, count, keep, p):
 
 
 @njit(cache=True, nogil=True)
-def _range(ev_x, count, keep, p, out):
+def _range(ev_t, ev_x, ev_v, count, keep, p, out):
+    """How far each state moves over the last p events, from its values there and its rates on the way."""
     for i in range(out.size):
         low = high = ev_x[(count - 1) % keep, i]
+        run = 0.0
         for k in range(p + 1):
-            v = ev_x[(count - 1 - k) % keep, i]
-            low, high = min(low, v), max(high, v)
-        out[i] = high - low
+            r = (count - 1 - k) % keep
+            low, high = min(low, ev_x[r, i]), max(high, ev_x[r, i])
+            if k < p:
+                run = max(run, 0.1 * abs(ev_v[r, i]) * (ev_t[r] - ev_t[(count - 2 - k) % keep]))
+        out[i] = max(high - low, run)
 
 
 @njit(cache=True, nogil=True)

@@ -100,6 +100,7 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
     time = np.linspace(0.0, period, 129)
     wave = np.exp(1j * p.omega * time)
     names = signals.names
+    swing = system.state_response(np.array([p.omega]))[0] @ W
     return LimitCycle(
         method=_METHOD,
         status=Status.CONVERGED,
@@ -113,6 +114,10 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
         error_estimate=error,
         time=time,
         waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
+        state=x + swing.imag,
+        memory=tuple(
+            e.held_at((p.mean + W.imag)[ws]) for e, ws in zip(system.elements, system.output_slices, strict=True)
+        ),
         units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
         provenance={
             "elements": {
@@ -120,6 +125,7 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
                 for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
             },
             "harmonic_content": content,
+            "mean_state": x.tolist(),
         },
     )
 

@@ -280,11 +280,11 @@ def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
     safe = np.where(ok[:, None, None], J / np.where(size > 0, size, 1.0), np.eye(J.shape[-1]))
     right = np.where(ok[:, None], R / np.where(size[..., 0] > 0, size[..., 0], 1.0), 0.0)
     try:
-        out = np.linalg.solve(safe, right[..., None])[..., 0]
+        out = np.asarray(np.linalg.solve(safe, right[..., None])[..., 0], float)
     except np.linalg.LinAlgError:
         # One exactly singular matrix stops the whole batch; shifted, it gives a huge step that the caller rejects.
-        out = np.linalg.solve(safe + 1e-13 * np.eye(J.shape[-1]), right[..., None])[..., 0]
-    out = np.asarray(out, float)
+        shifted = safe + 1e-13 * np.eye(J.shape[-1])
+        out = np.asarray(np.linalg.solve(shifted, right[..., None])[..., 0], float)
     ok &= np.all(np.isfinite(out), -1)
     return np.where(ok[:, None], out, 0.0), ok
 

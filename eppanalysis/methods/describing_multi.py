@@ -197,8 +197,8 @@ def _omega_nodes(balance: Balance) -> Array:
     low, high = (scales.min() / 3, scales.max() * 3) if scales.size else (1e-6, 1e6)
     nodes = [np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)]
     if np.any(system.delays):
-        # Phase turns once in 2 pi/delay; ten turns are far beyond the gain of any plant with inertia.
-        nodes.append(np.arange(1, 200) * 0.3 / system.delays.max())
+        # Resolve the first turn and a half of the phase; beyond it plants with inertia pass little.
+        nodes.append(np.arange(1, 32) * 0.3 / system.delays.max())
     return np.unique(np.concatenate(nodes))
 
 
@@ -239,7 +239,7 @@ def _solve_grid(
     na, nw = len(amplitude), len(omega)
     grid = np.stack(np.broadcast_arrays(np.log(amplitude)[:, None], np.log(omega)[None, :]), -1).reshape(-1, 2)
     Lg = np.tile(L, (na, 1, 1))
-    X, loop, ok = inner_newton(balance, _picard(balance, grid, Lg, *start), Lg)
+    X, loop, ok = inner_newton(balance, start_points(balance, grid, Lg, *start), Lg)
     for _ in range(rounds):
         X, loop, ok = _lend(balance, X, loop, ok, Lg, (na, nw))
     return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
@@ -279,7 +279,7 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
     return starts
 
 
-def _picard(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: float) -> Array:
+def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: float) -> Array:
     """Amplitudes and phases of the others for given biases, by repeated linear solution."""
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
     a: Array = np.zeros((n, m))
@@ -293,8 +293,9 @@ def _picard(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: 
     omega = np.exp(grid[:, 1])
     for _ in range(6 if len(o) else 0):
         N = balance.evaluate(a, b, omega)[1]
-        G = np.add.reduceat(L * N[:, None, :], [s.start for s in balance.system.output_slices], axis=-1)
-        matrix: ComplexArray = np.eye(len(o)) - G[:, o[:, None], o[None, :]]
+        starts = [s.start for s in balance.system.output_slices]
+        G: ComplexArray = np.asarray(np.add.reduceat(L * N[:, None, :], starts, axis=-1), complex)
+        matrix = np.eye(len(o)) - G[:, o[:, None], o[None, :]]
         right = G[:, o, p] * a[:, [p]]
         Z[:, o] = _complex_solve(matrix, right)
         a[:, o] = np.maximum(np.abs(Z[:, o]), 1e-300)

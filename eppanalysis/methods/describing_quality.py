@@ -158,7 +158,8 @@ def _other_poles(balance: Balance, p: Point) -> ComplexArray | None:
     if system.time_step:
         if np.any(turning):
             return None
-        poles = np.log(_closed_poles(balance, p.gain.real).astype(complex) + 1e-300) / system.time_step
+        closed = _closed_poles(balance, np.asarray(p.gain.real, float))
+        poles = np.asarray(np.log(closed + 1e-300) / system.time_step, complex)
     else:
         poles = _delay_poles(balance, p, turning)
     for target in (1j * p.omega, -1j * p.omega):

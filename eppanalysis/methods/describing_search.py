@@ -281,7 +281,8 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
             if not np.any(line[:, 1]):
                 cycles.append(_symmetric_roots(balance, line[:, 0], w, gain))
                 continue
-            N = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0].real
+            gains = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1]
+            N = np.asarray(gains[:, 0].real, float)
             for piece in _runs(N * gain > 0):
                 X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
                 curves += settle(balance, [X])

@@ -68,9 +68,15 @@ def _cascade_order(system: LureSystem) -> list[int]:
             feeds[i, j] = bool(np.any(system.D[zs, ws]))
     order: list[int] = []
     while len(order) < len(system.elements):
-        ready = [i for i in range(len(system.elements)) if i not in order and not feeds[i, [j for j in range(len(feeds)) if j not in order]].any()]
+        ready = [
+            i
+            for i in range(len(system.elements))
+            if i not in order and not feeds[i, [j for j in range(len(feeds)) if j not in order]].any()
+        ]
         if not ready:
-            raise ModelError(f"{system.name}: elements feed each other in a circle without delay; expected one sample at least.")
+            raise ModelError(
+                f"{system.name}: elements feed each other in a circle without delay; expected one sample at least."
+            )
         order.append(ready[0])
     return order
 

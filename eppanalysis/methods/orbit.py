@@ -6,7 +6,7 @@ so that integrals are spectrally exact and the interpolating polynomial gives ex
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,28 +31,59 @@ class PeriodShape:
     waveform: dict[str, Array]
 
 
-class PeriodSampler:
-    """Where to sample a period, and what to make of the samples.
+def analyse_period(
+    marks: Array, delays: Array, time_scale: float, names: Sequence[str], sample: Callable[[Array], Array]
+) -> PeriodShape:
+    """Sample a period on pieces fine enough for every signal, and analyse it.
 
     Parameters
     ----------
     marks : array, shape (events + 1,)
         Times of the events from the begin of the period to its end [s].
+    delays : array
+        Dead times [s] after which a switch is felt again.
     time_scale : float
-        Length over which the loop's linear part varies moderately [s].
+        First guess of the length on which signals vary moderately [s].
+    names : sequence of str
+        Of the signals.
+    sample : callable
+        From increasing times, shape (nt,), to signals, shape (nt, len(names)).
     """
+    corners = _corners(marks, delays)
+    longest = max(time_scale, (marks[-1] - marks[0]) / 2000)
+    for _ in range(6):
+        pieces = _Pieces.cut(corners, longest)
+        values = sample(pieces.times)
+        if pieces.resolved(values):
+            break
+        longest = float(pieces.size.max()) / 2
+    return pieces.analyse(dict(zip(names, values.T, strict=True)))
 
-    def __init__(self, marks: Array, time_scale: float) -> None:
-        lengths = np.diff(marks)
-        keep = lengths > 1e-13 * (marks[-1] - marks[0])
-        self.begin, self.end = float(marks[0]), float(marks[-1])
-        longest = max(4.0 * time_scale, (self.end - self.begin) / 2000)
-        counts = np.ceil(lengths[keep] / longest).astype(int)
-        starts, sizes = [], []
-        for a, length, n in zip(marks[:-1][keep], lengths[keep], counts, strict=True):
-            starts.append(a + length / n * np.arange(n))
-            sizes.append(np.full(n, length / n))
-        self.start, self.size = np.concatenate(starts), np.concatenate(sizes)
+
+def _corners(marks: Array, delays: Array) -> Array:
+    """Times between which all signals are smooth: the events, and their echoes behind each dead time."""
+    begin, period = marks[0], marks[-1] - marks[0]
+    echoes = [begin + (marks - begin + delay) % period for delay in delays if delay > 0]
+    corners = np.unique(np.concatenate([marks, *echoes]))
+    near = np.diff(corners) > 1e-12 * period
+    return np.append(corners[:-1][near], marks[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Smooth pieces of a period, with Gauss-Legendre nodes on each."""
+
+    start: Array
+    size: Array
+
+    @classmethod
+    def cut(cls, corners: Array, longest: float) -> _Pieces:
+        counts = np.ceil(np.diff(corners) / longest).astype(int)
+        size = np.repeat(np.diff(corners) / counts, counts)
+        start = np.concatenate(
+            [a + (b - a) / n * np.arange(n) for a, b, n in zip(corners, corners[1:], counts, strict=False)]
+        )
+        return cls(start, size)
 
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
@@ -64,28 +95,39 @@ class PeriodSampler:
         nodes, _ = self._rule
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
-    def analyse(self, samples: Mapping[str, Array]) -> PeriodShape:
-        """Mean, peak-to-peak, harmonics and waveform of signals sampled at `times`."""
+    def coefficients(self, y: Array) -> Array:
+        """Legendre coefficients on each piece, shape (pieces, N_NODES); Gauss quadrature is exact for them."""
         nodes, weights = self._rule
-        period = self.end - self.begin
-        t = self.times - self.begin
-        w = (self.size[:, None] * weights / 2).ravel() / period
-        # Legendre coefficients from nodal values: Gauss quadrature is exact for them.
         degrees = np.arange(N_NODES)
         to_coefficients = (legendre.legvander(nodes, N_NODES - 1) * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
+        return y.reshape(-1, N_NODES) @ to_coefficients.T
+
+    def resolved(self, values: Array) -> bool:
+        """Whether the last coefficients of every signal are near rounding of its range."""
+        for y in values.T:
+            tail = np.abs(self.coefficients(y)[:, -2:]).max()
+            if not tail <= 1e-12 * max(np.ptp(y), 1e-6 * np.abs(y).max()):
+                return False
+        return True
+
+    def analyse(self, samples: Mapping[str, Array]) -> PeriodShape:
+        """Mean, peak-to-peak, harmonics and waveform of signals sampled at `times`."""
+        _, weights = self._rule
+        begin, period = float(self.start[0]), float(self.size.sum())
+        w = (self.size[:, None] * weights / 2).ravel() / period
         grid = np.linspace(-1.0, 1.0, 33)
         on_grid = legendre.legvander(grid, N_NODES - 1)
-        phases = np.exp(-2j * np.pi * np.outer(np.arange(N_HARMONICS + 1), t) / period)
+        phases = np.exp(-2j * np.pi * np.outer(np.arange(N_HARMONICS + 1), self.times - begin) / period)
         mean, peak, harmonics, waveform = {}, {}, {}, {}
-        fine_t = (self.start[:, None] - self.begin + self.size[:, None] * (grid[:-1] + 1) / 2).ravel()
+        fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
         for name, y in samples.items():
-            c = y.reshape(-1, N_NODES) @ to_coefficients.T
+            c = self.coefficients(y)
             fine = c @ on_grid.T
             peak[name] = _extremum(c, fine, grid) + _extremum(-c, -fine, grid)
             coefficients = 2.0 * phases @ (w * y)
             coefficients[0] /= 2.0
             harmonics[name], mean[name] = coefficients, float(coefficients[0].real)
-            waveform[name] = fine[:, :-1].ravel()
+            waveform[name] = fine[:, :-1:4].ravel()
         return PeriodShape(mean, peak, harmonics, fine_t, waveform)
 
 

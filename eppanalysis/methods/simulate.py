@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.orbit import PeriodSampler
+from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Motion
@@ -35,6 +35,8 @@ class Run:
     time: Array
     guard: NDArray[np.int64]
     state: Array
+    rate: Array
+    held_values: Array
     modes: NDArray[np.int64]
     x_end: Array
     rate_end: Array
@@ -140,18 +142,21 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     n, keep = x.size, max(1, min(keep, max_events))
     samples = np.empty((times.size, hybrid.model.Yx.shape[0]))
     time, guard = np.empty(keep), np.empty(keep, np.int64)
-    state, held, mode = np.empty((keep, n)), np.empty((keep, H.size)), np.empty((keep, modes.size), np.int64)
-    rate, stats = np.zeros(n), np.zeros(8)
+    state, speed, held = np.empty((keep, n)), np.empty((keep, n)), np.empty((keep, H.size))
+    mode, rate, stats = np.empty((keep, modes.size), np.int64), np.zeros(n), np.zeros(8)
     code = run(
-        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep, time, guard, state, held, mode, rate, stats
-    )
+        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep, time, guard, state, speed, held, mode, rate,
+        stats,
+    )  # fmt: skip
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes (an algebraic loop through the elements)."
         )
     if code == HISTORY:
-        raise EppError("simulate: the dead time spans more switches than its history holds; expected a shorter dead time.")
-    return Run(code, samples, int(stats[1]), time, guard, state, mode, x, rate, stats)
+        raise EppError(
+            "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
+        )
+    return Run(code, samples, int(stats[1]), time, guard, state, speed, held, mode, x, rate, stats)
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
@@ -162,7 +167,17 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     if run.code in _EARLY:
         return _EARLY[run.code], found
     code = verdict(
-        run.time, run.guard, run.state, run.count, t_end, hybrid.x0, run.x_end, run.rate_end, hybrid.compared, found
+        run.time,
+        run.guard,
+        run.state,
+        run.rate,
+        run.count,
+        t_end,
+        hybrid.x0,
+        run.x_end,
+        run.rate_end,
+        hybrid.compared,
+        found,
     )
     return _VERDICTS[int(code)], found
 
@@ -173,7 +188,9 @@ def _motions(system: LureSystem, given: Motion | Mapping[str, Motion] | None) ->
     if isinstance(given, Mapping):
         return given
     if len(system.input_names) != 1:
-        raise EppError(f"{system.name} has {len(system.input_names)} inputs; expected motions by name, not a single one.")
+        raise EppError(
+            f"{system.name} has {len(system.input_names)} inputs; expected motions by name, not a single one."
+        )
     return {system.input_names[0]: given}
 
 
@@ -184,7 +201,9 @@ def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
         raise EppError("simulate: t_eval must hold finite times in increasing order.")
     if times.size and (times[0] < 0 or times[-1] > t_end * (1 + 1e-12)):
-        raise EppError(f"simulate: t_eval runs from {times[0]} to {times[-1]}; expected times from 0 to t_end = {t_end}.")
+        raise EppError(
+            f"simulate: t_eval runs from {times[0]} to {times[-1]}; expected times from 0 to t_end = {t_end}."
+        )
     return times
 
 
@@ -192,7 +211,9 @@ def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
     """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
     if times.size > 1:
         spacing = times[-1] / (times.size - 1)
-        if even or (times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)):
+        if even or (
+            times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)
+        ):
             return float(spacing)
     return 2.0 * hybrid.time_scale
 
@@ -241,9 +262,12 @@ def _limit_cycle(
     """The last period of a run, sampled once more on the arcs between its events."""
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
-    sampler = PeriodSampler(marks, hybrid.time_scale)
-    fine = run_hybrid(hybrid, float(marks[-1]), sampler.times, 2.0 * hybrid.time_scale, run.count + 1, 1)
-    shape = sampler.analyse(dict(zip(system.signals.names, fine.samples.T, strict=True)))
+
+    def sample(times: Array) -> Array:
+        again = run_hybrid(hybrid, float(marks[-1]), times, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1)
+        return again.samples[: int(again.stats[2])]
+
+    shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
     return LimitCycle(
         method="simulation",
         status=Status.CONVERGED,

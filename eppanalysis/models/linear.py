@@ -92,4 +92,5 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
 
 def _time_step(plant: Any) -> float | None:
     dt = getattr(plant, "dt", None)
-    return float(dt) if dt not in (None, 0, True) else (1.0 if dt is True else None)
+    # True means "discrete, no time given"; note that 1.0 == True.
+    return None if dt is None or dt == 0 else float(dt)

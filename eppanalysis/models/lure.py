@@ -208,7 +208,9 @@ class LureSystem:
         >>> loop.A.shape
         (2, 2)
         """
-        return cls.from_blocks([element, as_state_space(plant)], delay=delay, feedback=feedback, x0=x0, memory=[memory], name=name)
+        return cls.from_blocks(
+            [element, as_state_space(plant)], delay=delay, feedback=feedback, x0=x0, memory=[memory], name=name
+        )
 
     @classmethod
     def from_blocks(
@@ -241,7 +243,9 @@ class LureSystem:
             raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
         for e in elements:
             if e.n_inputs != 1 or e.n_outputs != 1:
-                raise ModelError(f"{name}: {type(e).__name__} has several inputs or outputs; give the state space instead.")
+                raise ModelError(
+                    f"{name}: {type(e).__name__} has several inputs or outputs; give the state space instead."
+                )
         linear = [as_state_space(b) for b in blocks if not isinstance(b, Nonlinearity)]
         steps = {s.time_step for s in linear}
         if len(steps) > 1:
@@ -252,7 +256,9 @@ class LureSystem:
         delays = np.zeros(len(elements))
         delays[0] = delay
         if delay and (len(elements) > 1 and np.any(D[:, 0])):
-            raise ModelError(f"{name}: dead time straight between two elements is not supported; put a linear block between.")
+            raise ModelError(
+                f"{name}: dead time straight between two elements is not supported; put a linear block between."
+            )
         single = ("x", "y") if len(elements) == 1 else None
         labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
         signals = _element_signals(elements, labels, C, D, 0, single)
@@ -295,6 +301,11 @@ class LureSystem:
         """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
         return self._response(omega, self.signals.C, self.signals.D)
 
+    def state_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """Response from the elements' outputs to the state, shape (..., n, nw)."""
+        n, nw = self.B.shape
+        return self._response(omega, np.eye(n), np.zeros((n, nw)))
+
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
         omega = np.asarray(omega)
         s = np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega
@@ -325,7 +336,12 @@ def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
 
 
 def _element_signals(
-    elements: Sequence[Nonlinearity], labels: Sequence[str], C: Array, D: Array, nv: int, single: tuple[str, str] | None = None
+    elements: Sequence[Nonlinearity],
+    labels: Sequence[str],
+    C: Array,
+    D: Array,
+    nv: int,
+    single: tuple[str, str] | None = None,
 ) -> SignalMap:
     """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one)."""
     names: list[str] = []
@@ -342,7 +358,12 @@ def _element_signals(
             rows_c.append(np.zeros(C.shape[1]))
             rows_d.append(np.eye(nw)[j])
     return SignalMap(
-        tuple(names), np.array(rows_c), np.array(rows_d), np.zeros((len(names), nv)), np.zeros(len(names)), ("",) * len(names)
+        tuple(names),
+        np.array(rows_c),
+        np.array(rows_d),
+        np.zeros((len(names), nv)),
+        np.zeros(len(names)),
+        ("",) * len(names),
     )
 
 

@@ -43,6 +43,10 @@ class Nonlinearity(ABC):
     def automaton(self) -> Automaton:
         """Modes, guards and resets of the element for the hybrid system."""
 
+    def held_at(self, output: NDArray[np.float64]) -> float | None:
+        """First held value of the automaton that goes with an output, shape (n_outputs,); None without such a memory."""
+        return None
+
     def thresholds(self) -> NDArray[np.float64]:
         """Positive amplitudes at which the describing function changes its form (the scales of an amplitude search)."""
         return np.zeros(0)

@@ -226,6 +226,10 @@ class Play(Nonlinearity):
         """Half the gap."""
         return distances(self.gap / 2)
 
+    def held_at(self, output: NDArray[np.float64]) -> float | None:
+        """The output itself."""
+        return float(output[0])
+
     def automaton(self) -> Automaton:
         """Rests in the gap, pushed up, pushed down."""
         return automata.play(self.gap)
@@ -296,6 +300,10 @@ class JumpAndFollow(Nonlinearity):
     def thresholds(self) -> Array:
         """Half the stick band."""
         return distances(self.stick_band / 2)
+
+    def held_at(self, output: NDArray[np.float64]) -> float | None:
+        """The output itself."""
+        return float(output[0])
 
     def automaton(self) -> Automaton:
         """Stuck, follows up, follows down."""
@@ -432,6 +440,10 @@ class StictionPulley(Nonlinearity):
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
         excess = self.share_difference(-kinetic, static) / self.share(static)
         return distances(bias * excess / (2 + excess), bias)
+
+    def held_at(self, output: NDArray[np.float64]) -> float | None:
+        """Stretch of the forearm side [m]."""
+        return float(output[0]) / self.forearm_stiffness
 
     def automaton(self) -> Automaton:
         """Stuck, slides up, slides down, slack."""

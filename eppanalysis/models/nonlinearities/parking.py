@@ -152,6 +152,10 @@ class SampledLaw(Nonlinearity):
         half = np.asarray(omega, float) * self.period / 2
         return mean, gain * np.sinc(half / np.pi) * np.exp(-1j * half)
 
+    def held_at(self, output: NDArray[np.float64]) -> float | None:
+        """The output itself."""
+        return float(output[0])
+
     def automaton(self) -> Automaton:
         """One mode that holds, with a reset at every sample."""
         return automata.sampled(self.law.breakpoints, self.law.slopes, self.law.intercepts, self.period)
