@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT, find_slot, make_slots, make_work
+from eppanalysis.kernels.modes import HOT, INLINE, compile_step, find_slot, make_slots, make_work
 from eppanalysis.kernels.series import (
     DELAY_LINE,
     EPS,
@@ -29,6 +29,7 @@ from eppanalysis.kernels.series import (
     may_rise,
     rate_at,
     state_at,
+    term_sizes,
     travel,
 )
 
@@ -46,7 +47,7 @@ class Room(NamedTuple):
     aux: np.ndarray
     sigma: np.ndarray  # (s,)
     p: np.ndarray  # (order + 1,) series of a guard
-    noise: np.ndarray  # (8,)
+    still: np.ndarray  # (y,) constant parts of the signals
     row: np.ndarray  # (8, n)
     held: np.ndarray  # (H,)
     guard: np.ndarray  # (4, G)
@@ -75,7 +76,7 @@ def make_room(model):
         np.zeros((ORDER + 1, n_s)),
         np.zeros(n_s),
         np.zeros(ORDER + 1),
-        np.zeros(8),
+        np.zeros(model.Yx.shape[0]),
         np.zeros((8, n)),
         np.zeros(n_H),
         np.zeros((4, G)),
@@ -149,8 +150,8 @@ def _advance(
     """The loop of :func:`run`, without allocation."""
     n, n_s = x.size, model.S.shape[1]
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
-    p, noise, largest, recent, D, V = room.p, room.noise, room.row[0], room.row[1], room.row[2], room.row[3]
-    f, xd, small, held = room.row[4], room.row[5], room.row[7], room.held
+    p, largest, recent, D, V = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
+    f, xd, small, held, still = room.row[4], room.row[5], room.row[7], room.held, room.still
     constant, g0, g1, tol, end = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.end
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
     for i in range(n):
@@ -166,7 +167,7 @@ def _advance(
     if q < 0:
         return SINGULAR
     _start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
-    _enter(slots, q, H, f, constant)
+    _enter(slots, q, H, f, constant, still)
     while True:
         # External inputs that jump or bend now.
         while i_knot < n_knots and model.knot_time[i_knot] <= t:
@@ -174,7 +175,7 @@ def _advance(
             H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
             i_knot += 1
             armed = False
-            _enter(slots, q, H, f, constant)
+            _enter(slots, q, H, f, constant, still)
         if t >= t_end:
             break
         h = slots.step[q]
@@ -182,13 +183,15 @@ def _advance(
         if i_knot < n_knots and model.knot_time[i_knot] < t_stop:
             t_stop = model.knot_time[i_knot]
         # Fast step: proven free of events from the values at its ends.
+        tried = False
         if armed:
             t1 = (j_grid + 1) * h
             inside = i_sample < n_samples and samples[i_sample] > t + 1e-9 * h and samples[i_sample] < t1 - 1e-9 * h
-            if t1 <= t_stop and not inside:
+            tried = t1 <= t_stop and not inside
+            if tried:
                 if _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
                     if i_sample < n_samples and samples[i_sample] <= t + 1e-9 * h:
-                        _write(slots, q, x, H, Sg[0], out[i_sample])
+                        _write(slots, q, x, still, Sg[0], out[i_sample])
                         i_sample += 1
                     for i in range(n):
                         x[i] += end[i]
@@ -209,7 +212,7 @@ def _advance(
         for i in range(n):
             largest[i] = max(largest[i], abs(x[i]))
         d = t1 - t
-        if armed:
+        if tried:
             u = _predicted(slots, q, n, g0, g1, h, end)
             if u < 0.9:
                 d, on_grid = min(d, u * h), False
@@ -225,8 +228,12 @@ def _advance(
                     d, on_grid = d1, False
         if code != DONE:
             break
-        last = -1
-        while last < 0:
+        best, which, sized, last = 2.0, -1, False, -1
+        if not (armed or forced) and n_s == 0:
+            which = _violated(slots, q, x, recent, constant)
+        if which >= 0:
+            best = 0.0
+        while last < 0 and which < 0:
             for j in range(n_s):
                 if model.smooth_kind[j] == DELAY_LINE:
                     _read_line(model, j, t, d, line_t, line_h, line_c, line_n, Sg, p)
@@ -236,39 +243,47 @@ def _advance(
                 if not d > 1e-14 * h:
                     code = STALLED
                     break
-        stats[4] += 1
+        stats[4] += last >= 0
         if code != DONE:
             break
-        travel(X, last, D, V)
-        best, which = 2.0, -1
-        for g in range(slots.n_guards[q]):
-            reach = guard_travel(slots, q, g, D, V, d)
-            if guard_value(slots, q, g, X, Sg, constant[g], d) + 1.000001 * reach < 0.0:
-                continue
-            guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
-            u = _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, noise, forced)
-            if u < best:
-                best, which = u, g
+        if last >= 0:
+            travel(X, last, D, V)
+            for g in range(slots.n_guards[q]):
+                reach = guard_travel(slots, q, g, D, V, d)
+                if guard_value(slots, q, g, X, Sg, constant[g], d) + 1.000001 * reach < 0.0:
+                    continue
+                guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
+                if not sized:
+                    term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y)
+                    sized = True
+                u = _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, forced)
+                if u < best:
+                    best, which = u, g
         forced = False
-        for i in range(n):
-            recent[i] = abs(X[0, i]) + D[i]
+        if last >= 0:
+            for i in range(n):
+                recent[i] = abs(X[0, i]) + D[i]
         if best > 0.0:
             u1 = min(best, 1.0)
             while i_sample < n_samples and samples[i_sample] < t + u1 * d - 1e-9 * h * (which < 0):
-                _sample_series(slots, q, X, last, Sg, max(0.0, (samples[i_sample] - t) / d), H, room, out[i_sample])
+                _sample_series(slots, q, X, last, Sg, max(0.0, (samples[i_sample] - t) / d), room, out[i_sample])
                 i_sample += 1
-            _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
+            if n_s > 0:
+                _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
         if which < 0:
             state_at(X, last, 1.0, x)
             t = t1 if on_grid or t1 - t == d else t + d
             armed = bool(slots.linear[q]) and on_grid
             if armed:
+                if not slots.ready[q]:
+                    compile_step(slots, work, q)
                 _arm(slots, q, x, f, constant, xd, g0, g1, tol)
         else:
             if best > 0.0:
                 state_at(X, last, best, x)
                 t += best * d
-            rate_at(X, last, best, d, rate)
+            if last >= 0:
+                rate_at(X, last, best, d, rate)
             armed = False
             if t - last_t > 1e-13 * h:
                 same_instant = 0
@@ -295,7 +310,7 @@ def _advance(
                     slots.next[q, which] = q1
             q = q1
             _settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
-            _enter(slots, q, H, f, constant)
+            _enter(slots, q, H, f, constant, still)
             r = count % keep
             ev_t[r] = t
             ev_guard[r] = k
@@ -310,7 +325,7 @@ def _advance(
             break
     if code == DONE:
         while i_sample < n_samples and samples[i_sample] <= t * (1.0 + 1e-12):
-            _write(slots, q, x, H, Sg[0], out[i_sample])
+            _write(slots, q, x, still, Sg[0], out[i_sample])
             i_sample += 1
     if code != SINGULAR:
         expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
@@ -320,7 +335,7 @@ def _advance(
     return code
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
     """Increments over one grid step into `end`; False when an event inside cannot be excluded."""
     G = slots.n_guards[q]
@@ -355,7 +370,7 @@ def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
     return True
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _predicted(slots, q, n, g0, g1, h, end):
     """Fraction of the step that surely holds the first event, by the guards' cubics: how far the series need reach."""
     G = slots.n_guards[q]
@@ -374,8 +389,23 @@ def _predicted(slots, q, n, g0, g1, h, end):
     return first + 0.05
 
 
-@njit(**HOT)
-def _enter(slots, q, H, f, constant):
+@njit(**INLINE)
+def _violated(slots, q, x, recent, constant):
+    """A guard that stands clearly above zero already, without any series; -1 when there is none."""
+    for g in range(slots.n_guards[q]):
+        if slots.gb_count[q, g] == 0:
+            v, size = constant[g], abs(constant[g])
+            for c in range(slots.ga_count[q, g]):
+                i, a = slots.ga_place[q, g, c], slots.ga_value[q, g, c]
+                v += a * x[i]
+                size += abs(a) * max(abs(x[i]), recent[i])
+            if v > 1e-9 * size:
+                return g
+    return -1
+
+
+@njit(**INLINE)
+def _enter(slots, q, H, f, constant, still):
     """Constant parts of the rate and of the guards while mode and held values stay."""
     for i in range(f.size):
         v = 0.0
@@ -387,9 +417,14 @@ def _enter(slots, q, H, f, constant):
         for j in range(H.size):
             v += slots.gH[q, g, j] * H[j]
         constant[g] = v
+    for i in range(still.size):
+        v = 0.0
+        for j in range(H.size):
+            v += slots.YH[q, i, j] * H[j]
+        still[i] = v
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
     """Rates and guards at a grid point, for the fast steps that follow."""
     n = x.size
@@ -417,31 +452,32 @@ def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
         g0[g], g1[g], tol[g] = v, d, 256.0 * EPS * size
 
 
-@njit(**HOT)
-def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, noise, forced):
+@njit(**INLINE)
+def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, forced):
     """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
     if p[0] < 0.0 and not may_rise(p, last, 0.0):
         return 2.0
-    # Two terms decide nearly always; more only where the guard touches.
-    terms = min(2, last - 1)
-    guard_noise(slots, q, g, X, Sg, H, d, recent, Y, terms, noise)
-    if p[0] < -noise[0]:
-        return first_rise(p, 0, last, noise[0])
+    noise = guard_noise(slots, q, g, 0, Sg, H, d, Y)
+    if p[0] < -noise:
+        return first_rise(p, 0, last, noise)
     if forced:
         return 2.0
-    if p[0] > noise[0]:
+    if p[0] > noise:
         return 0.0
-    for k in range(1, min(6, last - 1)):
+    terms = min(6, last - 1)
+    for k in range(1, terms):
         if k == 2:
-            guard_noise(slots, q, g, X, Sg, H, d, recent, Y, min(6, last - 1), noise)
-        if p[k] > noise[k]:
+            # Two terms decide nearly always; more are wanted only where the guard touches.
+            term_sizes(slots, q, X, Sg, H, d, recent, 3, terms + 1, Y)
+        noise = guard_noise(slots, q, g, k, Sg, H, d, Y)
+        if p[k] > noise:
             return 0.0
-        if p[k] < -noise[k]:
+        if p[k] < -noise:
             return first_rise(p, k, last, 0.0)
     return 2.0
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
     """Held values and mode of the element whose guard k fired."""
     e = model.guard_element[k]
@@ -461,7 +497,7 @@ def _reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
     modes[e] = model.guard_target[k]
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _input(slots, q, row, x, H, Sg, last, u):
     v = 0.0
     for i in range(x.size):
@@ -478,7 +514,7 @@ def _input(slots, q, row, x, H, Sg, last, u):
     return v
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _settle_on_level(model, slots, q, e, modes, x, H):
     """Put the input of a sticking element exactly on its level, which the event located to rounding."""
     m = model.mode_first[e] + modes[e]
@@ -502,30 +538,28 @@ def _settle_on_level(model, slots, q, e, modes, x, H):
         x[i] -= model.B[i, w0] * left / scale
 
 
-@njit(**HOT)
-def _write(slots, q, x, H, sigma, row):
+@njit(**INLINE)
+def _write(slots, q, x, still, sigma, row):
     """Signals at state x."""
     for i in range(row.size):
-        v = 0.0
+        v = still[i]
         for c in range(slots.Y_count[q, i]):
             v += slots.Y_value[q, i, c] * x[slots.Y_place[q, i, c]]
-        for j in range(H.size):
-            v += slots.YH[q, i, j] * H[j]
         for j in range(sigma.size):
             v += slots.Ys[q, i, j] * sigma[j]
         row[i] = v
 
 
 @njit(**HOT)
-def _sample_series(slots, q, X, last, Sg, u, H, room, row):
+def _sample_series(slots, q, X, last, Sg, u, room, row):
     """Signals at u of a series step."""
     x, sigma = room.row[6], room.sigma
     state_at(X, last, u, x)
     state_at(Sg, last, u, sigma)
-    _write(slots, q, x, H, sigma, row)
+    _write(slots, q, x, room.still, sigma, row)
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def _record(r, x, H, modes, ev_x, ev_H, ev_modes):
     """State just after an event, into place r of the ring."""
     for i in range(x.size):

@@ -14,6 +14,9 @@ from numba import njit
 
 #: Hot functions: they allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
 HOT = {"cache": True, "nogil": True, "_nrt": False}
+#: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
+#: most of them compute.
+INLINE = {**HOT, "inline": "always"}
 
 
 class Model(NamedTuple):
@@ -68,6 +71,8 @@ class Slots(NamedTuple):
     key: np.ndarray  # (q, E) int
     linear: np.ndarray  # (q,) int: no smooth channel acts
     step: np.ndarray  # (q,)
+    rate: np.ndarray  # (q,) bound on the growth of the powers of M
+    ready: np.ndarray  # (q,) int: whether T and bound are filled
     M: np.ndarray  # (q, n, n) transposed: M[j, i] = d x_i' / d x_j
     M_count: np.ndarray  # (q, n) int: entries of each row of M that are not zero
     M_place: np.ndarray  # (q, n, n) int: their columns
@@ -150,6 +155,8 @@ def make_slots(model, capacity):
         np.zeros((q, n_e), np.int64),
         np.zeros(q, np.int64),
         np.zeros(q),
+        np.zeros(q),
+        np.zeros(q, np.int64),
         np.empty((q, n, n)),
         np.empty((q, n), np.int64),
         np.empty((q, n, n), np.int64),
@@ -206,7 +213,7 @@ def find_slot(model, slots, work, modes, base_step):
     if not _compile(model, slots, work, q, modes):
         return -1
     _compile_guards(model, slots, work, q, modes)
-    _compile_step(slots, work, q, base_step)
+    _choose_step(slots, work, q, base_step)
     slots.count[0] += 1
     return q
 
@@ -539,7 +546,7 @@ def flow(M, h, rate, integral, power, half, term, work):
                 term[i, j] = work[i, j] * (d / k)
                 integral[i, j] += term[i, j]
                 largest = max(largest, abs(term[i, j]))
-        if largest == 0.0:
+        if largest <= 1e-18 * d:
             break
     _multiply(M, integral, power)
     for i in range(n):
@@ -563,18 +570,21 @@ def _copy(out, source):
 
 
 @njit(**HOT)
-def _compile_step(slots, work, q, base_step):
-    """Choose the step of slot q, and fill the matrices that carry state, rate and guards over it."""
-    M = slots.M[q]
-    n, G = M.shape[0], slots.n_guards[q]
-    a = work.square
-    rate = growth_rate(M, a[0], a[1])
+def _choose_step(slots, work, q, base_step):
+    """Step of slot q: the base step, halved until the mode's own motion is resolved; its matrices wait for their use."""
+    rate = growth_rate(slots.M[q], work.square[0], work.square[1])
     h = base_step
-    while rate * h > 4.0:
+    while rate * h > 6.0:
         h *= 0.5
-    slots.step[q] = h
-    if not slots.linear[q]:
-        return
+    slots.step[q], slots.rate[q], slots.ready[q] = h, rate, 0
+
+
+@njit(**HOT)
+def compile_step(slots, work, q):
+    """Fill the matrices that carry state, rate and guards over the step of slot q."""
+    M, h, rate, a = slots.M[q], slots.step[q], slots.rate[q], work.square
+    n, G = M.shape[0], slots.n_guards[q]
+    slots.ready[q] = 1
     integral, power, half = a[2], a[3], a[4]
     flow(M, h, rate, integral, power, half, a[5], a[6])
     T, bound = slots.T[q], slots.bound[q]
@@ -601,11 +611,15 @@ def _compile_step(slots, work, q, base_step):
         for k in range(1, 25):
             factor *= 0.5 * h / k
             _apply(M, row, other)
+            grown = False
             for i in range(n):
                 row[i] = other[i]
                 total[i] += factor * abs(other[i])
+                grown = grown or factor * abs(other[i]) > 1e-4 * total[i]
+            if k > 8 and not grown:
+                break
         for i in range(n):
-            bound[i, g] = scale * total[i]
+            bound[i, g] = 1.001 * scale * total[i]
 
 
 @njit(**HOT)

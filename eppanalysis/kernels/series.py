@@ -8,35 +8,38 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT
+from eppanalysis.kernels.modes import HOT, INLINE
 
 ORDER = 32
 EPS = 2.220446049250313e-16
 DELAY_LINE = 10
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def state_at(X, last, u, out):
     """Evaluate the series X, of order `last`, at u."""
     n = out.size
     for i in range(n):
-        v = X[last, i]
-        for k in range(last - 1, -1, -1):
-            v = v * u + X[k, i]
-        out[i] = v
+        out[i] = X[last, i]
+    for k in range(last - 1, -1, -1):
+        for i in range(n):
+            out[i] = out[i] * u + X[k, i]
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def rate_at(X, last, u, h, out):
     """Rate of the series X, of order `last` over the step h, at u."""
-    for i in range(out.size):
-        v = last * X[last, i]
-        for k in range(last - 1, 0, -1):
-            v = v * u + k * X[k, i]
-        out[i] = v / h
+    n = out.size
+    for i in range(n):
+        out[i] = last * X[last, i]
+    for k in range(last - 1, 0, -1):
+        for i in range(n):
+            out[i] = out[i] * u + k * X[k, i]
+    for i in range(n):
+        out[i] /= h
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def expand(model, slots, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     """Fill X with the series of the state from x over the step h, and Sg with those of the smooth channels.
 
@@ -48,7 +51,7 @@ def expand(model, slots, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     count, place, value, S = slots.M_count[q], slots.M_place[q], slots.M_value[q], slots.S[q]
     for i in range(n):
         X[0, i] = x[i]
-        small[i] = 0.25 * EPS * max(abs(x[i]), 1e-3 * largest[i])
+        small[i] = 0.5 * EPS * max(abs(x[i]), 1e-2 * largest[i])
     below = 0
     for k in range(ORDER):
         for j in range(n_s):
@@ -132,20 +135,21 @@ def _reciprocal_term(j, k, scale, Sg, arg, aux):
     Sg[k, j] = v / (1.0 + abs(arg[0, j]))
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def travel(X, last, D, V):
     """Bounds on how far each state can move over the step (D), and its rate in units of the step (V)."""
-    for i in range(D.size):
-        d, v = 0.0, 0.0
-        for k in range(last, 0, -1):
-            a = abs(X[k, i])
-            d += a
-            if k > 1:
-                v += k * a
-        D[i], V[i] = d, v
+    n = D.size
+    for i in range(n):
+        D[i] = abs(X[1, i])
+        V[i] = 0.0
+    for k in range(2, last + 1):
+        for i in range(n):
+            v = abs(X[k, i])
+            D[i] += v
+            V[i] += k * v
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def guard_value(slots, q, g, X, Sg, constant, h):
     """Value of guard g at the start of the step."""
     v = constant
@@ -159,7 +163,7 @@ def guard_value(slots, q, g, X, Sg, constant, h):
     return v
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def guard_travel(slots, q, g, D, V, h):
     """Bound on how far guard g can move over the step; infinite where a smooth channel acts on it."""
     if slots.smooth_guard[q, g]:
@@ -172,7 +176,7 @@ def guard_travel(slots, q, g, D, V, h):
     return v
 
 
-@njit(**HOT)
+@njit(**INLINE)
 def guard_series(slots, q, g, X, last, Sg, constant, h, p):
     """Series p of guard g of slot q, of order `last`; a guard on rates has one order less."""
     rates = slots.gb_count[q, g]
@@ -197,44 +201,49 @@ def guard_series(slots, q, g, X, last, Sg, constant, h, p):
     p[0] += constant
 
 
-@njit(**HOT)
-def guard_noise(slots, q, g, X, Sg, H, h, recent, Y, n_terms, noise):
-    """Rounding noise of the first terms of a guard's series.
+@njit(**INLINE)
+def term_sizes(slots, q, X, Sg, H, h, recent, first, last, Y):
+    """Rows first..last of Y: sizes of the terms that were added up to make the rows of X.
 
-    `recent` holds the sizes from which the state at the start was computed; Y is filled with bounds on the sizes of the
-    terms that were added up to make X. Rounding comes from these, not from what is left after they cancel.
+    Rounding comes from these, not from what is left after they cancel; `recent` holds the sizes from which the state at
+    the start was computed.
     """
     n, n_s = X.shape[1], Sg.shape[1]
     count, place, value = slots.M_count[q], slots.M_place[q], slots.M_value[q]
-    for i in range(n):
-        Y[0, i] = max(abs(X[0, i]), recent[i])
-    for k in range(n_terms + 1):
+    if first == 0:
+        for i in range(n):
+            Y[0, i] = max(abs(X[0, i]), recent[i])
+    for k in range(max(first, 1), last + 1):
         for i in range(n):
             v = 0.0
             for c in range(count[i]):
                 j = place[i, c]
-                v += abs(value[i, c]) * max(abs(X[k, j]), Y[k, j])
-            if k == 0:
+                v += abs(value[i, c]) * max(abs(X[k - 1, j]), Y[k - 1, j])
+            if k == 1:
                 for j in range(H.size):
                     v += abs(slots.N[q, i, j] * H[j])
             for j in range(n_s):
-                v += abs(slots.S[q, i, j] * Sg[k, j])
-            Y[k + 1, i] = v * h / (k + 1)
-    for k in range(n_terms):
-        v = 0.0
-        for c in range(slots.ga_count[q, g]):
-            v += abs(slots.ga_value[q, g, c]) * Y[k, slots.ga_place[q, g, c]]
-        for c in range(slots.gb_count[q, g]):
-            v += abs(slots.gb_value[q, g, c]) * Y[k + 1, slots.gb_place[q, g, c]] * (k + 1) / h
-        for j in range(n_s):
-            v += abs(slots.gs[q, g, j] * Sg[k, j]) + abs(slots.gt[q, g, j] * Sg[k + 1, j]) * (k + 1) / h
-        if k == 0:
-            for j in range(H.size):
-                v += abs(slots.gH[q, g, j] * H[j])
-        noise[k] = 64.0 * EPS * v
+                v += abs(slots.S[q, i, j] * Sg[k - 1, j])
+            Y[k, i] = v * h / k
 
 
-@njit(**HOT)
+@njit(**INLINE)
+def guard_noise(slots, q, g, k, Sg, H, h, Y):
+    """Rounding noise of term k of a guard's series, from the sizes in Y."""
+    v = 0.0
+    for c in range(slots.ga_count[q, g]):
+        v += abs(slots.ga_value[q, g, c]) * Y[k, slots.ga_place[q, g, c]]
+    for c in range(slots.gb_count[q, g]):
+        v += abs(slots.gb_value[q, g, c]) * Y[k + 1, slots.gb_place[q, g, c]] * (k + 1) / h
+    for j in range(Sg.shape[1]):
+        v += abs(slots.gs[q, g, j] * Sg[k, j]) + abs(slots.gt[q, g, j] * Sg[k + 1, j]) * (k + 1) / h
+    if k == 0:
+        for j in range(H.size):
+            v += abs(slots.gH[q, g, j] * H[j])
+    return 64.0 * EPS * v
+
+
+@njit(**INLINE)
 def may_rise(p, last, margin):
     """Cheap test on [0, 1]: False proves that p stays below -margin."""
     v = p[0]

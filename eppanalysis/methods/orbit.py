@@ -100,7 +100,8 @@ class _Pieces:
         nodes, weights = self._rule
         degrees = np.arange(N_NODES)
         to_coefficients = (legendre.legvander(nodes, N_NODES - 1) * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
-        return y.reshape(-1, N_NODES) @ to_coefficients.T
+        # einsum, not BLAS: its threads cost far more than these small products.
+        return np.einsum("ij,kj->ik", y.reshape(-1, N_NODES), to_coefficients)
 
     def resolved(self, values: Array) -> bool:
         """Whether the last coefficients of every signal are near rounding of its range."""
@@ -122,9 +123,9 @@ class _Pieces:
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
         for name, y in samples.items():
             c = self.coefficients(y)
-            fine = c @ on_grid.T
+            fine = np.einsum("ij,kj->ik", c, on_grid)
             peak[name] = _extremum(c, fine, grid) + _extremum(-c, -fine, grid)
-            coefficients = 2.0 * phases @ (w * y)
+            coefficients = 2.0 * np.einsum("ij,j->i", phases, w * y)
             coefficients[0] /= 2.0
             harmonics[name], mean[name] = coefficients, float(coefficients[0].real)
             waveform[name] = fine[:, :-1:4].ravel()

@@ -154,6 +154,8 @@ class _Packer:
             YH=YH,
             **knots,
         )
+        # One memory layout for all loops, so that the kernels are compiled once.
+        model = Model(*(np.array(a, order="C") for a in model))
         rates = np.abs(np.linalg.eigvals(system.A)) if self.n else np.zeros(1)
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
         exo = np.arange(n) >= self.n
