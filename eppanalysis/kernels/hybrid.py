@@ -136,18 +136,18 @@ def run(
         DONE or the reason for stopping early.
     """
     slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
-    return _advance(
-        model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+    return advance(
+        model, slots, work, room, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
         ev_H, ev_modes, rate, stats,
     )  # fmt: skip
 
 
 @njit(**HOT)
-def _advance(
-    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+def advance(
+    model, slots, work, room, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
     ev_H, ev_modes, rate, stats,
 ):  # fmt: skip
-    """The loop of :func:`run`, without allocation."""
+    """The loop of :func:`run`, without allocation; knots before `first_knot` are taken as passed."""
     n, n_s = x.size, model.S.shape[1]
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
     p, largest, recent, D, V = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
@@ -157,7 +157,7 @@ def _advance(
     for i in range(n):
         largest[i] = recent[i] = abs(x[i])
     n_samples, n_knots = samples.size, model.knot_time.size
-    i_sample, i_knot, count, same_instant, armed, forced = 0, 0, 0, 0, False, False
+    i_sample, i_knot, count, same_instant, armed, forced = 0, first_knot, 0, 0, False, False
     t, j_grid, last_t = 0.0, 0, 0.0
     limit_same = 2 * model.mode_first[-1] + 16
     for i in range(8):
@@ -185,14 +185,14 @@ def _advance(
         # Fast step: proven free of events from the values at its ends.
         tried = False
         if armed:
+            if i_sample < n_samples and samples[i_sample] <= t + 1e-9 * h:
+                _write(slots, q, x, still, Sg[0], out[i_sample])
+                i_sample += 1
             t1 = (j_grid + 1) * h
-            inside = i_sample < n_samples and samples[i_sample] > t + 1e-9 * h and samples[i_sample] < t1 - 1e-9 * h
+            inside = i_sample < n_samples and samples[i_sample] < t1 - 1e-9 * h
             tried = t1 <= t_stop and not inside
             if tried:
                 if _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
-                    if i_sample < n_samples and samples[i_sample] <= t + 1e-9 * h:
-                        _write(slots, q, x, still, Sg[0], out[i_sample])
-                        i_sample += 1
                     for i in range(n):
                         x[i] += end[i]
                         xd[i] = end[n + i]
@@ -298,15 +298,24 @@ def _advance(
                 code = EVENT_LIMIT
                 break
             k = slots.guard[q, which]
+            jumped = _beyond_level(model, slots, q, k, x, recent, H, Sg, last, best)
             _reset(model, slots, q, k, x, H, Sg, last, best, modes, held)
             q1 = slots.next[q, which]
+            if jumped:
+                modes[model.guard_element[k]] = model.guard_bypass[k]
+                q1 = -1
             if q1 < 0:
                 before = slots.count[0]
                 q1 = find_slot(model, slots, work, modes, base_step)
+                if q1 < 0 and model.guard_bypass[k] >= 0 and not jumped:
+                    # Sliding along two surfaces at once is not determined here: the newcomer crosses its own.
+                    jumped = True
+                    modes[model.guard_element[k]] = model.guard_bypass[k]
+                    q1 = find_slot(model, slots, work, modes, base_step)
                 if q1 < 0:
                     code = SINGULAR
                     break
-                if slots.count[0] >= before:
+                if slots.count[0] >= before and not jumped:
                     slots.next[q, which] = q1
             q = q1
             _settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
@@ -515,27 +524,40 @@ def _input(slots, q, row, x, H, Sg, last, u):
 
 
 @njit(**INLINE)
+def _beyond_level(model, slots, q, k, x, recent, H, Sg, last, u):
+    """Whether the input of guard k's element has jumped over the level on which its target would keep it."""
+    e = model.guard_element[k]
+    m = model.mode_first[e] + model.guard_target[k]
+    if not model.mode_stick[m]:
+        return False
+    z0 = model.first[e, 0]
+    size = abs(model.mode_level[m])
+    for i in range(x.size):
+        size += abs(model.C[z0, i]) * max(abs(x[i]), recent[i])
+    return abs(_input(slots, q, z0, x, H, Sg, last, u) - model.mode_level[m]) > 1e-9 * size
+
+
+@njit(**INLINE)
 def _settle_on_level(model, slots, q, e, modes, x, H):
     """Put the input of a sticking element exactly on its level, which the event located to rounding."""
     m = model.mode_first[e] + modes[e]
-    if not model.mode_stick[m]:
-        return
-    z0, w0 = model.first[e, 0], model.first[e, 1]
-    rest, alone, count, scale = -model.mode_level[m], -1, 0, 0.0
-    for j in range(H.size):
-        rest += model.Kz[z0, j] * H[j]
-    left = rest
-    for i in range(x.size):
-        c = model.C[z0, i]
-        if c != 0.0:
-            left += c * x[i]
-            scale += c * model.B[i, w0]
-            alone, count = i, count + 1
-    if count == 1:
-        x[alone] = -rest / model.C[z0, alone]
-        return
-    for i in range(x.size):
-        x[i] -= model.B[i, w0] * left / scale
+    if model.mode_stick[m]:
+        z0, w0 = model.first[e, 0], model.first[e, 1]
+        rest, alone, count, scale = -model.mode_level[m], -1, 0, 0.0
+        for j in range(H.size):
+            rest += model.Kz[z0, j] * H[j]
+        left = rest
+        for i in range(x.size):
+            c = model.C[z0, i]
+            if c != 0.0:
+                left += c * x[i]
+                scale += c * model.B[i, w0]
+                alone, count = i, count + 1
+        if count == 1:
+            x[alone] = -rest / model.C[z0, alone]
+        else:
+            for i in range(x.size):
+                x[i] -= model.B[i, w0] * left / scale
 
 
 @njit(**INLINE)

@@ -40,6 +40,7 @@ class Model(NamedTuple):
     guard_first: np.ndarray  # (m + 1,) int
     guard_element: np.ndarray  # (g,) int
     guard_target: np.ndarray  # (g,) int, mode number within the element
+    guard_bypass: np.ndarray  # (g,) int, the mode beyond a sticking target, for an input that jumped over its level
     guard_z: np.ndarray  # (g, z_max)
     guard_rate: np.ndarray  # (g, z_max)
     guard_h: np.ndarray  # (g, h_max)

@@ -163,7 +163,7 @@ class _Packer:
             model=model,
             x0=x0,
             H0=self._held(),
-            modes0=np.array([a.start_mode for a in self.automata], np.int64),
+            modes0=np.array([self._start_mode(e, model, x0) for e in range(len(self.automata))], np.int64),
             n_plant=self.n,
             compared=~(clock | exo),
             element_names=tuple(self.names),
@@ -171,6 +171,24 @@ class _Packer:
             guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
             time_scale=float(2.0 / rates.max()) if rates.max() > 0 else 1.0,
         )
+
+    def _start_mode(self, e: int, model: Model, x0: Array) -> int:
+        """Where an element starts; a sticking mode only if its input stands on the level, else the side it stands on."""
+        automaton = self.automata[e]
+        start = automaton.modes[automaton.start_mode]
+        if not start.sticking:
+            return automaton.start_mode
+        row = self.first[e, 0]
+        z = float(model.C[row] @ x0 + model.Kz[row, -1])
+        size = float(np.abs(model.C[row]) @ np.abs(x0) + abs(model.Kz[row, -1]))
+        admitted = self._admitted(e, start.jump, model.B, model.C, model.D)
+        if admitted and abs(z - start.level) <= 1e-12 * size:
+            return automaton.start_mode
+        above = z > start.level
+        for guard in automaton.guards:
+            if guard.target == automaton.start_mode and (guard.on_input[0] < 0) == above:
+                return guard.mode
+        return automaton.start_mode
 
     def _held(self) -> Array:
         H = np.zeros(self.n_H)
@@ -279,6 +297,7 @@ class _Packer:
             "guard_first": np.zeros(n_modes + 1, np.int64),
             "guard_element": np.zeros(n_guards, np.int64),
             "guard_target": np.zeros(n_guards, np.int64),
+            "guard_bypass": np.zeros(n_guards, np.int64),
             "guard_z": np.zeros((n_guards, z_max)),
             "guard_rate": np.zeros((n_guards, z_max)),
             "guard_h": np.zeros((n_guards, h_max)),
@@ -300,6 +319,7 @@ class _Packer:
                 for guard in (q for q in a.guards if q.mode == k):
                     g["guard_element"][i_guard] = e
                     g["guard_target"][i_guard] = self._target(e, guard, B, C, D)
+                    g["guard_bypass"][i_guard] = guard.bypass
                     g["guard_z"][i_guard, :z], g["guard_rate"][i_guard, :z] = guard.on_input, guard.on_rate
                     g["guard_h"][i_guard, :h], g["guard_w"][i_guard, :w] = guard.on_held, guard.on_output
                     g["guard_0"][i_guard] = guard.constant
@@ -317,13 +337,16 @@ class _Packer:
     def _target(self, e: int, guard, B: Array, C: Array, D: Array) -> int:
         """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
         target = self.automata[e].modes[guard.target]
-        if not target.sticking:
+        if not target.sticking or self._admitted(e, target.jump, B, C, D):
             return guard.target
+        return guard.bypass
+
+    def _admitted(self, e: int, jump: float, B: Array, C: Array, D: Array) -> bool:
+        """Whether the loop pulls an element's input back against its jump."""
         z, w = self.first[e, 0], self.first[e, 1]
         pull = float(C[z] @ B[:, w])
         size = float(np.abs(C[z]) @ np.abs(B[:, w]))
-        admitted = pull * target.jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
-        return guard.target if admitted else guard.bypass
+        return pull * jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
 
 
 def _ordered(automaton: Automaton) -> list:

@@ -1,0 +1,124 @@
+"""Compiled: many loops of one structure, one after another, each to its verdict and the shape of its cycle.
+
+Only what the caller keeps is kept: a ring of the last events and one period of samples serve all cells in turn, so
+memory does not grow with the number of cells.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from eppanalysis.kernels.hybrid import advance, make_room
+from eppanalysis.kernels.modes import Model, make_slots, make_work
+from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
+
+SAMPLES = 512
+
+
+class Outcome(NamedTuple):
+    """Results of cells (leading axis: cell)."""
+
+    code: np.ndarray  # (cells,) int: how the run ended
+    verdict: np.ndarray  # (cells,) int
+    events: np.ndarray  # (cells,) int
+    since: np.ndarray  # (cells,) time of the last event
+    period: np.ndarray  # (cells,)
+    change: np.ndarray  # (cells, 2): last and extrapolated change of the cycle
+    mean: np.ndarray  # (cells, y)
+    low: np.ndarray  # (cells, y)
+    high: np.ndarray  # (cells, y)
+
+
+@njit(cache=True, nogil=True)
+def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, keep, first, last, out):
+    """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`."""
+    one = _cell(stack, first)
+    n, n_e, n_H, n_y = x0.shape[1], modes0.shape[1], H0.shape[1], one.Yx.shape[0]
+    slots, work, room = make_slots(one, min(256, 16 + 4 * one.mode_first[-1])), make_work(one), make_room(one)
+    x, modes, H = np.empty(n), np.empty(n_e, np.int64), np.empty(n_H)
+    ev_t, ev_guard, ev_x, ev_v = np.empty(keep), np.empty(keep, np.int64), np.empty((keep, n)), np.empty((keep, n))
+    ev_H, ev_modes = np.empty((keep, n_H)), np.empty((keep, n_e), np.int64)
+    rate, stats, found = np.empty(n), np.empty(8), np.empty(4)
+    none, nothing = np.empty(0), np.empty((0, n_y))
+    times, signals = np.empty(SAMPLES + 1), np.empty((SAMPLES + 1, n_y))
+    for c in range(first, last):
+        model = _cell(stack, c)
+        x[:], modes[:], H[:] = x0[c], modes0[c], H0[c]
+        slots.count[0] = 0
+        code = advance(
+            model, slots, work, room, 0, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
+            ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+        )  # fmt: skip
+        count = int(stats[1])
+        out.code[c], out.events[c] = code, count
+        out.since[c] = ev_t[(count - 1) % keep] if count > 0 else 0.0
+        if code != 0:
+            continue
+        kind = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x0[c], x, rate, compared, found)
+        out.verdict[c] = kind
+        if kind == CYCLE:
+            p, period = int(found[0]), found[1]
+            out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
+            k = (count - 1 - p) % keep
+            x[:], modes[:], H[:] = ev_x[k], ev_modes[k], ev_H[k]
+            for i in range(SAMPLES + 1):
+                times[i] = period * i / SAMPLES
+            slots.count[0] = 0
+            advance(
+                model, slots, work, room, model.knot_time.size, x, modes, H, period, period / SAMPLES, times, signals,
+                max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+            )  # fmt: skip
+            _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
+        elif kind == SETTLED:
+            times[0] = 0.0
+            slots.count[0] = 0
+            advance(
+                model, slots, work, room, model.knot_time.size, x, modes, H, 1e-12 * t_end, base_step[c], times[:1],
+                signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+            )  # fmt: skip
+            out.mean[c], out.low[c], out.high[c] = signals[0], signals[0], signals[0]
+
+
+@njit(cache=True, nogil=True)
+def _shape(signals, n, mean, low, high):
+    """Mean and extrema of one period, sampled evenly; each extremum refined by a parabola through three samples."""
+    for j in range(mean.size):
+        total = 0.0
+        top, bottom = 0, 0
+        for i in range(n - 1):
+            total += 0.5 * (signals[i, j] + signals[i + 1, j])
+            if signals[i, j] > signals[top, j]:
+                top = i
+            if signals[i, j] < signals[bottom, j]:
+                bottom = i
+        mean[j] = total / (n - 1)
+        high[j] = _refined(signals, n - 1, top, j)
+        low[j] = _refined(signals, n - 1, bottom, j)
+
+
+@njit(cache=True, nogil=True)
+def _refined(signals, n, i, j):
+    a, b, c = signals[(i - 1) % n, j], signals[i, j], signals[(i + 1) % n, j]
+    bend = a - 2.0 * b + c
+    if bend == 0.0:
+        return b
+    shift = 0.5 * (a - c) / bend
+    return b - 0.25 * (a - c) * shift if abs(shift) < 1.0 else b
+
+
+@njit(cache=True, nogil=True)
+def _cell(stack, c):
+    """The model of one cell, as views into the stack."""
+    return Model(
+        stack.A[c], stack.B[c], stack.S[c], stack.K[c], stack.C[c], stack.D[c], stack.Kz[c],
+        stack.first[c], stack.mode_first[c], stack.mode_wz[c], stack.mode_wh[c], stack.mode_ws[c], stack.mode_w0[c],
+        stack.mode_stick[c], stack.mode_level[c], stack.guard_first[c], stack.guard_element[c], stack.guard_target[c],
+        stack.guard_bypass[c], stack.guard_z[c], stack.guard_rate[c], stack.guard_h[c], stack.guard_w[c], stack.guard_0[c],
+        stack.reset_z[c], stack.reset_h[c], stack.reset_0[c], stack.smooth_kind[c], stack.smooth_x[c],
+        stack.smooth_H[c], stack.smooth_scale[c], stack.smooth_w[c], stack.smooth_delay[c],
+        stack.Yx[c], stack.Yw[c], stack.YH[c],
+        stack.knot_time[c], stack.knot_state[c], stack.knot_value[c], stack.knot_held[c], stack.knot_slope[c],
+    )  # fmt: skip

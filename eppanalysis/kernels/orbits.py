@@ -1,0 +1,460 @@
+"""Compiled: a closed orbit as a chain of arcs between events, with the derivatives that Newton's method needs.
+
+State and held values of the loop are stacked into one vector ``y = (x, H)`` of N numbers, the last of which is 1 and
+carries every constant. On an arc ``dy/dt = F y + S sigma(y)``, its end lies on a guard ``g y + gs sigma(y) = 0``, and
+the event there maps y to ``J y``. Without smooth channels sigma the flow is a matrix exponential; with them it is a
+Taylor series, and so is its derivative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from eppanalysis.kernels.modes import _compile, _compile_guards, flow, growth_rate, make_slots, make_work
+from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER, _smooth_term
+
+READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
+RECIPROCAL = 2
+
+
+class Channels(NamedTuple):
+    """The smooth channels of a model, under the names that they have there."""
+
+    smooth_kind: np.ndarray  # (s,) int
+    smooth_x: np.ndarray  # (s, n)
+    smooth_H: np.ndarray  # (s, H)
+    smooth_scale: np.ndarray  # (s,)
+    sense: np.ndarray  # (p, s): sign of the argument on each arc, for channels that depend on its magnitude
+
+
+@njit(cache=True, nogil=True)
+def build_arcs(model, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
+    """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
+
+    Parameters
+    ----------
+    model : eppanalysis.kernels.modes.Model
+    modes, guards : int arrays (p, E), (p,)
+        Modes on each arc; number of the guard at its end, -1 for none.
+    F, S : arrays (p, n, N), (p, n, s)
+        Rate of the state.
+    g, gs : arrays (p, N), (p, s)
+        Guard.
+    J : array (p, N, N)
+        Map of the event.
+    smooth : int array (p,)
+        Whether a smooth channel acts.
+    sense : array (p, s)
+        Sign of the argument of each smooth channel on each arc, where its element slips (friction).
+    Y, Ys : arrays (p, y, N), (p, y, s)
+        Signals.
+    W : array (p, w, N)
+        Outputs of the elements, but for smooth channels.
+
+    Returns
+    -------
+    int
+        READY, or why the arcs cannot be had.
+    """
+    n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
+    slots, work, q = make_slots(model, 1), make_work(model), 0
+    for a in range(guards.size):
+        if not _compile(model, slots, work, q, modes[a]):
+            return SINGULAR
+        _compile_guards(model, slots, work, q, modes[a])
+        for i in range(n):
+            for j in range(n):
+                F[a, i, j] = slots.M[q, j, i]
+            F[a, i, n:] = slots.N[q, i]
+            S[a, i] = slots.S[q, i]
+        for i in range(Y.shape[1]):
+            Y[a, i, :n] = 0.0
+            for c in range(slots.Y_count[q, i]):
+                Y[a, i, slots.Y_place[q, i, c]] = slots.Y_value[q, i, c]
+            Y[a, i, n:] = slots.YH[q, i]
+            Ys[a, i] = slots.Ys[q, i]
+        W[a, :, :n] = slots.Wx[q]
+        W[a, :, n:] = slots.WH[q]
+        J[a] = np.eye(n + n_H)
+        g[a], gs[a] = 0.0, 0.0
+        if guards[a] >= 0:
+            code = _guard_rows(model, slots, q, guards[a], g[a], gs[a])
+            if code == READY:
+                code = _event_map(model, slots, q, guards[a], modes[(a + 1) % guards.size], J[a])
+            if code != READY:
+                return code
+        smooth[a] = 0
+        for j in range(n_s):
+            sense[a, j] = 1.0
+            for e in range(modes.shape[1]):
+                if model.mode_ws[model.mode_first[e] + modes[a, e], 0, j] < 0.0:
+                    sense[a, j] = -1.0
+            if model.smooth_kind[j] != DELAY_LINE and (np.any(S[a, :, j] != 0.0) or gs[a, j] != 0.0):
+                smooth[a] = 1
+    return READY
+
+
+@njit(cache=True, nogil=True)
+def _guard_rows(model, slots, q, guard, g, gs):
+    """Row of a guard on y and on the smooth channels, rates put in."""
+    n = model.A.shape[0]
+    for k in range(slots.n_guards[q]):
+        if slots.guard[q, k] != guard:
+            continue
+        g[:n] = slots.gf[q, k]
+        g[n:] = slots.gfH[q, k]
+        for j in range(gs.size):
+            if slots.gt[q, k, j] != 0.0:
+                return UNSUPPORTED
+            gs[j] = slots.gs[q, k, j]
+            for c in range(slots.gb_count[q, k]):
+                gs[j] += slots.gb_value[q, k, c] * slots.S[q, slots.gb_place[q, k, c], j]
+        return READY
+    return NOT_A_GUARD
+
+
+@njit(cache=True, nogil=True)
+def _event_map(model, slots, q, guard, after, J):
+    """Held values after the event; then the input of a sticking element is put on its level."""
+    n, n_H = model.A.shape[0], model.K.shape[1]
+    e = model.guard_element[guard]
+    z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
+    for a in range(model.first[e + 1, 2] - h0):
+        row = J[n + h0 + a]
+        row[:] = 0.0
+        row[n + n_H - 1] = model.reset_0[guard, a]
+        for b in range(model.first[e + 1, 2] - h0):
+            row[n + h0 + b] += model.reset_h[guard, a, b]
+        for b in range(model.first[e + 1, 0] - z0):
+            c = model.reset_z[guard, a, b]
+            if c != 0.0:
+                if np.any(slots.Zs[q, z0 + b] != 0.0):
+                    return UNSUPPORTED
+                row[:n] += c * slots.Zx[q, z0 + b]
+                row[n:] += c * slots.ZH[q, z0 + b]
+    m = model.mode_first[e] + after[e]
+    if model.mode_stick[m]:
+        _level_map(J, model.C[z0], model.Kz[z0], model.mode_level[m], model.B[:, w0])
+    return READY
+
+
+@njit(cache=True, nogil=True)
+def _level_map(J, c, on_held, level, b):
+    """Let the event map J end with ``c x + on_held H = level``."""
+    n, N = c.size, J.shape[0]
+    left = np.zeros(N)
+    left[N - 1] = -level
+    alone, count, scale = -1, 0, 0.0
+    for i in range(n):
+        if c[i] != 0.0:
+            alone, count = i, count + 1
+            scale += c[i] * b[i]
+    for j in range(on_held.size):
+        if on_held[j] != 0.0:
+            left += on_held[j] * J[n + j]
+    if count == 1:
+        J[alone] = -left / c[alone]
+        return
+    for i in range(n):
+        if c[i] != 0.0:
+            left += c[i] * J[i]
+    for i in range(n):
+        if b[i] != 0.0:
+            J[i] -= b[i] / scale * left
+
+
+@njit(cache=True, nogil=True)
+def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, starts, ends, A, r, speed):
+    """Run along the arcs from y0, and set up Newton's equations for the free part of y0 and the dwell times.
+
+    Parameters
+    ----------
+    F, S, g, gs, J, smooth : arrays
+        See :func:`build_arcs`.
+    at_once : int array (p,)
+        1 where the event follows the one before without delay (its dwell time is zero, whatever its guard).
+    y0, tau : arrays (N,), (p,)
+        Start, dwell times.
+    free : int array (m,)
+        Places of y that must repeat.
+    shift : array (N,)
+        What a clock, and what is measured by it, advances per unit of time.
+    starts, ends : arrays (p + 1, N), (p, N)
+        Filled with y behind and before each event.
+    A, r : arrays (m + p, m + p), (m + p,)
+        Filled with the derivative and the residual of (closure, guards).
+    speed : array (p,)
+        Filled with the rate at which each guard is crossed.
+    """
+    p, n, N = F.shape
+    m = free.size
+    sigma = np.zeros(S.shape[2])
+    slope = np.zeros(S.shape[2])
+    D, E, row = np.zeros((N, m + p)), np.zeros((N, m + p)), np.zeros(N)
+    Phi, rate = np.zeros((N, N)), np.zeros(N)
+    square = np.zeros((8, n, n))
+    A[:, :], r[:] = 0.0, 0.0
+    for k in range(m):
+        D[free[k], k] = 1.0
+    y = y0.copy()
+    for a in range(p):
+        starts[a] = y
+        if smooth[a]:
+            smooth_flow(channels, channels.sense[a], F[a], S[a], y, tau[a], ends[a], Phi, sigma, slope)
+        else:
+            sigma[:], slope[:] = 0.0, 0.0
+            affine_flow(F[a], y, tau[a], ends[a], Phi, square)
+        end = ends[a]
+        _times(Phi, D, E, n, m + a)
+        row[:] = g[a]
+        value = 0.0
+        for j in range(sigma.size):
+            if smooth[a] and gs[a, j] != 0.0:
+                value += gs[a, j] * sigma[j]
+                row[:n] += gs[a, j] * slope[j] * channels.smooth_x[j]
+                row[n:] += gs[a, j] * slope[j] * channels.smooth_H[j]
+        for i in range(n):
+            v = 0.0
+            for j in range(N):
+                v += F[a, i, j] * end[j]
+            if smooth[a]:
+                for j in range(sigma.size):
+                    v += S[a, i, j] * sigma[j]
+            rate[i] = v
+        for i in range(N):
+            E[i, m + a] = rate[i]
+        speed[a] = 0.0
+        for j in range(N):
+            value += g[a, j] * end[j]
+            speed[a] += row[j] * rate[j]
+        if at_once[a]:
+            A[m + a, m + a], r[m + a] = 1.0, tau[a]
+        else:
+            r[m + a] = value
+            for i in range(N):
+                if row[i] != 0.0:
+                    for j in range(m + a + 1):
+                        A[m + a, j] += row[i] * E[i, j]
+        for i in range(N):
+            v = 0.0
+            for j in range(N):
+                v += J[a, i, j] * end[j]
+            y[i] = v
+        _times(J[a], E, D, N, m + a + 1)
+    starts[p] = y
+    total = tau.sum()
+    for k in range(m):
+        i = free[k]
+        r[k] = y[i] - y0[i] - shift[i] * total
+        for j in range(m + p):
+            A[k, j] = D[i, j]
+        A[k, k] -= 1.0
+        if shift[i] != 0.0:
+            A[k, m:] -= shift[i]
+
+
+@njit(cache=True, nogil=True)
+def _times(P, Q, out, n_dense, n_columns):
+    """out = P Q over the first columns; rows of P from n_dense on are those of the identity."""
+    N = P.shape[0]
+    for i in range(n_dense):
+        for j in range(n_columns):
+            out[i, j] = 0.0
+        for k in range(N):
+            f = P[i, k]
+            if f != 0.0:
+                for j in range(n_columns):
+                    out[i, j] += f * Q[k, j]
+    for i in range(n_dense, N):
+        for j in range(n_columns):
+            out[i, j] = Q[i, j]
+
+
+@njit(cache=True, nogil=True)
+def affine_flow(F, y, tau, end, Phi, square):
+    """State at the end of an affine arc, and its derivative."""
+    n, N = F.shape
+    M, integral, power = square[0], square[1], square[2]
+    for i in range(n):
+        for j in range(n):
+            M[i, j] = F[i, j]
+    if tau == 0.0:
+        integral[:, :] = 0.0
+        power[:, :] = np.eye(n)
+    else:
+        rate = growth_rate(M, square[3], square[4])
+        flow(M, tau, rate, integral, power, square[5], square[6], square[7])
+    Phi[:, :] = 0.0
+    for i in range(N):
+        end[i] = y[i]
+    for i in range(n):
+        v = 0.0
+        for j in range(N):
+            v += F[i, j] * y[j]
+        for k in range(n):
+            end[k] += integral[k, i] * v
+        for j in range(n):
+            Phi[i, j] = power[i, j]
+        for k in range(n):
+            f = integral[i, k]
+            if f != 0.0:
+                for j in range(n, N):
+                    Phi[i, j] += f * F[k, j]
+    for i in range(n, N):
+        Phi[i, i] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
+    """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes."""
+    n, N = F.shape
+    n_s = S.shape[1]
+    H = y[n:].copy()
+    X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
+    room = np.zeros((4, ORDER + 1, n_s))
+    row = np.zeros((ORDER + 1, N))
+    M = F[:, :n].copy()
+    rate = growth_rate(M, np.zeros((n, n)), np.zeros((n, n)))
+    x, P = y[:n].copy(), np.zeros((n, N))
+    for i in range(n):
+        P[i, i] = 1.0
+    done, d = 0.0, abs(tau)
+    while rate * d > 1.0:
+        d *= 0.5
+    if tau < 0.0:
+        d = -d
+    while True:
+        last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
+        h = tau - done if last else d
+        X[0], V[0] = x, P
+        if not _series(channels, sense, F, S, H, h, X, V, room, row):
+            d = 0.5 * h
+            if abs(d) < 1e-12 * abs(tau):
+                break
+            continue
+        for k in range(ORDER - 1, -1, -1):
+            X[ORDER] += X[k]
+            V[ORDER] += V[k]
+        x[:], P[:, :] = X[ORDER], V[ORDER]
+        X[ORDER], V[ORDER] = 0.0, 0.0
+        done += h
+        if last:
+            break
+    end[:n], end[n:] = x, H
+    Phi[:, :] = 0.0
+    Phi[:n] = P
+    for i in range(n, N):
+        Phi[i, i] = 1.0
+    _channels(channels, sense, x, H, sigma, slope)
+
+
+@njit(cache=True, nogil=True)
+def _series(channels, sense, F, S, H, h, X, V, room, row):
+    """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
+    n, N = F.shape
+    n_s = S.shape[1]
+    Sg, arg, aux, slope = room[0], room[1], room[2], room[3]
+    size = np.abs(X[0]).max() + 1e-300
+    size_v = np.abs(V[0]).max()
+    for k in range(ORDER - 1):
+        for j in range(n_s):
+            if channels.smooth_kind[j] != DELAY_LINE:
+                _channel_term(channels, sense, j, k, X, H, Sg, arg, aux, slope)
+        factor = h / (k + 1)
+        for i in range(n):
+            v = 0.0
+            for j in range(n):
+                v += F[i, j] * X[k, j]
+            if k == 0:
+                for j in range(H.size):
+                    v += F[i, n + j] * H[j]
+            for j in range(n_s):
+                v += S[i, j] * Sg[k, j]
+            X[k + 1, i] = v * factor
+        V[k + 1] = 0.0
+        for i in range(n):
+            for c in range(n):
+                if F[i, c] != 0.0:
+                    V[k + 1, i] += F[i, c] * V[k, c]
+            if k == 0:
+                V[1, i, n:] += F[i, n:]
+        for j in range(n_s):
+            if channels.smooth_kind[j] == DELAY_LINE:
+                continue
+            row[k] = 0.0
+            for c in range(k + 1):
+                for i in range(n):
+                    row[k] += slope[k - c, j] * channels.smooth_x[j, i] * V[c, i]
+            row[k, n:] += slope[k, j] * channels.smooth_H[j]
+            for i in range(n):
+                V[k + 1, i] += S[i, j] * row[k]
+        V[k + 1] *= factor
+    tail = np.abs(X[ORDER - 1]).max() + np.abs(X[ORDER - 2]).max()
+    tail_v = np.abs(V[ORDER - 1]).max() + np.abs(V[ORDER - 2]).max()
+    return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
+
+
+@njit(cache=True, nogil=True)
+def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
+    """Coefficient k of smooth channel j and of its derivative with respect to its argument."""
+    kind, scale = model.smooth_kind[j], model.smooth_scale[j]
+    if kind != RECIPROCAL:
+        _smooth_term(model, j, k, X, H, Sg, arg, aux)
+        slope[k, j] = aux[k, j] if kind == 0 else 3.0 * scale * aux[k, j]
+        return
+    # scale/(1 + s a), with the sign s of the mode: at breakaway the argument and its rate are both zero.
+    v = 0.0
+    for i in range(X.shape[1]):
+        v += model.smooth_x[j, i] * X[k, i]
+    if k == 0:
+        for i in range(H.size):
+            v += model.smooth_H[j, i] * H[i]
+    arg[k, j] = v
+    s = sense[j]
+    v = scale if k == 0 else 0.0
+    for i in range(1, k + 1):
+        v -= s * arg[i, j] * Sg[k - i, j]
+    Sg[k, j] = v / (1.0 + s * arg[0, j])
+    v = 0.0
+    for i in range(k + 1):
+        v += Sg[i, j] * Sg[k - i, j]
+    slope[k, j] = -s * v / scale if scale != 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _channels(model, sense, x, H, sigma, slope):
+    """Values and slopes of the smooth channels at the end of an arc."""
+    for j in range(sigma.size):
+        kind, scale = model.smooth_kind[j], model.smooth_scale[j]
+        a = 0.0
+        for i in range(x.size):
+            a += model.smooth_x[j, i] * x[i]
+        for i in range(H.size):
+            a += model.smooth_H[j, i] * H[i]
+        if kind == 0:
+            sigma[j], slope[j] = scale * np.sin(a), scale * np.cos(a)
+        elif kind == 1:
+            sigma[j], slope[j] = scale * a**3, 3.0 * scale * a * a
+        elif kind != DELAY_LINE:
+            sigma[j] = scale / (1.0 + sense[j] * a)
+            slope[j] = -sense[j] * sigma[j] * sigma[j] / scale if scale != 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def states_at(channels, F, S, smooth, starts, marks, times, out):
+    """y at increasing `times` of one period, each by its own flow from the start of its arc."""
+    p, n, N = F.shape
+    square, Phi = np.zeros((8, n, n)), np.zeros((N, N))
+    sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
+    a = 0
+    for i in range(times.size):
+        while a < p - 1 and times[i] > marks[a + 1]:
+            a += 1
+        t = times[i] - marks[a]
+        if smooth[a]:
+            smooth_flow(channels, channels.sense[a], F[a], S[a], starts[a], t, out[i], Phi, sigma, slope)
+        else:
+            affine_flow(F[a], starts[a], t, out[i], Phi, square)

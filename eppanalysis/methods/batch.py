@@ -1,0 +1,245 @@
+"""Thousands of loops of one structure at once: verdict and cycle of each, on all cores by threads.
+
+The kernels release the interpreter's lock and write each cell's result to its own place, so results are the same to the
+last bit whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.results import Status
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Events of a cell that are kept for its verdict, and cells that a thread takes at a time.
+KEPT_EVENTS, CHUNK = 4096, 8
+_EARLY = {
+    1: Status.EVENT_LIMIT,
+    2: Status.DIVERGED,
+    3: Status.NOT_CONVERGED,
+    4: Status.EVENT_LIMIT,
+    5: Status.EVENT_LIMIT,
+}
+_VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE)
+
+
+@dataclass(frozen=True, eq=False)
+class HybridStack:
+    """Hybrid systems of one structure, array by array, with the cell as leading axis."""
+
+    model: Any
+    x0: Array
+    modes0: IntArray
+    H0: Array
+    compared: NDArray[np.bool_]
+    time_scale: Array
+    signal_names: tuple[str, ...]
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.x0)
+
+    @classmethod
+    def of(cls, systems: Sequence[HybridSystem], signal_names: Sequence[str]) -> HybridStack:
+        """Stack systems.
+
+        Raises
+        ------
+        EppError
+            If there are none, or their structures differ.
+        """
+        if not systems:
+            raise EppError("A batch needs at least one system.")
+        shapes = {tuple(a.shape for a in s.model) for s in systems}
+        if len(shapes) > 1:
+            raise EppError(
+                "The systems of a batch differ in structure (states, elements or modes); run them in groups."
+            )
+        return cls(
+            model=type(systems[0].model)(
+                *(np.stack(arrays) for arrays in zip(*(s.model for s in systems), strict=True))
+            ),
+            x0=np.stack([s.x0 for s in systems]),
+            modes0=np.stack([s.modes0 for s in systems]),
+            H0=np.stack([s.H0 for s in systems]),
+            compared=systems[0].compared,
+            time_scale=np.array([s.time_scale for s in systems]),
+            signal_names=tuple(signal_names),
+        )
+
+    @classmethod
+    def grid(
+        cls,
+        make: Callable[[Mapping[str, Any]], HybridSystem],
+        axes: Mapping[str, Sequence[Any]],
+        signal_names: Sequence[str],
+    ) -> HybridStack:
+        """Stack the systems on a grid of parameters, the last axis fastest.
+
+        Where every number of the model depends on one axis alone (as a rule), systems are made along the axes only and
+        put together; the corners of the grid, made in full, confirm it. Otherwise every cell is made.
+
+        Parameters
+        ----------
+        make : callable
+            From values by axis name to a system.
+        axes : mapping of str to sequence
+            Values along each axis.
+        signal_names : sequence of str
+        """
+        return _separable(cls, make, axes, signal_names) or cls.of(
+            [make(dict(zip(axes, values, strict=True))) for values in product(*axes.values())], signal_names
+        )
+
+
+def _separable(
+    cls: type[HybridStack],
+    make: Callable[[Mapping[str, Any]], HybridSystem],
+    axes: Mapping[str, Sequence[Any]],
+    signal_names: Sequence[str],
+) -> HybridStack | None:
+    """The grid put together from systems along its axes; None where a number depends on several axes."""
+    names, sizes = list(axes), [len(v) for v in axes.values()]
+    if int(np.prod(sizes)) <= sum(sizes) + 4:
+        return None
+    first = {k: v[0] for k, v in axes.items()}
+    lines = [[make({**first, name: value}) for value in axes[name]] for name in names]
+    base = cls.of([lines[0][0]], signal_names)
+    try:
+        stacks = [cls.of(line, signal_names) for line in lines]
+    except EppError:
+        return None
+    index = np.indices(sizes).reshape(len(sizes), -1)
+
+    def combine(start: NDArray[Any], along: list[NDArray[Any]]) -> NDArray[Any] | None:
+        changed = [np.any(a != start, axis=0) for a in along]
+        if np.any(np.sum(changed, axis=0) > 1):
+            return None
+        out = np.repeat(start, index.shape[1], axis=0)
+        for a, where, i in zip(along, changed, index, strict=True):
+            if np.any(where):
+                out[:, where] = a[i][:, where]
+        return out
+
+    parts = [combine(b, list(a)) for b, a in zip(base.model, zip(*(s.model for s in stacks), strict=True), strict=True)]
+    states = [combine(getattr(base, k), [getattr(s, k) for s in stacks]) for k in ("x0", "modes0", "H0")]
+    if any(p is None for p in (*parts, *states)):
+        return None
+    scale = np.min([s.time_scale[i] for s, i in zip(stacks, index, strict=True)], axis=0)
+    out = cls(type(base.model)(*parts), *states, base.compared, scale, tuple(signal_names))
+    for corner in product(*((0, n - 1) for n in sizes)):
+        cell = int(np.ravel_multi_index(corner, sizes))
+        full = make({k: axes[k][j] for k, j in zip(names, corner, strict=True)})
+        same = all(np.array_equal(a[cell], b) for a, b in zip(out.model, full.model, strict=True))
+        if not (same and np.array_equal(out.x0[cell], full.x0) and np.array_equal(out.H0[cell], full.H0)):
+            return None
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """Verdict and cycle of every cell.
+
+    Attributes
+    ----------
+    status : tuple of Status
+    period : array, shape (cells,)
+        [s]; nan where there is no cycle.
+    mean, peak_to_peak : dict of str to array, shape (cells,)
+        Of every signal, in SI units: on the cycle (extrema from 512 samples and a parabola), or at rest.
+    events : int array, shape (cells,)
+    last_event : array, shape (cells,)
+        Time of the last switch [s].
+    change : array, shape (cells,)
+        Extrapolated change of the cycle still to come, relative to its size; nan where there is none.
+    """
+
+    status: tuple[Status, ...]
+    period: Array
+    mean: dict[str, Array]
+    peak_to_peak: dict[str, Array]
+    events: IntArray
+    last_event: Array
+    change: Array
+
+
+def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_events: int = 100_000) -> BatchResult:
+    """Run every cell of a stack to its verdict.
+
+    Parameters
+    ----------
+    stack : HybridStack
+    t_end : float
+        End of each run [s].
+    threads : int
+        Cells run on so many threads; the result does not depend on it.
+    max_events : int
+        A run with more stops there and says so.
+
+    Returns
+    -------
+    BatchResult
+
+    Raises
+    ------
+    EppError
+        If `t_end` or `threads` is not positive.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> from eppanalysis.methods.batch import HybridStack, simulate_batch
+    >>> from eppanalysis.models.hybrid import HybridSystem
+    >>> loops = [epp.LureSystem.from_tf(([k], [1.0, 3.0, 2.0, 0.0]), epp.Relay()) for k in (1.0, 2.0)]
+    >>> stack = HybridStack.of([HybridSystem.from_lure(s) for s in loops], loops[0].signals.names)
+    >>> [round(float(v), 4) for v in simulate_batch(stack, 200.0).peak_to_peak["x"]]
+    [0.4401, 0.8801]
+    """
+    if not (np.isfinite(t_end) and t_end > 0):
+        raise EppError(f"simulate_batch: t_end is {t_end}; expected a positive number of seconds.")
+    if threads < 1:
+        raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
+    from eppanalysis.kernels.cells import Outcome, run_cells
+
+    n, n_y = stack.n_cells, len(stack.signal_names)
+    out = Outcome(
+        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(n, np.nan),
+        np.full((n, 2), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan),
+    )  # fmt: skip
+    base = 2.0 * stack.time_scale
+
+    def work(first: int) -> None:
+        run_cells(
+            stack.model, stack.x0, stack.modes0, stack.H0, stack.compared, float(t_end), base, max_events, KEPT_EVENTS,
+            first, min(first + CHUNK, n), out,
+        )  # fmt: skip
+
+    starts = range(0, n, CHUNK)
+    if threads == 1:
+        for first in starts:
+            work(first)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, starts))
+    status = tuple(_EARLY.get(int(c)) or _VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
+    return BatchResult(
+        status=status,
+        period=out.period,
+        mean={k: out.mean[:, i] for i, k in enumerate(stack.signal_names)},
+        peak_to_peak={k: out.high[:, i] - out.low[:, i] for i, k in enumerate(stack.signal_names)},
+        events=out.events,
+        last_event=out.since,
+        change=out.change[:, 1],
+    )
