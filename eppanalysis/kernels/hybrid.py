@@ -217,7 +217,7 @@ def advance(
             if u < 0.9:
                 d, on_grid = min(d, u * h), False
         if forced:
-            d, on_grid = min(d, 1e-6 * h), False
+            d, on_grid = min(d, 1e-9 * h), False
         for j in range(n_s):
             if model.smooth_kind[j] == DELAY_LINE:
                 d1 = _line_room(model, j, t, d, line_t, line_h, line_n)
