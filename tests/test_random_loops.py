@@ -14,6 +14,7 @@ import pytest
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem, SignalMap
+from eppanalysis.models.nonlinearities import JumpAndFollow
 from tests.random_loops import random_loop
 from tests.reference.lure_reference import simulate_lure
 
@@ -46,6 +47,15 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.max(np.abs(a[:n] - b[:n]).max(axis=1)[use] / np.maximum(size[use], 1e-300), initial=0.0))
 
 
+def starts_slipping(system: LureSystem) -> bool:
+    """Whether a stiction element starts beyond its reach, where the two integrators take different first outputs."""
+    z = system.C @ system.x0
+    return any(
+        isinstance(e, JumpAndFollow) and abs(z[s.start]) > (e.stick_band + e.slip_jump) / 2
+        for e, s in zip(system.elements, system.input_slices, strict=True)
+    )
+
+
 @pytest.mark.parametrize("block", range(10))
 def test_halved_steps_change_nothing(block: int) -> None:
     unexplained, hung = [], []
@@ -68,7 +78,7 @@ def test_a_sample_agrees_with_another_integrator() -> None:
     compared, wrong = 0, []
     for seed in range(20_000, 20_400):
         system = with_states(random_loop(seed))
-        if any(e.n_inputs > 1 or e.n_outputs > 1 for e in system.elements):
+        if any(e.n_inputs > 1 or e.n_outputs > 1 for e in system.elements) or starts_slipping(system):
             continue
         a, code, _ = states(system)
         if code != 0 or np.abs(a).max() > LARGEST:
