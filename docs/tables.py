@@ -12,7 +12,7 @@ import control
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.case import Cycle
+from eppanalysis.case import GROUPS, Cycle
 
 HERE = Path(__file__).parent
 
@@ -39,7 +39,8 @@ def run(name: str) -> epp.Trajectory:
 @cache
 def prediction(name: str) -> epp.Prediction:
     """Prediction for a shipped case."""
-    return epp.predict_limit_cycles(epp.case(name).to_system())
+    case = epp.case(name)
+    return epp.predict_limit_cycles(case.to_system(), case.final_input())
 
 
 def number(value: float | None, digits: int = 6) -> str:
@@ -58,9 +59,7 @@ def cases_table() -> str:
 def truth_table() -> str:
     """The experiments of the paper beside the simulation of the model."""
     rows = []
-    for case in shipped():
-        if case.kind != "elbow" or case.expected.outcome is None:
-            continue
+    for case in map(epp.case, GROUPS["truth-table"]):
         result, cycles = run(case.name), prediction(case.name)
         steady = result.limit_cycle
         rows.append(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.simulate import announce_compilation
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.results import Status
 
@@ -213,6 +214,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
     from eppanalysis.kernels.cells import Outcome, run_cells
 
+    announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
     out = Outcome(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(n, np.nan),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Motion
+from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 
@@ -105,7 +107,7 @@ def simulate(
         from eppanalysis.methods.iterate import iterate
 
         return iterate(system, input, t_end)
-    hybrid = HybridSystem.from_lure(system, _motions(system, input))
+    hybrid = HybridSystem.from_lure(system, motions_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
     run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS)
     status, found = judge(hybrid, run, t_end)
@@ -138,25 +140,37 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     """
     from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
 
+    announce_compilation(run)
     x, modes, H = hybrid.x0.copy(), hybrid.modes0.copy(), hybrid.H0.copy()
     n, keep = x.size, max(1, min(keep, max_events))
+    times = np.array(times, float)
     samples = np.empty((times.size, hybrid.model.Yx.shape[0]))
     time, guard = np.empty(keep), np.empty(keep, np.int64)
     state, speed, held = np.empty((keep, n)), np.empty((keep, n)), np.empty((keep, H.size))
     mode, rate, stats = np.empty((keep, modes.size), np.int64), np.zeros(n), np.zeros(8)
     code = run(
-        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep, time, guard, state, speed, held, mode, rate,
-        stats,
+        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep,
+        time, guard, state, speed, held, mode, rate, stats,
     )  # fmt: skip
     if code == SINGULAR:
         raise EppError(
-            "simulate: the loop has no unique solution in one combination of modes (an algebraic loop through the elements)."
+            "simulate: the loop has no unique solution in one combination of modes "
+            "(an algebraic loop through the elements)."
         )
     if code == HISTORY:
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
     return Run(code, samples, int(stats[1]), time, guard, state, speed, held, mode, x, rate, stats)
+
+
+def announce_compilation(kernel: Any) -> None:
+    """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
+    if getattr(kernel, "signatures", True):
+        return
+    folder = Path(kernel.stats.cache_path or "")
+    if not any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi")):
+        print("Compiling the engine for this machine; once, for about half a minute ...", file=sys.stderr, flush=True)
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
@@ -180,18 +194,6 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         found,
     )
     return _VERDICTS[int(code)], found
-
-
-def _motions(system: LureSystem, given: Motion | Mapping[str, Motion] | None) -> Mapping[str, Motion]:
-    if given is None:
-        return {}
-    if isinstance(given, Mapping):
-        return given
-    if len(system.input_names) != 1:
-        raise EppError(
-            f"{system.name} has {len(system.input_names)} inputs; expected motions by name, not a single one."
-        )
-    return {system.input_names[0]: given}
 
 
 def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
