@@ -1,4 +1,4 @@
-"""Random loops for the engine's tests: linear parts of 2 to 10 states, stable and unstable, closed by random elements."""
+"""Random loops for the engine's tests: 2 to 10 states, stable and unstable, closed by one to three random elements."""
 
 from __future__ import annotations
 

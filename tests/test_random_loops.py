@@ -1,7 +1,8 @@
 """The engine on ten thousand random loops: against itself with halved steps, and a sample against another integrator.
 
-A missed or invented switch shows as a difference between the two runs. Loops may be chaotic or balance on an edge; where
-the runs differ, a third run from a start moved by a few parts in 1e14 tells whether the loop itself magnifies that much.
+A missed or invented switch shows as a difference between the two runs. Loops may be chaotic or balance on an edge;
+where the runs differ, a third run from a start moved by a few parts in 1e14 tells whether the loop itself magnifies
+that much.
 """
 
 from __future__ import annotations

@@ -1,0 +1,308 @@
+"""One element under a periodic input: its automaton run over exact switching phases to the periodic regime.
+
+The input is a truncated Fourier series, so each guard of the element's automaton is one too (as long as the element
+stays in one mode), and is monotone between its extrema: the next switch is found to rounding. The automaton is run over
+whole periods until it repeats itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, Monotone, extrema, orders, sampled
+from eppanalysis.models.automaton import Automaton, Guard
+from eppanalysis.models.nonlinearities.base import Nonlinearity
+
+_MOST_PERIODS = 6
+_EXCURSION = 4.0
+
+
+class Unsettled(Exception):
+    """An element does not answer periodically, or switches without end; carries the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """An affine function of inputs: on the free series, on their derivatives by time, on the clock."""
+
+    on_free: Array
+    on_rate: Array
+    on_clock: float
+
+    @property
+    def empty(self) -> bool:
+        """Whether it does not depend on any series."""
+        return not (np.any(self.on_free) or np.any(self.on_rate))
+
+
+@dataclass(frozen=True, eq=False)
+class Trigger:
+    """A guard in its mode, with the output inserted: ``row @ inputs + on_held @ h + constant``.
+
+    `series` numbers the series that all guards are multiples of (`factor`), -1 for none.
+    """
+
+    guard: Guard
+    target: int
+    row: Row
+    on_held: Array
+    constant: float
+    series: int
+    factor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Switch:
+    """One event of the periodic regime: phase, trigger, mode and held values after it."""
+
+    phase: float
+    trigger: Trigger
+    mode: int
+    held: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Regime:
+    """The periodic regime from phase `start` on: mode and held values there, and the switches of one period."""
+
+    start: float
+    mode: int
+    held: Array
+    switches: tuple[Switch, ...]
+
+    @property
+    def held_at_zero(self) -> Array:
+        """Held values at phase zero (and every whole turn)."""
+        turn = np.ceil(self.start / TURN) * TURN
+        before = [s for s in self.switches if s.phase <= turn]
+        return before[-1].held if before else self.held
+
+
+class PeriodicElement:
+    """An element with the roles of its inputs: free series, the rate of the first one, or a clock.
+
+    Parameters
+    ----------
+    element : Nonlinearity
+    roles : sequence of {"free", "rate", "clock"}
+        One for each input; the first is free.
+
+    Raises
+    ------
+    ModelError
+        If the element uses a rate or a clock in a way that harmonic balance does not cover.
+    """
+
+    def __init__(self, element: Nonlinearity, roles: Sequence[str]) -> None:
+        self.element, self.roles = element, tuple(roles)
+        self.automaton: Automaton = element.automaton()
+        self.name = type(element).__name__
+        self.free = [i for i, role in enumerate(roles) if role == "free"]
+        self.n_free = len(self.free)
+        self.series: list[Row] = []
+        if self.n_free > 1:
+            raise ModelError(
+                f"{self.name}: a state of the loop that stops at the edge of a gap is no Fourier series of low order; "
+                "use LockPin for a harmonic balance."
+            )
+        a = self.automaton
+        self.from_input = [self._rows(m.from_input) for m in a.modes]
+        self.smooth = [(s, self.row(s.on_input)) for s in a.smooth]
+        self.triggers = [self._triggers(i) for i in range(len(a.modes))]
+        self.clocked = any(t.row.on_clock for group in self.triggers for t in group)
+        for rows in self.from_input:
+            if any(row.on_clock for row in rows):
+                raise ModelError(f"{self.name}: an output that grows with time has no Fourier series.")
+        moving = [i for i, m in enumerate(a.modes) if not m.sticking]
+        self.start_mode = a.start_mode if a.start_mode in moving else moving[0]
+
+    def row(self, on_input: Array) -> Row:
+        """Inputs by their roles."""
+        on_rate, clock = np.zeros(self.n_free), 0.0
+        for i, role in enumerate(self.roles):
+            if role == "rate":
+                on_rate[0] += on_input[i]
+            elif role == "clock":
+                clock += float(on_input[i])
+        return Row(np.array([on_input[i] for i in self.free], float), on_rate, clock)
+
+    def _rows(self, matrix: Array) -> list[Row]:
+        return [self.row(line) for line in matrix]
+
+    def _triggers(self, mode: int) -> list[Trigger]:
+        a, m = self.automaton, self.automaton.modes[mode]
+        if m.sticking:
+            return []
+        out = []
+        for guard in (g for g in a.guards if g.mode == mode):
+            target = guard.bypass if a.modes[guard.target].sticking else guard.target
+            if target < 0:
+                raise ModelError(f"{self.name}: {guard.name!r} leads to sticking only, which needs the loop's states.")
+            if np.any(guard.on_output @ m.from_smooth):
+                raise ModelError(f"{self.name}: {guard.name!r} depends on a smooth output.")
+            row = self.row(guard.on_input + guard.on_output @ m.from_input)
+            rate = self.row(guard.on_rate)
+            if np.any(rate.on_rate) or rate.on_clock:
+                raise ModelError(f"{self.name}: {guard.name!r} depends on the rate of a rate or of a clock.")
+            row = Row(row.on_free, row.on_rate + rate.on_free, row.on_clock)
+            if row.on_clock and not row.empty:
+                raise ModelError(f"{self.name}: {guard.name!r} depends on a clock and an input at once.")
+            held = guard.on_held + guard.on_output @ m.from_held
+            constant = guard.constant + float(guard.on_output @ m.constant)
+            number, factor = self._series_of(row)
+            out.append(Trigger(guard, target, row, held, constant, number, factor))
+        return out
+
+    def _series_of(self, row: Row) -> tuple[int, float]:
+        """Number of the series that a row is a multiple of, and the factor; guards share few series."""
+        if row.empty:
+            return -1, 0.0
+        weights = np.concatenate([row.on_free, row.on_rate])
+        factor = float(weights[int(np.argmax(np.abs(weights)))])
+        shape = weights / factor
+        for number, known in enumerate(self.series):
+            if np.allclose(np.concatenate([known.on_free, known.on_rate]), shape, rtol=1e-15, atol=0.0):
+                return number, factor
+        self.series.append(Row(shape[: self.n_free], shape[self.n_free :], 0.0))
+        return len(self.series) - 1, factor
+
+    def regime(self, Z: ComplexArray, omega: float) -> Regime:
+        """Periodic regime under the free inputs Z, shape (n_free, n + 1), at `omega` [rad/s].
+
+        Raises
+        ------
+        Unsettled
+            If the automaton does not repeat itself within six periods.
+        """
+        return _Run(self, Z, omega).settle()
+
+
+class _Run:
+    """The automaton driven over phases; lives for one call."""
+
+    def __init__(self, owner: PeriodicElement, Z: ComplexArray, omega: float) -> None:
+        self.owner, self.Z, self.omega = owner, Z, omega
+        jk = 1j * omega * orders(Z.shape[1] - 1)
+        rows = [(s.on_free[:, None] + s.on_rate[:, None] * jk) * Z for s in owner.series]
+        c = np.array([r.sum(0) for r in rows]).reshape(len(rows), Z.shape[1])
+        self.series = [Monotone(ci, *e) for ci, e in zip(c, extrema(c) if len(c) else [], strict=True)]
+        self.most = 200 + 40 * Z.shape[1]
+
+    def settle(self) -> Regime:
+        """Run whole periods until mode and held values come back.
+
+        An element that holds values comes from a larger motion, so that it joins its loop even where it could also
+        rest; only if it then does not switch at all does it rest, where its describing function has it rest.
+        """
+        owner = self.owner
+        if not owner.automaton.n_held or owner.clocked:
+            return self._repeat(0.0, owner.start_mode, owner.automaton.start_held, 2 if owner.clocked else 1)
+        top = self._top()
+        larger = self.Z.copy()
+        larger[:, 1:] *= _EXCURSION
+        mode, held, _ = _Run(owner, larger, self.omega)._advance(top - TURN, top, owner.start_mode, self._rest())
+        regime = self._repeat(top, mode, held, 2)
+        return regime if regime.switches else self._repeat(0.0, owner.start_mode, self._rest(), 1)
+
+    def _repeat(self, start: float, mode: int, held: Array, least: int) -> Regime:
+        """Run at least `least` periods, until one ends as it began."""
+        mode, held, _ = self._advance(start, start, mode, held)
+        for period in range(_MOST_PERIODS):
+            begin = start + TURN * period
+            after, held_after, switches = self._advance(begin, begin + TURN, mode, held)
+            if period + 1 >= least and after == mode and self._same(held, held_after):
+                return Regime(begin, mode, held, tuple(switches))
+            mode, held = after, held_after
+        raise Unsettled(f"{self.owner.name} does not answer with the period of its input.")
+
+    def _top(self) -> float:
+        """Phase at which the first input is greatest."""
+        phase, value = extrema(self.Z[:1])[0]
+        return float(phase[np.argmax(value)]) if phase.size else 0.0
+
+    def _same(self, held: Array, after: Array) -> bool:
+        size = 1e-9 * (np.abs(self.Z).sum() + np.abs(held))
+        same = np.abs(after - held) <= size
+        if self.owner.clocked:
+            same |= np.abs(after - held - TURN / self.omega) <= 1e-9 * TURN / self.omega
+        return bool(np.all(same))
+
+    def _rest(self) -> Array:
+        held = self.owner.automaton.start_held.copy()
+        rest = rest_value(self.owner.element, self.Z, self.omega)
+        held[0] = held[0] if rest is None else rest
+        return held
+
+    def _advance(self, phi: float, end: float, mode: int, held: Array) -> tuple[int, Array, list[Switch]]:
+        """All switches from `phi` to before `end` (those that are due at once if both are the same)."""
+        switches: list[Switch] = []
+        only_now = end == phi
+        while True:
+            found = self._next(phi, mode, held)
+            if found is None or (found[0] > phi if only_now else found[0] >= end):
+                return mode, held, switches
+            phi, trigger = found
+            guard = trigger.guard
+            held = guard.held_from_input @ self._inputs(phi) + guard.held_from_held @ held + guard.held_constant
+            mode = trigger.target
+            switches.append(Switch(phi, trigger, mode, held))
+            if len(switches) > self.most:
+                raise Unsettled(f"{self.owner.name} switches without end.")
+
+    def _inputs(self, phi: float) -> Array:
+        owner = self.owner
+        waves = np.exp(1j * phi * orders(self.Z.shape[1] - 1))
+        out, free = np.zeros(len(owner.roles)), 0
+        for i, role in enumerate(owner.roles):
+            if role == "free":
+                out[i] = (self.Z[free] @ waves).real
+                free += 1
+            elif role == "rate":
+                out[i] = (self.Z[0] * 1j * self.omega * orders(self.Z.shape[1] - 1) @ waves).real
+            else:
+                out[i] = phi / self.omega
+        return out
+
+    def _next(self, phi: float, mode: int, held: Array) -> tuple[float, Trigger] | None:
+        """The next event in a mode: phase and trigger."""
+        here: dict[int, float] = {}
+        pieces: list[tuple[float, Trigger, tuple[float, float, float, float] | None, float, float]] = []
+        for trigger in self.owner.triggers[mode]:
+            offset = trigger.constant + (float(trigger.on_held @ held) if held.size else 0.0)
+            if trigger.series < 0:
+                when = self._timed(trigger, offset, phi)
+                if when is not None:
+                    pieces.append((when, trigger, None, 0.0, 1.0))
+                continue
+            series, level = self.series[trigger.series], -offset / trigger.factor
+            if trigger.series not in here:
+                here[trigger.series] = series.at(phi)[0]
+            sign = 1.0 if trigger.factor > 0 else -1.0
+            piece = series.segment(phi, here[trigger.series], level, sign)
+            if piece is not None:
+                pieces.append((max(phi, piece[0]), trigger, piece, level, sign))
+        best: tuple[float, Trigger] | None = None
+        for earliest, trigger, piece, level, sign in sorted(pieces, key=lambda p: p[0]):
+            if best is not None and earliest >= best[0]:
+                break
+            when = earliest if piece is None else self.series[trigger.series].root(phi, piece, level, sign)
+            if best is None or when < best[0]:
+                best = when, trigger
+        return best
+
+    def _timed(self, trigger: Trigger, offset: float, phi: float) -> float | None:
+        """Phase at which a guard on the clock alone (or on nothing) fires."""
+        if trigger.row.on_clock <= 0:
+            return phi if offset + trigger.row.on_clock * phi / self.omega > 0 else None
+        return max(phi, -offset / trigger.row.on_clock * self.omega)
+
+
+def rest_value(element: Nonlinearity, Z: ComplexArray, omega: float) -> float | None:
+    """Held value that an element takes where the input does not move it: the one its describing function documents."""
+    half_range = float(np.ptp(sampled(Z[0], max(32, 8 * Z.shape[1])))) / 2
+    mean, _ = element.describing_function(half_range, float(Z[0, 0].real), omega)
+    return element.held_at(np.atleast_1d(np.asarray(mean, float)))
