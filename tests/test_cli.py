@@ -92,6 +92,49 @@ def test_wrong_files_are_one_sentence(tmp_path, content, expected):
     assert expected in sentence
 
 
+ELBOW = 'base = "fig8a_original"\n'
+LOOP = 'kind = "loop"\ntitle = "x"\n[run]\nt_end = "9 s"\n[[loop.elements]]\nelement = "relay"\n[loop]\n'
+RECORDED = ELBOW + '[run.input]\nkind = "recorded"\nfile = "motion.csv"\n'
+BAD = {
+    "unknown field": (
+        ELBOW + '[lock_pin]\nbacklsh = "2 deg"',
+        "lock_pin.backlsh is '2 deg'",
+        "did you mean 'backlash'",
+    ),
+    "missing field": (
+        'kind = "elbow"\ntitle = "x"\n[drive]\ninertia = 1',
+        "drive.supply_voltage is missing",
+        "a voltage",
+    ),
+    "wrong dimension": (ELBOW + '[lock_pin]\nbacklash = "2.5 kg"', "lock_pin.backlash is '2.5 kg'", "an angle"),
+    "order": (
+        ELBOW + '[bands]\nslack = "3 lbf"\nlow = "2 lbf"\nhigh = "4 lbf"\nmax = "5 lbf"',
+        "bands.low is '2 lbf'",
+        "slack < low < high < max",
+    ),
+    "negative stiffness": (ELBOW + '[cable]\nstiffness = "-5 N/m"', "cable.stiffness is '-5 N/m'", "a positive number"),
+    "nan": (ELBOW + "[lock_pin]\nbacklash = nan", "lock_pin.backlash is nan", "a finite number"),
+    "infinity": (ELBOW + '[lock_pin]\nbacklash = "inf deg"', "lock_pin.backlash is 'inf deg'", "an angle"),
+    "empty": ("", "is 'empty'", "a case file"),
+    "not toml": ("a = = 1", "not TOML", "a TOML file"),
+    "its own base": ('base = "bad"\ntitle = "x"', "base is 'bad'", "does not inherit from itself"),
+    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1.0, 2.0, 3.0]", "improper"),
+    "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_input_is_one_sentence_with_file_field_value_and_what_was_expected(tmp_path, kind):
+    content, what, expected = BAD[kind]
+    (tmp_path / "bad.toml").write_text(content)
+    (tmp_path / "motion.csv").write_text("time [s],position [m]\n0,0\n1,\n2,0.02\n")
+    before = sorted(p.name for p in tmp_path.iterdir())
+    sentence = one_sentence(run("simulate", str(tmp_path / "bad.toml"), "-o", str(tmp_path / "out.png")))
+    assert "bad.toml" in sentence or "motion.csv" in sentence
+    assert what in sentence and "expected" in sentence and expected in sentence
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
 def test_simulate_prints_the_verdict():
     output = run("simulate", "fig8b_reduced_backlash").stdout
     assert "settled at rest" in output
@@ -114,6 +157,58 @@ def test_validate_gives_a_verdict_in_words():
     (case,) = json.loads(run("validate", "relay_deadzone", "--json").stdout)["cases"]
     assert case["result"]["verdict"]
     assert case["result"]["verdict"] in " ".join(run("validate", "relay_deadzone").stdout.split())
+
+
+def test_validate_puts_every_signal_side_by_side():
+    output = run("validate", "fig8a_original").stdout
+    head = next(line for line in output.splitlines() if "simulated" in line)
+    assert head.split() == ["predicted,", "unstable", "predicted,", "stable", "simulated", "error"]
+    for text in ("frequency [Hz]", "theta [deg] peak to peak", "sensor_force [N] peak to peak", "pulley_stretch [mm]"):
+        assert text in output
+    row = next(line for line in output.splitlines() if "frequency [Hz]" in line).split()
+    assert row[2:] == ["5.611", "10.61", "8.974", "+18.3", "%"]
+    assert "time: describing function" in output and "simulation" in output
+
+
+def test_truth_table_is_printed_as_the_paper_found():
+    output = run("validate", "truth-table").stdout
+    assert output.strip().endswith("8 of 8 as the paper found.")
+    rows = {line.split()[0]: line for line in output.splitlines() if line.strip() and line.split()[0] in TRUTH}
+    assert list(rows) == list(TRUTH)
+    for name, (figure, must) in TRUTH.items():
+        assert figure in rows[name] and f"{must}   {must}" in " ".join(rows[name].split(" ")) and " ok " in rows[name]
+
+
+TRUTH = {
+    "fig8a_original": ("Fig. 8(a)", "oscillate"),
+    "fig8b_reduced_backlash": ("Fig. 8(b)", "settle"),
+    "gain_brings_it_back": ("text after Fig. 8", "oscillate"),
+    "fig6a_original_pulley": ("Fig. 6(a)", "oscillate"),
+    "fig6b_ball_bearing": ("Fig. 6(b)", "settle"),
+    "soft_cable": ("text after Equation (2)", "settle"),
+    "light_forearm": ("text after Equation (2)", "settle"),
+    "upright": ("Discussion", "settle"),
+}
+
+
+def test_a_case_that_fails_is_called_so_and_the_exit_code_stays(tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text('base = "relay_deadzone"\ntitle = "x"\n[expected]\noutcome = "settle"\n')
+    result = run("validate", str(path), "relay_deadzone")
+    assert result.exit_code == 0
+    assert "FAIL" in result.stdout and "1 of 2 as their sources say." in result.stdout
+
+
+def test_validate_json_says_what_must_come_out():
+    (case,) = json.loads(run("validate", "relay_deadzone", "--json").stdout)["cases"]
+    assert (case["result"]["must"], case["result"]["as_found"]) == ("oscillate", True)
+
+
+def test_prediction_is_made_where_the_harness_ends():
+    """20 mm of step over 19 mm of radius is 60.3 deg; without the step the cycles would be about 0 deg."""
+    (case,) = json.loads(run("predict", "fig8a_original", "--json").stdout)["cases"]
+    for cycle in case["result"]["cycles"]:
+        assert cycle["mean"]["theta"] == pytest.approx(20 / 19, abs=5e-3)
 
 
 @pytest.mark.parametrize("command", ["predict", "simulate", "validate"])

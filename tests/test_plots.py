@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.plots import plot_ladder, plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results import Status
@@ -78,17 +79,47 @@ def test_nyquist_draws_into_given_axes():
     assert ax.lines
 
 
-def test_ladder_has_one_panel_a_quantity_and_one_mark_a_method():
-    rows = [
-        SimpleNamespace(method="describing function", quantities={"frequency": 2.1, "peak_to_peak theta": 0.1}),
-        SimpleNamespace(method="simulation", quantities={"frequency": 2.0, "peak_to_peak theta": None}),
-    ]
-    units = {"frequency": "Hz", "peak_to_peak theta": "rad"}
-    figure = plot_ladder(SimpleNamespace(rows=rows, units=units, verdict="They agree."))
+@pytest.fixture(scope="module")
+def relay_ladder() -> epp.Ladder:
+    return epp.ladder(epp.case("relay_ideal_khalil79"))
+
+
+def test_ladder_shows_the_run_the_cycle_and_the_prediction(relay_ladder):
+    figure = plot_ladder(relay_ladder)
     figure.draw_without_rendering()
-    assert [ax.get_xlabel() for ax in figure.axes] == ["frequency [Hz]", "peak to peak theta [rad]"]
-    assert [len(ax.lines) for ax in figure.axes] == [2, 1]
-    assert figure.get_suptitle() == "They agree."
+    run_x, run_y, close_x, close_y, nyquist = figure.axes
+    assert labels(figure)[:4] == ["x", "y", "x", "y"]
+    np.testing.assert_array_equal(run_x.lines[0].get_ydata(), relay_ladder.run.signals["x"])
+    assert nyquist.get_title() == "1 limit cycle predicted"
+    # The verdict stands above, wrapped.
+    assert " ".join(figure.get_suptitle().split()) == relay_ladder.verdict
+
+
+def test_predicted_cycle_lies_over_the_simulated_one_in_phase_and_size(relay_ladder):
+    ax = plot_ladder(relay_ladder).axes[2]
+    simulated, predicted = (np.asarray(line.get_ydata(), float) for line in ax.lines)
+    assert np.ptp(predicted) == pytest.approx(relay_ladder.prediction[0].peak_to_peak["x"], rel=1e-3)
+    assert np.ptp(simulated) == pytest.approx(relay_ladder.run.limit_cycle.peak_to_peak["x"], rel=1e-3)
+    # One period of either is nearly the same sine: their correlation in the middle is close to one.
+    n = simulated.size
+    middle = slice(n // 3, 2 * n // 3)
+    assert np.corrcoef(simulated[middle], predicted[middle])[0, 1] > 0.99
+
+
+def test_angles_are_in_degrees_in_the_ladder():
+    ladder = replace(
+        epp.ladder(epp.case("relay_ideal_khalil79")), signal="theta", run=trajectory(Status.SETTLED), matched=None
+    )
+    figure = plot_ladder(replace(ladder, prediction=prediction()))
+    assert labels(figure)[:2] == ["theta [deg]", "voltage [V]"]
+    assert max(figure.axes[0].lines[0].get_ydata()) == pytest.approx(np.degrees(0.85), rel=1e-6)
+    # The stable cycle predicted is a band: 3.0012 rad either way of the mean.
+    assert len(figure.axes[2].patches) == 1
+
+
+def test_ladder_without_prediction_says_so():
+    figure = plot_ladder(epp.ladder(epp.case("two_mass_damped_shaft")))
+    assert [text.get_text() for text in figure.axes[-1].texts] == ["no describing function"]
 
 
 def test_pictures_leave_the_global_state_alone():

@@ -1,0 +1,1 @@
+"""Compiled code: floats and arrays in, floats and arrays out."""

@@ -137,14 +137,16 @@ def run(
     """
     slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
     return advance(
-        model, slots, work, room, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+        model, slots, work, room, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+        ev_t, ev_guard, ev_x, ev_v,
         ev_H, ev_modes, rate, stats,
     )  # fmt: skip
 
 
 @njit(**HOT)
 def advance(
-    model, slots, work, room, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep, ev_t, ev_guard, ev_x, ev_v,
+    model, slots, work, room, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+    ev_t, ev_guard, ev_x, ev_v,
     ev_H, ev_modes, rate, stats,
 ):  # fmt: skip
     """The loop of :func:`run`, without allocation; knots before `first_knot` are taken as passed."""

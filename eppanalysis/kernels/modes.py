@@ -20,7 +20,7 @@ INLINE = {**HOT, "inline": "always"}
 
 
 class Model(NamedTuple):
-    """Flat arrays of a hybrid system; n states, w outputs, z inputs, H held values (the last one is 1), s smooth channels."""
+    """Flat arrays of a hybrid system: n states, w outputs, z inputs, H held values (the last is 1), s smooth ones."""
 
     A: np.ndarray  # (n, n)
     B: np.ndarray  # (n, w), without delayed outputs
@@ -572,7 +572,7 @@ def _copy(out, source):
 
 @njit(**HOT)
 def _choose_step(slots, work, q, base_step):
-    """Step of slot q: the base step, halved until the mode's own motion is resolved; its matrices wait for their use."""
+    """Step of slot q: the base step, halved until the mode's motion is resolved; its matrices wait for their use."""
     rate = growth_rate(slots.M[q], work.square[0], work.square[1])
     h = base_step
     while rate * h > 6.0:

@@ -92,7 +92,7 @@ def _range(ev_t, ev_x, ev_v, count, keep, p, out):
 
 @njit(cache=True, nogil=True)
 def _change(ev_x, last, keep, p, local, size, compared):
-    """Largest change over the period before event `last`, relative to the cycle's (or, if larger by far, the run's) size."""
+    """Largest change over the period before event `last`, relative to the cycle's size, or a trace of the run's."""
     worst = 0.0
     for i in range(local.size):
         if not compared[i]:

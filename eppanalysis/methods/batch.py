@@ -136,10 +136,11 @@ def _separable(
 
     parts = [combine(b, list(a)) for b, a in zip(base.model, zip(*(s.model for s in stacks), strict=True), strict=True)]
     states = [combine(getattr(base, k), [getattr(s, k) for s in stacks]) for k in ("x0", "modes0", "H0")]
-    if any(p is None for p in (*parts, *states)):
+    x0, modes0, H0 = states
+    if x0 is None or modes0 is None or H0 is None or any(p is None for p in parts):
         return None
     scale = np.min([s.time_scale[i] for s, i in zip(stacks, index, strict=True)], axis=0)
-    out = cls(type(base.model)(*parts), *states, base.compared, scale, tuple(signal_names))
+    out = cls(type(base.model)(*parts), x0, modes0, H0, base.compared, scale, tuple(signal_names))
     for corner in product(*((0, n - 1) for n in sizes)):
         cell = int(np.ravel_multi_index(corner, sizes))
         full = make({k: axes[k][j] for k, j in zip(names, corner, strict=True)})

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
+#: Where a state has grown so far that rounding ends the run, it has diverged.
+_LARGEST_STATE = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,8 @@ def announce_compilation(kernel: Any) -> None:
         return
     folder = Path(kernel.stats.cache_path or "")
     if not any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi")):
-        print("Compiling the engine for this machine; once, for about half a minute ...", file=sys.stderr, flush=True)
+        sys.stderr.write("Compiling the engine for this machine; once, for about half a minute ...\n")
+        sys.stderr.flush()
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
@@ -179,7 +182,8 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
 
     found = np.zeros(4)
     if run.code in _EARLY:
-        return _EARLY[run.code], found
+        beyond = not np.all(np.abs(run.x_end) < _LARGEST_STATE)
+        return (Status.DIVERGED if beyond else _EARLY[run.code]), found
     code = verdict(
         run.time,
         run.guard,

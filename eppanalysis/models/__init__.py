@@ -1,0 +1,1 @@
+"""Frozen systems: linear parts, elements, loops, and their hybrid form."""

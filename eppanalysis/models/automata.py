@@ -46,9 +46,9 @@ def friction(coulomb: float, static: float, stribeck: float = 0.0) -> Automaton:
     law = (Smooth("reciprocal_abs", np.array([stribeck]), 0.0, static),) if falling else ()
     build = AutomatonBuilder(smooth=law)
     stick = build.mode("stuck", sticking=True)
-    force = {"from_smooth": 1.0} if falling else {"constant": coulomb}
-    reverse = {"from_smooth": -1.0} if falling else {"constant": -coulomb}
-    forward, backward = build.mode("slips forward", **force), build.mode("slips backward", **reverse)
+    smooth_part, constant = (1.0, 0.0) if falling else (0.0, coulomb)
+    forward = build.mode("slips forward", from_smooth=smooth_part, constant=constant)
+    backward = build.mode("slips backward", from_smooth=-smooth_part, constant=-constant)
     build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
     build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
     build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)
@@ -110,8 +110,8 @@ def stiction_pulley(
 ) -> Automaton:
     """Cable over a pulley with friction proportional to its load: outputs (sensor force, harness force), held u.
 
-    Stuck, the stretch ``u`` of the forearm side is kept; sliding, ``|F_h - F_f| = kinetic_ratio * friction * (F_h + F_f)``
-    makes it proportional to the total stretch s; slack, both forces vanish.
+    Stuck, the stretch ``u`` of the forearm side is kept; sliding, ``|F_h - F_f| = kinetic_ratio * friction * (F_h +
+    F_f)`` makes it proportional to the total stretch s; slack, both forces vanish.
     """
     k_h, k_f, m = harness_stiffness, forearm_stiffness, friction
     rise, fall = pulley_slopes(k_h, k_f, kinetic_ratio * m)
@@ -166,7 +166,7 @@ def nordin_shaft(gap: float, stiffness: float, damping: float) -> Automaton:
     b = gap / 2
     build = AutomatonBuilder(n_inputs=3, n_outputs=2)
     relax = stiffness / damping
-    free = build.mode("free", from_input=[[0, 0, 0], [relax, 1.0, -relax]])
+    free = build.mode("free", from_input=np.array([[0.0, 0.0, 0.0], [relax, 1.0, -relax]]))
     torque = [[stiffness, damping, 0.0], [0.0, 0.0, 0.0]]
     plus = build.mode("contact plus", from_input=torque, constant=[-stiffness * b, 0.0])
     minus = build.mode("contact minus", from_input=torque, constant=[stiffness * b, 0.0])
@@ -193,8 +193,9 @@ def parking(
     for i, edge in enumerate(x):
         for name, source, target, sign in (("rises", i, i + 1, 1.0), ("falls", i + 1, i, -1.0)):
             entry = [0.0, 1.0] if target == band else None
-            edge_row = {"on_input": [sign, 0.0], "constant": float(-sign * edge)}
-            build.guard(f"{name} through {i}", source, target, held_from_input=entry, **edge_row)
+            at = float(-sign * edge)
+            row = [sign, 0.0]
+            build.guard(f"{name} through {i}", source, target, on_input=row, constant=at, held_from_input=entry)
     build.guard("parks", band, parked, on_input=[0.0, 1.0], on_held=-1.0, constant=-dwell_time)
     build.guard("unparks", parked, band + 1, on_input=[1.0, 0.0], constant=-high)
     return build.build(band)

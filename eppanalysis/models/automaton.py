@@ -33,7 +33,9 @@ def _vector(values: ArrayLike, size: int) -> Array:
 
 @dataclass(frozen=True)
 class Mode:
-    """One mode of an element; shapes are (n_outputs, n_inputs), (n_outputs, n_held), (n_outputs, n_smooth), (n_outputs,).
+    """One mode of an element.
+
+    Shapes are (n_outputs, n_inputs), (n_outputs, n_held), (n_outputs, n_smooth) and (n_outputs,).
 
     A sticking mode keeps the first input at `level`. It exists only where the loop pulls back against the element's
     jump there, that is where the input's rate falls as the output rises for an upward `jump` (and the reverse).

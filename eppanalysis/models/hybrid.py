@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
+from eppanalysis.models.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Guard
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion, Sine
 
@@ -173,7 +173,7 @@ class _Packer:
         )
 
     def _start_mode(self, e: int, model: Model, x0: Array) -> int:
-        """Where an element starts; a sticking mode only if its input stands on the level, else the side it stands on."""
+        """Where an element starts: in a sticking mode only if its input stands on the level, else on its side."""
         automaton = self.automata[e]
         start = automaton.modes[automaton.start_mode]
         if not start.sticking:
@@ -280,8 +280,8 @@ class _Packer:
     def _modes(self, B: Array, C: Array, D: Array, n_s: int) -> tuple[dict, dict]:
         """Flat tables of all modes and guards, sticking modes admitted or bypassed."""
         z_max = max(a.n_inputs for a in self.automata)
-        w_max = max(max(a.n_outputs for a in self.automata), 1)
-        h_max = max(max(a.n_held for a in self.automata), 1)
+        w_max = max(1, *(a.n_outputs for a in self.automata))
+        h_max = max(1, *(a.n_held for a in self.automata))
         n_modes = sum(len(a.modes) for a in self.automata)
         n_guards = sum(len(a.guards) for a in self.automata)
         m = {
@@ -334,7 +334,7 @@ class _Packer:
             i_smooth += len(a.smooth)
         return m, g
 
-    def _target(self, e: int, guard, B: Array, C: Array, D: Array) -> int:
+    def _target(self, e: int, guard: Guard, B: Array, C: Array, D: Array) -> int:
         """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
         target = self.automata[e].modes[guard.target]
         if not target.sticking or self._admitted(e, target.jump, B, C, D):
@@ -349,6 +349,6 @@ class _Packer:
         return pull * jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
 
 
-def _ordered(automaton: Automaton) -> list:
+def _ordered(automaton: Automaton) -> list[Guard]:
     """Guards in the order of the flat table: by mode, then as given."""
     return [g for k in range(len(automaton.modes)) for g in automaton.guards if g.mode == k]

@@ -69,8 +69,8 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
         raise ModelError("A transfer function has a denominator of zero.")
     if num.size > den.size:
         raise ModelError(
-            f"A transfer function is improper: its numerator has degree {num.size - 1}, its denominator {den.size - 1}; "
-            "expected at most the same degree."
+            f"A transfer function is improper: its numerator has degree {num.size - 1}, "
+            f"its denominator {den.size - 1}; expected at most the same degree."
         )
     n = den.size - 1
     num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]

@@ -129,6 +129,8 @@ class LureSystem:
             If shapes do not fit or a number is not finite.
         """
         A = np.atleast_2d(np.asarray(A, float))
+        if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
+            raise ModelError(f"{name}: A has shape {A.shape}; expected a square matrix.")
         n = A.shape[0] if A.size else 0
         A = A.reshape(n, n)
         nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
@@ -313,7 +315,7 @@ class LureSystem:
         resolvent = np.asarray(s)[..., None, None] * np.eye(self.A.shape[0]) - self.A
         x = np.linalg.solve(resolvent, np.broadcast_to(self.B + 0j, (*shape, *self.B.shape)))
         x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-        return C @ x + D
+        return np.asarray(C @ x + D, complex)
 
     def with_elements(self, elements: Sequence[Nonlinearity]) -> LureSystem:
         """The same linear part closed by other elements, in the same places."""

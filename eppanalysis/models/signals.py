@@ -6,6 +6,7 @@ integrator restarts; the sine gives its amplitude, angular frequency and phase.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -261,3 +262,64 @@ class Recorded:
 
 #: Every motion that a run accepts.
 Motion = Constant | Step | Ramp | Sine | Recorded
+
+
+def motions_by_name(input_names: Sequence[str], given: Motion | Mapping[str, Motion] | None) -> dict[str, Motion]:
+    """Motions by the name of the input that each drives; a single one drives the only input.
+
+    Parameters
+    ----------
+    input_names : sequence of str
+        Of the system.
+    given : Motion, mapping of str to Motion, or None
+        None leaves every input where it is.
+
+    Raises
+    ------
+    ModelError
+        If a single motion meets a system that has not exactly one input.
+
+    Examples
+    --------
+    >>> motions_by_name(["harness_position"], Step(0.02))
+    {'harness_position': Step(size=0.02, time=0.0)}
+    """
+    if given is None:
+        return {}
+    if isinstance(given, Mapping):
+        return dict(given)
+    if len(input_names) != 1:
+        raise ModelError(f"The system has {len(input_names)} inputs; expected motions by name, not a single one.")
+    return {input_names[0]: given}
+
+
+def standing_inputs(
+    input_names: Sequence[str], v0: ArrayLike, given: Motion | Mapping[str, Motion] | None, time: float
+) -> dict[str, float]:
+    """Where the external inputs stand at `time`: the operating point of a cycle that runs from then on.
+
+    Parameters
+    ----------
+    input_names : sequence of str
+        Of the system.
+    v0 : array_like, shape (nv,)
+        Inputs before the motions, to which the motions are added.
+    given : Motion, mapping of str to Motion, or None
+        A sine counts with its middle, for it never stands.
+    time : float
+        [s].
+
+    Raises
+    ------
+    ModelError
+        If a single motion meets a system that has not exactly one input.
+
+    Examples
+    --------
+    >>> standing_inputs(["harness_position"], [0.5], Step(0.02), 6.0)
+    {'harness_position': 0.52}
+    """
+    motions = motions_by_name(input_names, given)
+    moved = {name: float(m.value(time)) for name, m in motions.items() if not isinstance(m, Sine)}
+    start = np.asarray(v0, float).tolist()
+    return {name: v + moved.get(name, 0.0) for name, v in zip(input_names, start, strict=True)}

@@ -26,7 +26,7 @@ class Nonlinearity(ABC):
 
     @abstractmethod
     def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
-        """Output for the input `x` that is reached, monotonically, from the state `memory`; returns (output, memory)."""
+        """Output for the input `x` that is reached, monotonically, from the state `memory`: (output, memory)."""
 
     @abstractmethod
     def describing_function(
@@ -44,7 +44,7 @@ class Nonlinearity(ABC):
         """Modes, guards and resets of the element for the hybrid system."""
 
     def held_at(self, output: NDArray[np.float64]) -> float | None:
-        """First held value of the automaton that goes with an output, shape (n_outputs,); None without such a memory."""
+        """First held value of the automaton for an output, shape (n_outputs,); None without such a memory."""
         return None
 
     def thresholds(self) -> NDArray[np.float64]:
