@@ -58,6 +58,8 @@ def drawings() -> dict[str, Drawing]:
     cable = {"harness_stiffness": 8381.6, "forearm_stiffness": 33526.3, "friction": 0.0447}
     return {
         "saturation": Drawing({"symmetric": epp.Saturation(), "upper limit 0.5": epp.Saturation(upper=0.5)}, 2.0, 6.0),
+        "dead_zone": Drawing({"symmetric": epp.DeadZone(), "from -1 to 0.5": epp.DeadZone(upper=0.5)}, 2.0, 6.0),
+        "relay": Drawing({"relay": epp.Relay(), "preload, slope 0.5": epp.Preload(level=1.0, slope=0.5)}, 1.5, 4.0),
         "dead_zone_saturation": Drawing(
             {"dead zone 1, limited from 1.5": epp.DeadZoneSaturation(dead_zone=1.0, slope=4.0, limit=2.0)}, 3.0, 8.0
         ),
@@ -176,9 +178,14 @@ def nyquist_relay_dead_zone() -> Figure:
     return epp.predict_limit_cycles(loop).plot()
 
 
+def fig8a_original() -> Figure:
+    """The picture of the README and of the quickstart."""
+    return epp.ladder(epp.case("fig8a_original")).plot()
+
+
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
 def make_all(folder: Path) -> None:
@@ -195,4 +202,4 @@ if __name__ == "__main__":
     generated.mkdir(exist_ok=True)
     make_all(generated)
     # The picture of the README is under version control, because a README is read where nothing is built.
-    save(nyquist_relay_dead_zone(), HERE / "_static" / "nyquist_relay_dead_zone.png")
+    save(fig8a_original(), HERE / "_static" / "fig8a_original.png")

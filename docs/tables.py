@@ -161,6 +161,18 @@ def textbook_simulation() -> str:
     return markdown(header, rows)
 
 
+def both_directions() -> str:
+    """Cases that first order gets wrong, or right only in part, with the ladder's verdict."""
+    rows = []
+    for name in ("backlash_servo_unseen", "backlash_servo", "elbow_cycle_not_there", "light_forearm"):
+        found = epp.ladder(epp.case(name))
+        cycles = [f"{c.frequency:.3g} Hz {'stable' if c.stable else 'unstable'}" for c in found.prediction or ()]
+        steady = found.run.limit_cycle
+        runs = f"{steady.frequency:.4g} Hz" if steady else found.outcome
+        rows.append([f"`{name}`", ", ".join(cycles) or "none", runs, found.verdict])
+    return markdown(["case", "first order", "simulation", "verdict"], rows)
+
+
 class _ClosedForm(control.DescribingFunctionNonlinearity):
     """An element as python-control wants it, with the closed form of this package."""
 
@@ -266,6 +278,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "truth_table": truth_table,
     "textbook_prediction": textbook_prediction,
     "textbook_simulation": textbook_simulation,
+    "both_directions": both_directions,
     "python_control": python_control,
 }
 

@@ -26,7 +26,15 @@ if TYPE_CHECKING:
         ModelError as ModelError,
         NotConverged as NotConverged,
     )
+    from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
+    from eppanalysis.methods.cycles import (
+        CycleSearch as CycleSearch,
+        exact_orbit as exact_orbit,
+        find_limit_cycles as find_limit_cycles,
+    )
     from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
+    from eppanalysis.methods.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
+    from eppanalysis.methods.knock import Knock as Knock, knock as knock
     from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
     from eppanalysis.methods.simulate import simulate as simulate
     from eppanalysis.models import signals as signals
@@ -70,7 +78,11 @@ __version__ = "0.1.0"
 _NAMES = {
     "case": ("Case", "case", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
+    "methods.continuation": ("Branch", "continue_branch"),
+    "methods.cycles": ("CycleSearch", "exact_orbit", "find_limit_cycles"),
     "methods.describing": ("predict_limit_cycles",),
+    "methods.folds": ("FoldCurve", "continue_folds"),
+    "methods.knock": ("Knock", "knock"),
     "methods.ladder": ("Ladder", "ladder"),
     "methods.simulate": ("simulate",),
     "models.elbow": ("ElbowParameters", "elbow"),

@@ -6,8 +6,10 @@ Whatever computes is imported inside the command that needs it, so that ``eppana
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,10 +25,7 @@ if TYPE_CHECKING:
     from eppanalysis.case import Case
     from eppanalysis.export import Table
     from eppanalysis.methods.ladder import Ladder
-    from eppanalysis.results import LimitCycle, Prediction, Trajectory
-
-#: Units in which people read tables, and the factor from SI; files and JSON stay in SI.
-READABLE = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi)}
+    from eppanalysis.results import Prediction, Trajectory
 
 
 class _Commands(TyperGroup):
@@ -50,7 +49,12 @@ app = typer.Typer(
 )
 
 Cases = Annotated[
-    list[str], typer.Argument(metavar="CASE", help="Case files (TOML), or names of shipped cases.", show_default=False)
+    list[str],
+    typer.Argument(
+        metavar="CASE",
+        help='Case files (TOML), or names of shipped cases; "truth-table" is all eight experiments of the paper.',
+        show_default=False,
+    ),
 ]
 Settings = Annotated[
     list[str],
@@ -86,8 +90,10 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 @app.command()
 def check(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False) -> None:
     """Check case files: every field, its unit and its range."""
-    valid = []
-    for text in cases:
+    from eppanalysis.screen import parameters_table
+
+    valid, texts = [], _expanded(cases)
+    for text in texts:
         try:
             valid.append(_load(text, settings))
         except EppError as error:
@@ -97,9 +103,9 @@ def check(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False)
     else:
         for case in valid:
             typer.echo(f"{case.name}: valid ({case.kind}): {case.title}")
-            if len(cases) == 1:
-                _print(_parameters_table(case))
-    if len(valid) < len(cases):
+            if len(texts) == 1:
+                _print(parameters_table(case))
+    if len(valid) < len(texts):
         raise typer.Exit(2)
 
 
@@ -110,7 +116,7 @@ def predict(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = Fals
     from eppanalysis.methods.describing import predict_limit_cycles
 
     def run(case: Case) -> Prediction:
-        return predict_limit_cycles(case.to_system())
+        return predict_limit_cycles(case.to_system(), case.final_input())
 
     _carry_out("predict", cases, settings, as_json, output, _Verb(run, prediction_table, _show_prediction))
 
@@ -129,11 +135,15 @@ def simulate(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = Fal
 
 @app.command()
 def validate(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False, output: Output = None) -> None:
-    """Put prediction and simulation side by side, with their differences in per cent."""
+    """Put prediction and simulation side by side, signal by signal, with their differences in per cent.
+
+    Several cases give one table of findings and verdicts: "eppanalysis validate truth-table".
+    """
     from eppanalysis.export import ladder_table
     from eppanalysis.methods.ladder import ladder
 
-    _carry_out("validate", cases, settings, as_json, output, _Verb(ladder, ladder_table, _show_ladder, _show_verdicts))
+    verb = _Verb(ladder, ladder_table, _show_ladder, _show_truth_table, _expected_beside)
+    _carry_out("validate", cases, settings, as_json, output, verb)
 
 
 @app.command("cases")
@@ -145,10 +155,9 @@ def list_cases(as_json: Json = False) -> None:
     if as_json:
         _print_json("cases", {case.name: None for case in found}, found, ())
         return
-    table = _table("name", "kind", "title", numbers=False)
-    for case in found:
-        table.add_row(case.name, case.kind, case.title)
-    _print(table)
+    from eppanalysis.screen import cases_table
+
+    _print(cases_table(found))
 
 
 @dataclass(frozen=True)
@@ -158,28 +167,42 @@ class _Verb:
     run: Callable[[Case], Any]
     to_table: Callable[[Any], Table]
     show: Callable[[Case, Any], None]
-    summarise: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
+    show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
+    beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
 
 
 def _carry_out(
     command: str, texts: Sequence[str], settings: Sequence[str], as_json: bool, output: Path | None, verb: _Verb
 ) -> None:
     """Load all cases, compute, then print and write; nothing is computed when an argument is wrong."""
+    texts = _expanded(texts)
     if output is not None:
         _check_output(output, len(texts))
     cases = [_load(text, settings) for text in texts]
+    together = verb.show_all if len(cases) > 1 else None
     results = []
     for case in cases:
-        results.append(verb.run(case))
-        if not as_json:
+        with _busy(f"{command} {case.name}"):
+            results.append(verb.run(case))
+        if not as_json and together is None:
             verb.show(case, results[-1])
-    if verb.summarise is not None and len(cases) > 1 and not as_json:
-        verb.summarise(cases, results)
+    if not as_json and together is not None:
+        together(cases, results)
     if as_json:
-        found = {case.name: result.to_dict() for case, result in zip(cases, results, strict=True)}
+        found = {
+            case.name: {**result.to_dict(), **(verb.beside(case, result) if verb.beside else {})}
+            for case, result in zip(cases, results, strict=True)
+        }
         _print_json(command, found, cases, settings)
     if output is not None:
         _write(output, cases, results, verb)
+
+
+def _expanded(texts: Sequence[str]) -> list[str]:
+    """Cases with the members of a group in place of its name."""
+    from eppanalysis.case import GROUPS
+
+    return [name for text in texts for name in GROUPS.get(text, (text,))]
 
 
 def _load(text: str, settings: Sequence[str]) -> Case:
@@ -257,87 +280,66 @@ def _json_value(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def _parameters_table(case: Case) -> RichTable:
-    """Every value of a case with where it comes from."""
-    table = _table("field", "value", "from", "note", numbers=False)
-    for name, parameter in case.parameters.items():
-        table.add_row(name, str(parameter), parameter.mark, parameter.note)
-    return table
-
-
 def _show_prediction(case: Case, prediction: Prediction) -> None:
+    from eppanalysis.screen import cycles_table, margins_text
+
     n = len(prediction)
     _heading(case, f"{n or 'no'} limit cycle{'' if n == 1 else 's'} predicted. {prediction.search}")
     if not prediction.status.ok:
         typer.echo(prediction.status.value)
     if n:
-        _print(_cycles_table(list(prediction)))
+        _print(cycles_table(list(prediction)))
     if prediction.margins:
-        typer.echo(
-            "margins of the linearised loop: " + ", ".join(f"{k} {v:.4g}" for k, v in prediction.margins.items())
-        )
+        typer.echo(f"margins of the linearised loop: {margins_text(prediction.margins)}")
 
 
 def _show_trajectory(case: Case, run: Trajectory) -> None:
+    from eppanalysis.screen import cycles_table, rest_table
+
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
     _heading(case, f"{run.status.value}{since} {len(run.events)} events.")
     if run.limit_cycle is not None:
-        _print(_cycles_table([run.limit_cycle]))
+        _print(cycles_table([run.limit_cycle]))
     elif run.settled_at:
-        table = _table("signal", "rests at")
-        for name, value in run.settled_at.items():
-            unit, factor = _readable(run.units.get(name, ""))
-            table.add_row(_with_unit(name, unit), _number(value * factor))
-        _print(table)
+        _print(rest_table(run))
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
+    from eppanalysis.screen import as_found, ladder_table
+
     _heading(case, ladder.verdict)
-    if case.expected.finding:
-        typer.echo(f"{case.expected.paper or 'expected'}: {case.expected.finding}")
-    names = list(dict.fromkeys(name for row in ladder.rows for name in row.quantities))
-    readable = {name: _readable(ladder.units.get(name, "")) for name in names}
-    table = _table("method", *(_with_unit(name, unit) for name, (unit, _) in readable.items()))
-    for row in ladder.rows:
-        values = ((row.quantities.get(name), factor) for name, (_, factor) in readable.items())
-        table.add_row(
-            row.method, *(_number(value * factor if _is_number(value) else value) for value, factor in values)
-        )
-    _print(table)
+    expected = case.expected
+    if expected.finding:
+        must = f" (must {expected.outcome}: {as_found(case, ladder)})" if expected.outcome else ""
+        typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
+    _print(ladder_table(ladder))
+    if ladder.errors:
+        typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
+    times = dict.fromkeys((row.method.partition(",")[0], row.seconds) for row in ladder.rows)
+    parts = [f"{method} {seconds:.2f} s" for method, seconds in times]
+    if ladder.probes:
+        parts.append(f"{len(ladder.probes)} runs from the predicted cycles {ladder.probe_seconds:.2f} s")
+    typer.echo("time: " + ", ".join(parts))
 
 
-def _show_verdicts(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
-    """All cases in one table, with what is known of each beside the verdict."""
-    table = _table("case", "source", "finding", "must", "verdict", numbers=False)
+def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
+    """All cases in one table, with what is known of each beside what the run did."""
+    from eppanalysis.screen import TruthTable
+
+    table = TruthTable()
     for case, ladder in zip(cases, ladders, strict=True):
-        expected = case.expected
-        source = expected.paper or expected.source
-        table.add_row(case.name, source, expected.finding, expected.outcome or "", ladder.verdict)
-    _print(table)
+        table.add(case, ladder)
+    _print(table.table)
+    typer.echo(table.sentence())
 
 
-def _cycles_table(cycles: Sequence[LimitCycle]) -> RichTable:
-    """Signals down, cycles across: mean and peak-to-peak of each."""
-    table = _table("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
-    stability = {True: "stable", False: "unstable", None: "stability unknown"}
-    for label, values in (
-        ("", [stability[c.stable] for c in cycles]),
-        ("frequency [Hz]", [_number(c.frequency) for c in cycles]),
-        ("period [s]", [_number(c.period) for c in cycles]),
-        ("estimated error", [_percent(c.error_estimate) for c in cycles]),
-    ):
-        table.add_row(label, *(cell for value in values for cell in (value, "")))
-    table.add_section()
-    table.add_row("signal", *(cell for _ in cycles for cell in ("peak to peak", "mean")))
-    for name in dict.fromkeys(name for c in cycles for name in c.mean):
-        unit, factor = _readable(next((c.units[name] for c in cycles if name in c.units), ""))
-        cells = []
-        for c in cycles:
-            span, mean = c.peak_to_peak.get(name, math.nan), c.mean.get(name, math.nan)
-            # What is left of a mean of zero after summation is not worth its digits.
-            cells += [_number(span * factor), _number(mean * factor if abs(mean) > 1e-9 * span else 0.0)]
-        table.add_row(_with_unit(name, unit), *cells)
-    return table
+def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
+    """What is known of the case, for JSON."""
+    from eppanalysis.screen import as_found
+
+    expected, found = case.expected, as_found(case, ladder)
+    known = {"paper": expected.paper, "finding": expected.finding, "must": expected.outcome}
+    return {**known, "as_found": (found == "ok") if found else None}
 
 
 def _heading(case: Case, sentence: str) -> None:
@@ -346,15 +348,15 @@ def _heading(case: Case, sentence: str) -> None:
     typer.echo(sentence.strip())
 
 
-def _table(*columns: str, numbers: bool = True) -> RichTable:
-    """An empty table; its columns after the first hold numbers, or texts."""
-    from rich import box
-    from rich.table import Table
+def _busy(what: str) -> AbstractContextManager[Any]:
+    """A line on the terminal while something is computed; nothing where the output goes elsewhere."""
+    from contextlib import nullcontext
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
-    return table
+    if not sys.stderr.isatty():
+        return nullcontext()
+    from rich.console import Console
+
+    return Console(stderr=True).status(f"{what} ...")
 
 
 def _print(table: RichTable) -> None:
@@ -364,32 +366,8 @@ def _print(table: RichTable) -> None:
     Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 200).print(table)
 
 
-def _readable(unit: str) -> tuple[str, float]:
-    return READABLE.get(unit, (unit.replace("*", "·"), 1.0))
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
-def _percent(share: float) -> str:
-    if math.isnan(share):
-        return "-"
-    if share > 1.0:
-        return "> 100 %"
-    return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _number(value: Any) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    return f"{value:.4g}" if _is_number(value) else str(value)
-
-
 def main() -> None:
     """Entry point of the command ``eppanalysis``."""
+    # Many small linear systems: threads inside the linear algebra cost more than they give.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app()

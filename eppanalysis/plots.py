@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
+    from eppanalysis.methods.continuation import Branch
     from eppanalysis.methods.ladder import Ladder
     from eppanalysis.results import LimitCycle, Prediction, Trajectory
 
 Array = NDArray[np.float64]
 
 #: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
-BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, GREY = (
+BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
     "#0072B2",
     "#D55E00",
     "#009E73",
     "#E69F00",
     "#56B4E9",
-    "#CC79A7",
     "#7F7F7F",
 )
 _STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
@@ -97,8 +100,9 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     """Nyquist picture: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
 
     A filled circle is a stable cycle, an open one any other. Loops with several elements have no single -1/N locus; for
-    them the picture is the loop gain over the amplitude at the principal element, at the frequency at which the loop's
-    phase closes and with all other balances met: a cycle is where it is one, stable where it falls through one.
+    them the picture is the loop gain over the amplitude at the principal element, cut there, at the frequency at which
+    the loop's phase closes and with all other balances met. A cycle is where it is one: where it rises with amplitude
+    an oscillation grows away from the cycle, where it falls it returns to it.
 
     Parameters
     ----------
@@ -121,25 +125,90 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
 
 
 def plot_ladder(ladder: Ladder) -> Figure:
-    """The methods of a ladder side by side, one panel a quantity: how far each is from the others."""
-    rows = [(row.method, row.quantities) for row in ladder.rows]
-    names = [name for name in dict.fromkeys(n for _, q in rows for n in q) if _numeric(q.get(name) for _, q in rows)]
-    figure, panels = _panels(len(names), height=0.5 + 0.3 * len(rows))
-    for name, ax in zip(names, panels, strict=True):
-        values = [q.get(name) for _, q in rows]
-        for i, value in enumerate(values):
-            if value is None or not np.isfinite(value):
-                ax.text(0.02, i, "none", transform=ax.get_yaxis_transform(), va="center", color=GREY, fontsize=8)
-                continue
-            ax.plot([value], [i], "o", color=(BLUE, VERMILLION, GREEN, ORANGE, PURPLE)[i % 5], markersize=6)
-            ax.annotate(f"{value:.4g}", (value, i), (0, 6), textcoords="offset points", ha="center", fontsize=8)
-        ax.set_yticks(range(len(rows)), [method for method, _ in rows])
-        ax.set_ylim(len(rows) - 0.4, -0.8)
-        ax.margins(x=0.25)
-        ax.grid(axis="y", alpha=0.3)
-        ax.set_xlabel(_label(name, ladder.units))
-    figure.suptitle(ladder.verdict, fontsize=10, wrap=True)
+    """The run in time, its steady motion with the predicted cycle over it, and the picture of the prediction.
+
+    Two signals are drawn: the ladder's own, and the force that the controller reads (or the next signal that there is).
+
+    Parameters
+    ----------
+    ladder : Ladder
+    """
+    others = [name for name in ladder.run.signals if name != ladder.signal]
+    second = "sensor_force" if "sensor_force" in others else others[0] if others else None
+    names = [ladder.signal] if second is None else [ladder.signal, second]
+    n = len(names)
+    figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout="constrained")
+    figure.get_layout_engine().set(wspace=0.08)  # type: ignore[union-attr, call-arg]
+    grid = figure.add_gridspec(2 * n, 2, height_ratios=[1.0] * n + [2.6 / n] * n)
+    runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
+    close = [figure.add_subplot(grid[n + i, 0]) for i in range(n)]
+    for name, ax in zip(names, runs, strict=True):
+        unit, factor = readable(ladder.run.units.get(name, ""))
+        ax.plot(ladder.run.t, factor * ladder.run.signals[name], color=BLUE, linewidth=0.7)
+        ax.set_ylabel(_label(name, {name: unit}))
+    draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
+    for name, ax in zip(names, close, strict=True):
+        draw(ax, ladder, name)
+    for panels, text in ((runs, "time [s]"), (close, "time [s]")):
+        _label_time(panels, text)
+    for ax in (*runs, *close):
+        ax.spines[["top", "right"]].set_visible(False)
+    close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
+    _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
+    figure.suptitle(textwrap.fill(ladder.verdict, 108), fontsize=9, x=0.01, ha="left")
     return figure
+
+
+def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
+    """Two periods of the run's cycle (a few swings of a long one), and the predicted one in phase in the middle."""
+    cycle = ladder.run.limit_cycle
+    assert cycle is not None
+    unit, factor = readable(ladder.run.units.get(name, ""))
+    time, waveform = _one_period(cycle)
+    both = np.concatenate([time, time + cycle.period])
+    ax.plot(both, factor * np.tile(waveform[name], 2), color=BLUE, linewidth=1.3, label="simulated")
+    if ladder.matched is not None and ladder.prediction is not None:
+        guess = ladder.prediction[ladder.matched]
+        shift = np.angle(cycle.harmonics[ladder.signal][ladder.swings]) - np.angle(guess.harmonics[ladder.signal][1])
+        turned = np.exp(1j * (guess.omega * (both - cycle.period) + shift))
+        first = guess.mean[name] + np.real(guess.harmonics[name][1] * turned)
+        ax.plot(both, factor * first, color=VERMILLION, linewidth=1.3, linestyle="--", label="predicted")
+    if ladder.swings > 2:
+        half = 2.0 * cycle.period / ladder.swings
+        ax.set_xlim(cycle.period - half, cycle.period + half)
+    ax.set_ylabel(_label(name, {name: unit}))
+
+
+def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
+    """How a run comes to rest (all of one that does not), and the reach of the stable cycle predicted."""
+    run = ladder.run
+    unit, factor = readable(run.units.get(name, ""))
+    y = factor * run.signals[name]
+    ax.plot(run.t, y, color=BLUE, linewidth=1.3, label="simulated")
+    bands = []
+    for cycle in ladder.prediction or ():
+        if cycle.stable:
+            half = 0.5 * factor * cycle.peak_to_peak[name]
+            middle = factor * cycle.mean[name]
+            bands.append((middle - half, middle + half))
+            ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
+    ax.set_ylabel(_label(name, {name: unit}))
+    if run.settled_at and np.ptp(y) > 0:
+        edges = [abs(edge - float(y[-1])) for band in bands for edge in band]
+        reach = 1.5 * max(0.02 * float(np.ptp(y)), *edges, 0.0)
+        near = np.abs(y - y[-1]) < reach
+        first = int(np.argmax(near))
+        ax.set_ylim(y[-1] - reach, y[-1] + reach)
+        ax.set_xlim(0.9 * run.t[first], max(1.3 * run.settled_since, run.t[min(first + 50, run.t.size - 1)]))
+
+
+def _draw_prediction(ax: Axes, prediction: Prediction | None) -> None:
+    if prediction is None:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no describing function", transform=ax.transAxes, ha="center", color=GREY)
+    else:
+        plot_nyquist(prediction, ax)
+        ax.spines[["top", "right"]].set_visible(False)
 
 
 def _mark_events(ax: Axes, times: Array) -> None:
@@ -166,50 +235,54 @@ def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
     _mark_cycles(ax, meets, prediction.cycles)
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
-    ax.legend(fontsize=8, loc="best")
 
 
 def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     curves = prediction.curves
+    element = str(curves.get("element", "the element")).replace("_", " ")
+    unit, factor = readable(curves.get("unit", ""))
     ax.axhline(1.0, color=GREY, linewidth=0.8)
     for branch in curves.get("branches", ()):
-        ax.plot(branch["amplitude"], branch["loop_gain"], color=BLUE, linewidth=1.3)
-    points = [complex(point["amplitude"], 1.0) for point in curves.get("intersections", ())]
+        ax.plot(factor * np.asarray(branch["amplitude"]), branch["loop_gain"], color=BLUE, linewidth=1.3)
+    points = [complex(factor * point["amplitude"], 1.0) for point in curves.get("intersections", ())]
     ax.set_xscale("log")
     ax.set_yscale("log")
+    if not curves.get("branches"):
+        ax.text(0.5, 0.5, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
     _mark_cycles(ax, points, prediction.cycles)
-    ax.set_xlabel(f"amplitude at the input of {curves.get('element', 'the element').replace('_', ' ')}")
+    ax.set_xlabel(f"amplitude at the input of {element}" + (f" [{unit}]" if unit else ""))
     ax.set_ylabel("loop gain (one at a cycle)")
 
 
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:
-    """Filled circles for stable cycles, open ones around them for the others; cycles at one point share a label."""
+    """Filled circles for stable cycles, open ones around them for the others; numbers lead to the legend."""
     to_share = ax.transData + ax.transAxes.inverted()
-    labels: dict[tuple[int, int], list[str]] = {}
-    places: dict[tuple[int, int], complex] = {}
-    for point, cycle in zip(points, cycles, strict=True):
+    places: dict[tuple[int, int], list[int]] = {}
+    for i, (point, cycle) in enumerate(zip(points, cycles, strict=True)):
         face, size = (GREEN, 7) if cycle.stable else ("none", 11)
-        ax.plot([point.real], [point.imag], "o", mfc=face, mec=GREEN, mew=1.5, markersize=size, zorder=5)
         name = next(iter(cycle.harmonics))
-        unit = cycle.units.get(name, "")
-        text = f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {name} {cycle.amplitude(name):.3g} {unit}"
-        share = to_share.transform((point.real, point.imag))
-        near = (round(50 * share[0]), round(50 * share[1]))
-        labels.setdefault(near, []).append(text.strip())
-        places.setdefault(near, point)
-    for i, (near, texts) in enumerate(labels.items()):
-        # Labels point into the picture, and neighbours to different sides.
-        left, below = near[0] < 28, i % 2 == 0
-        ax.annotate(
-            "\n".join(texts),
-            (places[near].real, places[near].imag),
-            (10 if left else -10, -10 if below else 10),
-            textcoords="offset points",
-            ha="left" if left else "right",
-            va="top" if below else "bottom",
-            fontsize=7,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
+        unit, factor = readable(cycle.units.get(name, ""))
+        text = (
+            f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {name} {factor * cycle.amplitude(name):.3g} {unit}"
         )
+        style = {"mfc": face, "mec": GREEN, "mew": 1.5, "markersize": size, "linestyle": "none", "zorder": 5}
+        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text.strip()}", **style)  # type: ignore[arg-type]
+        share = to_share.transform((point.real, point.imag))
+        # Cycles at one point share their numbers.
+        places.setdefault((round(50 * share[0]), round(50 * share[1])), []).append(i)
+    for numbers in places.values():
+        point = points[numbers[0]]
+        ax.annotate(
+            ", ".join(str(i + 1) for i in numbers),
+            (point.real, point.imag),
+            (8, 5),
+            textcoords="offset points",
+            fontsize=9,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            zorder=6,
+        )
+    if len(points) or ax.get_legend_handles_labels()[0]:
+        ax.legend(fontsize=7, loc="best", framealpha=0.9)
 
 
 def _window(
@@ -235,7 +308,8 @@ def _arrows(ax: Axes, curve: NDArray[np.complex128], box: tuple[float, float, fl
     for share in (0.3, 0.75):
         k = index[int(np.searchsorted(length, share * length[-1]))]
         start, end = curve[k], curve[k + 1]
-        ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops=head)
+        near = end + 1e-3 * (start - end)
+        ax.annotate("", (end.real, end.imag), (near.real, near.imag), arrowprops=head)
 
 
 def _one_period(cycle: LimitCycle) -> tuple[Array, Mapping[str, Array]]:
@@ -294,12 +368,48 @@ def _label(name: str, units: Mapping[str, str]) -> str:
     return f"{words} [{unit}]" if unit else words
 
 
-def _numeric(values: Any) -> bool:
-    return any(isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in values)
-
-
 def _root_figure(ax: Axes) -> Figure:
     figure = ax.figure
     while isinstance(figure, SubFigure):
         figure = figure.figure
+    return figure
+
+
+def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
+    """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
+
+    Folds are filled diamonds, other special points open squares, simulated runs crosses on top.
+
+    Parameters
+    ----------
+    branch : Branch
+    signal : str, optional
+        Whose peak-to-peak is drawn; the first by default.
+
+    Raises
+    ------
+    EppError
+        If the branch has no such signal.
+    """
+    name = _chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
+    value, stable = branch.points["value"], branch.points["stable"]
+    figure, panels = _panels(2, height=2.4)
+    for ax, key in zip(panels, (name, "frequency"), strict=True):
+        y = branch.points[key]
+        for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
+            # A piece belongs to the stability of its first point; the other kind leaves a gap.
+            piece = (stable == kind) | np.append(False, stable[:-1] == kind)
+            ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
+        for special in branch.special:
+            fold = special.kind == "fold"
+            height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
+            look = {"marker": "D", "color": ORANGE} if fold else {"marker": "s", "color": GREY, "markerfacecolor": "none"}
+            label = "fold" if fold else "other special point"
+            ax.plot([special.value], [height], linestyle="none", markersize=6 if fold else 4, label=label, **look)
+        if key in branch.simulated:
+            ax.plot(branch.simulated["value"], branch.simulated[key], "x", color=GREEN, markersize=5, label="simulated")
+        ax.set_ylabel("frequency [Hz]" if key == "frequency" else _label(name, branch.units) + "\npeak to peak")
+        ax.set_xlabel(f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter)
+    handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
+    panels[0].legend(handles.values(), handles.keys(), fontsize=8)
     return figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -92,7 +93,8 @@ class LimitCycle:
     time, waveform : array, dict of str to array
         One period, sampled.
     state, memory : array, shape (n,), tuple of (float or None)
-        State and held values of the loop at the begin of the period, from which a run can be started; empty when unknown.
+        State and held values of the loop at the begin of the period, from which a run can be started; empty when
+        unknown.
     provenance : dict
     """
 
@@ -230,14 +232,14 @@ class Prediction:
     """All limit cycles that first-order harmonic balance with bias has.
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
-    ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop residual along the phase
-    curve. `search` says how completeness was sought.
+    ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
+    principal element. `search` says how completeness was sought.
     """
 
     cycles: tuple[LimitCycle, ...]
     status: Status
     search: str
-    curves: dict[str, Any] = field(default_factory=dict)
+    curves: Mapping[str, Any] = field(default_factory=dict)
     margins: dict[str, float] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from typer.testing import CliRunner
@@ -176,7 +175,8 @@ def test_truth_table_is_printed_as_the_paper_found():
     rows = {line.split()[0]: line for line in output.splitlines() if line.strip() and line.split()[0] in TRUTH}
     assert list(rows) == list(TRUTH)
     for name, (figure, must) in TRUTH.items():
-        assert figure in rows[name] and f"{must}   {must}" in " ".join(rows[name].split(" ")) and " ok " in rows[name]
+        words = " ".join(rows[name].split())
+        assert figure in words and f" {must} {must} ok " in words
 
 
 TRUTH = {
@@ -237,10 +237,12 @@ def test_several_pictures_need_a_name_for_each(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["out.docx", "out", "missing/out.png"])
-def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, name):
-    started = time.perf_counter()
+def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, monkeypatch, name):
+    def computed(*_):
+        raise AssertionError("computed before the output was checked")
+
+    monkeypatch.setattr("eppanalysis.methods.simulate.simulate", computed)
     one_sentence(run("simulate", "fig8a_original", "-o", str(tmp_path / name)))
-    assert time.perf_counter() - started < 1.0
     assert not list(tmp_path.iterdir())
 
 
@@ -259,11 +261,12 @@ def test_interrupt_ends_with_130_and_no_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_help_answers_at_once():
-    """Best of five, since a test machine may be busy; 0.4 s is the promise."""
-    times = []
-    for _ in range(5):
-        started = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "eppanalysis", "--help"], check=True, capture_output=True)
-        times.append(time.perf_counter() - started)
-    assert min(times) < 0.4
+def test_help_loads_nothing_heavy():
+    """Asking for help must stay quick: none of the numerical packages may be loaded for it."""
+    code = (
+        "import sys\nfrom eppanalysis.cli import main\nsys.argv = ['eppanalysis', '--help']\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print([m for m in ('numpy', 'scipy', 'numba', 'matplotlib', 'pint', 'pydantic') if m in sys.modules])"
+    )
+    process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert process.stdout.strip().endswith("[]")

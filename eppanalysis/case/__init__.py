@@ -9,12 +9,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from eppanalysis.case.expected import Cycle, Expected, Published
-from eppanalysis.case.files import Missing, read_raw, shipped_cases, shipped_cases_folder
+from eppanalysis.case.files import GROUPS, Missing, read_raw, shipped_cases, shipped_cases_folder
 from eppanalysis.case.model import Case, json_schema, load
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.errors import CaseError
 
 __all__ = [
+    "GROUPS",
     "Case",
     "Cycle",
     "Expected",

@@ -24,6 +24,20 @@ ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (
     ("loop", frozenset({"num", "den"}), frozenset({"A", "B", "C", "D"})),
 )
 
+#: Names that stand for several shipped cases: the experiments of the paper, in the order of the model's truth table.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "truth-table": (
+        "fig8a_original",
+        "fig8b_reduced_backlash",
+        "gain_brings_it_back",
+        "fig6a_original_pulley",
+        "fig6b_ball_bearing",
+        "soft_cable",
+        "light_forearm",
+        "upright",
+    )
+}
+
 #: What a case inherits of its base's expectations: which signal they are of and where they come from, not the answers.
 _KEPT_EXPECTATIONS = ("signal", "source")
 

@@ -24,7 +24,7 @@ from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.elbow import elbow
 from eppanalysis.models.elbow_parameters import ElbowParameters
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Motion, Step
+from eppanalysis.models.signals import Motion, Step, standing_inputs
 from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, write_si
 
 #: Fields whose change leaves the case's expected answers true.
@@ -68,6 +68,18 @@ class Case:
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
         return self._system
+
+    def final_input(self) -> dict[str, float]:
+        """Where the external inputs stand at the end of the run [SI]: the operating point of its limit cycle.
+
+        Examples
+        --------
+        >>> from eppanalysis.case import case
+        >>> {name: round(value, 6) for name, value in case("fig8a_original").final_input().items()}
+        {'harness_position': 0.021658}
+        """
+        system = self._system
+        return standing_inputs(system.input_names, system.v0, self.input, self.t_end)
 
     @property
     def elbow_parameters(self) -> ElbowParameters:

@@ -1,14 +1,14 @@
 """Describing-function prediction: all limit cycles that first-order harmonic balance with bias has.
 
 The equations are in ``describing_balance``, the searches in ``describing_search`` (one element) and
-``describing_multi`` (several), stability and error estimates in ``describing_quality``.
+``describing_multi`` (several), stability and error estimates in ``describing_quality``, what a picture needs in
+``describing_picture``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, Balance, make_balance, mean_state
 from eppanalysis.methods.describing_margins import linear_margins
 from eppanalysis.methods.describing_multi import choose_pivot, search_several
+from eppanalysis.methods.describing_picture import Curves, loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing_quality import Point, error_estimate, point, stability
-from eppanalysis.methods.describing_search import Found, frequency_nodes, search_one
+from eppanalysis.methods.describing_search import search_one
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Prediction, Status
 
@@ -64,7 +65,10 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
         points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
         cycles = tuple(_cycle(balance, p, value) for p in points)
-        curves = _nyquist(balance, points, cycles) if single else _branches(balance, found, points, cycles)
+        if single:
+            curves = Curves(partial(nyquist_curves, balance, points, cycles))
+        else:
+            curves = Curves(partial(loop_gain_curves, balance, found, points, cycles))
     return Prediction(
         cycles=cycles,
         status=Status.CONVERGED,
@@ -128,82 +132,3 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
             "mean_state": x.tolist(),
         },
     )
-
-
-def _intersections(
-    balance: Balance, points: list[Point], cycles: tuple[LimitCycle, ...], element: int
-) -> list[dict[str, Any]]:
-    """Where the response of the rest meets -1/N of an element, in the order of the cycles."""
-    output = balance.system.output_slices[element].start
-    return [
-        {
-            "omega": p.omega,
-            "amplitude": float(p.amplitude[element]),
-            "bias": float(p.bias[element]),
-            "value": complex(-1.0 / p.gain[output]),
-            "stable": c.stable,
-        }
-        for p, c in zip(points, cycles, strict=True)
-    ]
-
-
-def _nyquist(balance: Balance, points: list[Point], cycles: tuple[LimitCycle, ...]) -> dict[str, Any]:
-    """Nyquist curve of the linear part (negative feedback) and the locus -1/N, both around their intersections."""
-    system = balance.system
-    omega = _picture_nodes(system, points)
-    thresholds = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
-    centre = [float(p.amplitude[0]) for p in points] or [*thresholds[thresholds > 0]] or [1.0]
-    amplitude = np.geomspace(min(centre) / 30, max(centre) * 30, 400)
-    amplitude = np.unique(np.concatenate([amplitude, thresholds[thresholds > 0] * (1 + 1e-9)]))
-    bias = float(points[0].bias[0]) if points else 0.0
-    gain = balance.evaluate(amplitude[:, None], np.full((len(amplitude), 1), bias), np.ones(len(amplitude)))[1][:, 0]
-    used = np.abs(gain) > 0
-    return {
-        "kind": "nyquist",
-        "omega": omega,
-        "response": -balance.linear(omega)[:, 0, 0],
-        "amplitude": amplitude[used],
-        "locus": -1.0 / gain[used],
-        "bias": bias,
-        "intersections": _intersections(balance, points, cycles, 0),
-    }
-
-
-def _picture_nodes(system: LureSystem, points: list[Point]) -> Array:
-    if not np.any(system.delays):
-        return frequency_nodes(system, 40)
-    top = 3 * max([p.omega for p in points] or [2 * np.pi / float(system.delays.max())])
-    nodes = frequency_nodes(replace(system, delays=np.zeros_like(system.delays)), 40)
-    return np.unique(np.concatenate([nodes[nodes < top], np.linspace(0.0, top, 1000)[1:]]))
-
-
-def _branches(balance: Balance, found: Found, points: list[Point], cycles: tuple[LimitCycle, ...]) -> dict[str, Any]:
-    """Along each solution curve: amplitude and frequency, and the loop gain that would have to be one.
-
-    ``locus`` is -1/N of the principal element along the curve, ``response`` what the rest of the loop returns for its
-    output; both meet where the loop gain is one.
-    """
-    system = balance.system
-    principal = system.element_names.index("bands") if "bands" in system.element_names else 0
-    output = system.output_slices[principal].start
-    branches = []
-    for curve in found.curves:
-        a, _, b, omega = balance.unpack(curve)
-        loop_gain = np.exp(-curve[:, -1])
-        locus = -1.0 / balance.evaluate(a, b, omega)[1][:, output]
-        branches.append(
-            {
-                "amplitude": a[:, principal],
-                "omega": omega,
-                "loop_gain": loop_gain,
-                "locus": locus,
-                "response": locus * loop_gain,
-                "amplitudes": {n: a[:, i] for i, n in enumerate(system.element_names)},
-            }
-        )
-    return {
-        "kind": "residual",
-        "element": system.element_names[principal],
-        "branches": branches,
-        "intersections": _intersections(balance, points, cycles, principal),
-    }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Motion
+from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
 from eppanalysis.results import LimitCycle, Status, Trajectory
 
@@ -22,13 +22,17 @@ def iterate(system: LureSystem, input: Motion | Mapping[str, Motion] | None, t_e
     Raises
     ------
     ModelError
-        If elements feed each other without a delay of at least one sample in a circle.
+        If elements feed each other without a delay of at least one sample in a circle, or an input is unknown.
     """
     step = float(system.time_step or 1.0)
     n = round(t_end / step) + 1
-    t = step * np.arange(n)
+    t: Array = np.asarray(step * np.arange(n), float)
     v = np.tile(system.v0, (n, 1))
-    motions = input if isinstance(input, Mapping) else {system.input_names[0]: input} if input is not None else {}
+    motions = motions_by_name(system.input_names, input)
+    unknown = set(motions) - set(system.input_names)
+    if unknown:
+        known = ", ".join(system.input_names) or "none"
+        raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}; expected one of: {known}.")
     for i, name in enumerate(system.input_names):
         if name in motions:
             v[:, i] += motions[name].value(t)
@@ -129,7 +133,7 @@ def _cycle(signals: dict[str, Array], period: int, step: float, change: float, f
         stability_criterion="reached in simulation",
         residual=change,
         error_estimate=change,
-        time=step * np.arange(period),
+        time=np.asarray(step * np.arange(period), float),
         waveform=last,
         provenance=facts,
     )

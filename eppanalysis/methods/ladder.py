@@ -32,9 +32,15 @@ class Agreement(Enum):
 
     AGREE = "Prediction and simulation agree: the run settles on the stable cycle that first order predicts."
     FREE = "Prediction and simulation agree: first order has no limit cycle, and the run settles at rest."
-    GUARDED = "A stable cycle exists as predicted, but this start does not reach it: an unstable cycle guards the resting state."
+    GUARDED = (
+        "A stable cycle exists as predicted, but this start does not reach it: "
+        "an unstable cycle guards the resting state."
+    )
     NOT_PREDICTED = "The run is on a limit cycle that first order does not predict; trust the simulation."
-    NOT_THERE = "First order predicts a stable cycle, but no such cycle exists: runs started on it, below it and above it all leave it."
+    NOT_THERE = (
+        "First order predicts a stable cycle, but no such cycle exists: "
+        "runs started on it, below it and above it all leave it."
+    )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
     )
@@ -43,12 +49,25 @@ class Agreement(Enum):
 
 @dataclass(frozen=True)
 class Rung:
-    """One row of the ladder: a method, what it gives (None where it gives nothing), and how long it took [s]."""
+    """One rung: a method and what it gives (None where it gives nothing).
+
+    Attributes
+    ----------
+    method : str
+    quantities : dict of str to (float or None)
+        Frequency [Hz], peak-to-peak and mean of the ladder's signal.
+    seconds : float
+        How long the method took; methods that give several cycles take it once for all of them.
+    note : str
+    cycle : LimitCycle or None
+        Where all signals are.
+    """
 
     method: str
     quantities: dict[str, float | None]
     seconds: float
     note: str = ""
+    cycle: LimitCycle | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +106,12 @@ class Ladder:
     errors : dict of str to dict of str to float
         For the matched cycle: relative errors of "peak_to_peak", "fundamental" and "mean" (the last relative to the
         peak-to-peak) of every named signal, and of the frequency under "frequency".
+    swings : int
+        Swings of the signal within one period of the run's cycle (its largest harmonic); frequencies are compared swing
+        by swing.
     probes : tuple of Probe
+    probe_seconds : float
+        How long all probes took.
     agreement : Agreement
     verdict : str
         Plain sentences.
@@ -103,6 +127,8 @@ class Ladder:
     verdict: str
     rows: tuple[Rung, ...]
     units: dict[str, str]
+    swings: int = 1
+    probe_seconds: float = 0.0
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -118,6 +144,7 @@ class Ladder:
             "verdict": self.verdict,
             "signal": self.signal,
             "matched": self.matched,
+            "swings": self.swings,
             "errors": {k: dict(v) for k, v in self.errors.items()},
             "prediction": None if self.prediction is None else self.prediction.to_dict(),
             "simulation": self.run.to_dict(),
@@ -140,19 +167,21 @@ class Ladder:
 
 
 class _Expected(Protocol):
-    signal: str | None
+    @property
+    def signal(self) -> str | None: ...
 
 
 class _CaseLike(Protocol):
     """What the ladder needs of a case (the case layer stands above the methods)."""
 
-    name: str
-    input: Motion | Mapping[str, Motion] | None
-    t_end: float
-
+    @property
+    def input(self) -> Motion | Mapping[str, Motion] | None: ...
+    @property
+    def t_end(self) -> float: ...
     @property
     def expected(self) -> _Expected: ...
     def to_system(self) -> LureSystem: ...
+    def final_input(self) -> dict[str, float]: ...
     def provenance(self) -> dict[str, Any]: ...
 
 
@@ -179,67 +208,69 @@ def ladder(case: _CaseLike) -> Ladder:
     >>> result.agreement.name, round(100 * result.errors["frequency"]["frequency"], 1)
     ('AGREE', 2.4)
     """
-    system = case.to_system()
+    system, final = case.to_system(), case.final_input()
     signal = case.expected.signal or system.signals.names[0]
-    prediction, predict_seconds, why_not = _predict(system, case)
-    begin = time.perf_counter()
+    clock = _Clock()
+    prediction, why_not = _predict(system, final)
+    predict_seconds = clock.lap()
     run = simulate(system, case.input, case.t_end)
-    seconds = time.perf_counter() - begin
+    run_seconds = clock.lap()
     cycles = prediction.cycles if prediction else ()
     matched = _match(cycles, run.limit_cycle, signal)
-    held = _held_input(system, case)
+    held = {n: Constant(final[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
     probes = () if system.time_step else _probes(system, cycles, held, case.t_end, signal)
-    errors = _errors(cycles[matched], run.limit_cycle) if matched is not None and run.limit_cycle else {}
+    probe_seconds = clock.lap()
+    swings = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
+    errors = _errors(cycles[matched], run.limit_cycle, swings) if matched is not None and run.limit_cycle else {}
     agreement = _agreement(prediction, run, matched, probes, signal)
+    sentences = [agreement.value, *([why_not] if why_not else []), *_cycle_sentences(run.limit_cycle, errors, signal)]
     return Ladder(
         signal=signal,
         prediction=prediction,
         run=run,
         matched=matched,
         errors=errors,
+        swings=swings,
         probes=probes,
+        probe_seconds=probe_seconds,
         agreement=agreement,
-        verdict=" ".join(_sentences(agreement, errors, probes, cycles, signal, why_not)),
-        rows=tuple(_rows(cycles, run, signal, predict_seconds, seconds)),
+        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles)]),
+        rows=tuple(_rows(prediction, run, signal, predict_seconds, run_seconds)),
         units={"frequency": "Hz", "peak-to-peak": run.units.get(signal, ""), "mean": run.units.get(signal, "")},
         provenance=provenance("ladder", {"t_end": case.t_end}) | {"case": case.provenance()},
     )
 
 
-def _predict(system: LureSystem, case: _CaseLike) -> tuple[Prediction | None, float, str]:
-    begin = time.perf_counter()
+class _Clock:
+    """Wall-clock time between laps [s]."""
+
+    def __init__(self) -> None:
+        self.last = time.perf_counter()
+
+    def lap(self) -> float:
+        """Time since the lap before."""
+        before, self.last = self.last, time.perf_counter()
+        return self.last - before
+
+
+def _predict(system: LureSystem, final: Mapping[str, float]) -> tuple[Prediction | None, str]:
     try:
-        prediction = predict_limit_cycles(system, _final_input(system, case))
+        return predict_limit_cycles(system, final), ""
     except EppError as error:
-        return None, 0.0, str(error)
-    return prediction, time.perf_counter() - begin, ""
+        return None, str(error)
 
 
-def _motion_map(system: LureSystem, case: _CaseLike) -> Mapping[str, Motion]:
-    if case.input is None:
-        return {}
-    return case.input if isinstance(case.input, Mapping) else {system.input_names[0]: case.input}
-
-
-def _final_input(system: LureSystem, case: _CaseLike) -> dict[str, float]:
-    """Where the external inputs stand at the end of the run: the operating point of its cycle."""
-    motions = _motion_map(system, case)
-    return {
-        name: float(v + (motions[name].value(case.t_end) if name in motions else 0.0))
-        for name, v in zip(system.input_names, system.v0, strict=True)
-    }
-
-
-def _held_input(system: LureSystem, case: _CaseLike) -> dict[str, Motion]:
-    """The external inputs kept where they stand at the end of the run."""
-    final = _final_input(system, case)
-    return {n: Constant(final[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+def largest_harmonic(cycle: LimitCycle, signal: str) -> int:
+    """Number of the largest harmonic of a signal: its swings within a period, one but for cycles of several turns."""
+    sizes = np.abs(cycle.harmonics[signal][1:])
+    return int(np.argmax(sizes)) + 1 if sizes.size else 1
 
 
 def _distance(a: LimitCycle, b: LimitCycle, signal: str) -> float:
-    """How far two cycles are apart: the larger of the ratios of frequency and of size, as logarithms."""
+    """How far two cycles are apart: the larger of the ratios of frequency (of the swings) and size, as logarithms."""
     size = max(a.peak_to_peak[signal], 1e-300) / max(b.peak_to_peak[signal], 1e-300)
-    return float(max(abs(np.log(a.period / b.period)), abs(np.log(size))))
+    pace = largest_harmonic(a, signal) * a.frequency / (largest_harmonic(b, signal) * b.frequency)
+    return float(max(abs(np.log(pace)), abs(np.log(size))))
 
 
 def _match(cycles: tuple[LimitCycle, ...], reached: LimitCycle | None, signal: str) -> int | None:
@@ -252,7 +283,7 @@ def _match(cycles: tuple[LimitCycle, ...], reached: LimitCycle | None, signal: s
 
 
 def _probes(
-    system: LureSystem, cycles: tuple[LimitCycle, ...], held: dict[str, Motion], t_end: float, signal: str
+    system: LureSystem, cycles: tuple[LimitCycle, ...], held: Mapping[str, Motion], t_end: float, signal: str
 ) -> tuple[Probe, ...]:
     """Runs from the predicted cycles: stable ones from on, below and above; unstable ones from below and above."""
     out = []
@@ -269,15 +300,16 @@ def _probes(
     return tuple(out)
 
 
-def _errors(predicted: LimitCycle, reached: LimitCycle) -> dict[str, dict[str, float]]:
-    """Relative errors of the prediction, signal by signal."""
-    out = {"frequency": {"frequency": predicted.frequency / reached.frequency - 1.0}}
+def _errors(predicted: LimitCycle, reached: LimitCycle, swings: int) -> dict[str, dict[str, float]]:
+    """Relative errors of the prediction, signal by signal; nan where there is nothing to compare with."""
+    out = {"frequency": {"frequency": predicted.frequency / (swings * reached.frequency) - 1.0}}
     for name, size in reached.peak_to_peak.items():
         if not size > 0:
             continue
+        fundamental = float(abs(reached.harmonics[name][swings])) if len(reached.harmonics[name]) > swings else 0.0
         out[name] = {
             "peak_to_peak": predicted.peak_to_peak[name] / size - 1.0,
-            "fundamental": predicted.amplitude(name) / reached.amplitude(name) - 1.0,
+            "fundamental": predicted.amplitude(name) / fundamental - 1.0 if fundamental > 0 else float("nan"),
             "mean": (predicted.mean[name] - reached.mean[name]) / size,
         }
     return out
@@ -307,34 +339,33 @@ def _agreement(
     return Agreement.GUARDED if _confirmed(probes, prediction.cycles, signal) else Agreement.NOT_THERE
 
 
-def _sentences(
-    agreement: Agreement,
-    errors: dict[str, dict[str, float]],
-    probes: tuple[Probe, ...],
-    cycles: tuple[LimitCycle, ...],
-    signal: str,
-    why_not: str,
-) -> list[str]:
-    out = [agreement.value]
-    if why_not:
-        out.append(why_not)
+def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
+    out = []
+    swings = largest_harmonic(reached, signal) if reached else 1
+    if reached and swings > 1:
+        out.append(
+            f"The run repeats itself only after {swings} swings of {signal} ({reached.period:.4g} s); "
+            "its frequency is compared swing by swing."
+        )
     if errors:
         f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
         out.append(f"First order is off by {100 * f:+.1f} % in frequency and {100 * a:+.1f} % in the size of {signal}.")
+    return out
+
+
+def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) -> list[str]:
+    """What the runs beside the unstable cycles say of them."""
+    out = []
     for i, cycle in enumerate(cycles):
         below = [p for p in probes if p.cycle == i and p.scale < 1]
         above = [p for p in probes if p.cycle == i and p.scale > 1]
         if cycle.stable is False and below and above:
-            if _same(below[0], above[0]):
-                out.append(
-                    f"The unstable cycle predicted at {cycle.frequency:.4g} Hz divides nothing here: "
-                    "runs started at half and at twice its size end alike."
-                )
-            else:
-                out.append(
-                    f"The unstable cycle predicted at {cycle.frequency:.4g} Hz does divide: "
-                    "runs started at half and at twice its size end differently."
-                )
+            same = _same(below[0], above[0])
+            meaning, end = ("divides nothing here", "alike") if same else ("does divide", "differently")
+            out.append(
+                f"The unstable cycle predicted at {cycle.frequency:.4g} Hz {meaning}: "
+                f"runs started at half and at twice its size end {end}."
+            )
     return out
 
 
@@ -345,20 +376,25 @@ def _same(a: Probe, b: Probe) -> bool:
 
 
 def _rows(
-    cycles: tuple[LimitCycle, ...], run: Trajectory, signal: str, predict_seconds: float, seconds: float
+    prediction: Prediction | None, run: Trajectory, signal: str, predict_seconds: float, run_seconds: float
 ) -> list[Rung]:
     rows = []
-    for cycle in cycles:
+    for cycle in prediction or ():
         kind = {True: "stable", False: "unstable", None: "stability unknown"}[cycle.stable]
-        rows.append(Rung(f"describing function, {kind}", _quantities(cycle, signal), predict_seconds))
-    if not cycles:
-        rows.append(Rung("describing function", _quantities(None, signal), predict_seconds, "no cycle"))
+        rows.append(Rung(f"describing function, {kind}", _quantities(cycle, signal), predict_seconds, cycle=cycle))
+    if not rows:
+        note = "no describing function" if prediction is None else "no cycle"
+        rows.append(Rung("describing function", _quantities(None, signal), predict_seconds, note))
     note = run.status.value if run.limit_cycle is None else ""
-    rows.append(Rung("simulation", _quantities(run.limit_cycle, signal), seconds, note))
+    rows.append(Rung("simulation", _quantities(run.limit_cycle, signal), run_seconds, note, run.limit_cycle))
     return rows
 
 
 def _quantities(cycle: LimitCycle | None, signal: str) -> dict[str, float | None]:
     if cycle is None:
         return {"frequency": None, "peak-to-peak": None, "mean": None}
-    return {"frequency": cycle.frequency, "peak-to-peak": cycle.peak_to_peak[signal], "mean": cycle.mean[signal]}
+    return {
+        "frequency": largest_harmonic(cycle, signal) * cycle.frequency,
+        "peak-to-peak": cycle.peak_to_peak[signal],
+        "mean": cycle.mean[signal],
+    }

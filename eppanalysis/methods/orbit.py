@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 N_NODES = 16
 N_HARMONICS = 25
+_TRIED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,9 @@ def analyse_period(
         From increasing times, shape (nt,), to signals, shape (nt, len(names)).
     """
     corners = _corners(marks, delays)
-    longest = max(time_scale, (marks[-1] - marks[0]) / 2000)
+    period = float(marks[-1] - marks[0])
+    # The highest harmonic too must vary moderately on a piece, or its integral is not exact.
+    longest = min(max(time_scale, period / 2000), period / 16)
     for _ in range(6):
         pieces = _Pieces.cut(corners, longest)
         values = sample(pieces.times)
@@ -133,13 +136,22 @@ class _Pieces:
 
 
 def _extremum(c: Array, fine: Array, grid: Array) -> float:
-    """Maximum of piecewise polynomials: the best grid value, refined by Newton on its own piece."""
-    piece, place = np.unravel_index(int(np.argmax(fine)), fine.shape)
-    slope, bend = legendre.legder(c[piece]), legendre.legder(c[piece], 2)
-    u = grid[place]
+    """Maximum of piecewise polynomials: the best grid values, each refined by Newton on its own piece.
+
+    The best grid value may stand at the end of a piece with the maximum just inside the next one: several of the
+    best pieces are tried.
+    """
+    best = np.argsort(fine.max(axis=1))[-_TRIED:]
+    return max(_refined(c[piece], fine[piece], grid) for piece in best)
+
+
+def _refined(c: Array, fine: Array, grid: Array) -> float:
+    """Maximum of one polynomial on [-1, 1] near its best value on the grid."""
+    slope, bend = legendre.legder(c), legendre.legder(c, 2)
+    u = float(grid[int(np.argmax(fine))])
     for _ in range(8):
         curvature = legendre.legval(u, bend)
         if not curvature < 0:
             break
         u = float(np.clip(u - legendre.legval(u, slope) / curvature, -1.0, 1.0))
-    return float(max(fine[piece, place], legendre.legval(u, c[piece])))
+    return float(max(fine.max(), legendre.legval(u, c)))

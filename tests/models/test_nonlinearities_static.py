@@ -7,7 +7,6 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -469,20 +468,3 @@ def test_kernel_gives_the_same_without_compilation() -> None:
         for disabled in "10"
     )
     np.testing.assert_allclose(plain, compiled, rtol=1e-14, atol=1e-14)
-
-
-def test_a_million_evaluations_are_fast_and_a_fine_quantiser_costs_no_more() -> None:
-    rng = np.random.default_rng(1)
-    a, b = rng.uniform(0, 20, 10**6), rng.uniform(0, 20, 10**6)
-
-    def best(element: PiecewiseLinear, amplitude: np.ndarray) -> float:
-        times = []
-        for _ in range(3):
-            start = time.perf_counter()
-            element.describing_function(amplitude, b)
-            times.append(time.perf_counter() - start)
-        return min(times)
-
-    FIVE_BANDS.describing_function(1.0)
-    assert best(FIVE_BANDS, a) < 0.9  # 0.16 s on a quiet core
-    assert best(Quantiser(0.01, 2048), a / 1000) < 0.9

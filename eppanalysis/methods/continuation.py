@@ -1,0 +1,451 @@
+"""Branches of exact orbits over a parameter of a case: pseudo-arclength through folds and changes of event sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation_steps import (
+    Point,
+    admissible,
+    beyond,
+    last_admissible,
+    locate,
+    make_point,
+    other_sequence,
+    signal_ranges,
+    step,
+)
+from eppanalysis.methods.cycles import find_limit_cycles, same_orbit, start_of
+from eppanalysis.methods.families import Family
+from eppanalysis.methods.orbit_cycle import to_limit_cycle
+from eppanalysis.methods.orbit_guess import recurrences, require_autonomous
+from eppanalysis.methods.shooting import Orbit, close_orbit, orbits_near
+from eppanalysis.methods.simulate import judge, run_hybrid, simulate
+from eppanalysis.methods.stability import is_stable
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.signals import Motion
+from eppanalysis.results import LimitCycle, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+class CaseLike(Protocol):
+    """What a branch needs of a case (the case layer stands above the methods)."""
+
+    name: str
+    input: Motion | Mapping[str, Motion] | None
+    t_end: float
+
+    def to_system(self) -> LureSystem:
+        """The system."""
+
+    def with_values(self, values: Mapping[str, Any]) -> CaseLike:
+        """The same case with other values."""
+
+    def si(self, name: str, value: object) -> float:
+        """SI value of a quantity."""
+
+    def value(self, name: str) -> float:
+        """A parameter [SI]."""
+
+    def unit(self, name: str) -> tuple[str, str]:
+        """SI unit and the unit people use."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpecialPoint:
+    """A point of a branch where something changes.
+
+    Attributes
+    ----------
+    kind : str
+        "fold", "period doubling", "torus", "branch point", "change of sequence", "turning change of sequence", "end".
+    value : float
+        The parameter [SI].
+    note : str
+        What changes, in words.
+    cycle : LimitCycle
+        The orbit there.
+    index : int
+        Number of the branch's point after it.
+    point : Point
+        The orbit and the branch's direction, from which others may go on.
+    """
+
+    kind: str
+    value: float
+    note: str
+    cycle: LimitCycle
+    index: int
+    point: Point = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Exact orbits along a branch, in its own order.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    points : dict of str to array
+        "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
+        "<signal>" for the peak-to-peak of every signal.
+    special : tuple of SpecialPoint
+    status : Status
+    message : str
+        How the branch ended, at both ends.
+    simulated : dict of str to array
+        Points of runs for comparison, where asked for.
+    """
+
+    parameter: str
+    unit: str
+    points: dict[str, Array]
+    special: tuple[SpecialPoint, ...]
+    status: Status
+    message: str
+    signals: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    simulated: dict[str, Array] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return int(self.points["value"].size)
+
+    @property
+    def folds(self) -> tuple[SpecialPoint, ...]:
+        """Where the branch turns back: a stable and an unstable cycle meet."""
+        return tuple(s for s in self.special if s.kind == "fold")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "parameter": self.parameter,
+            "unit": self.unit,
+            "status": self.status.name.lower(),
+            "message": self.message,
+            "points": {k: v.tolist() for k, v in self.points.items()},
+            "special": [
+                {"kind": s.kind, "value": s.value, "note": s.note, "index": s.index, "cycle": s.cycle.to_dict()}
+                for s in self.special
+            ],
+            "simulated": {k: v.tolist() for k, v in self.simulated.items()},
+            "provenance": dict(self.provenance),
+        }
+
+    def plot(self, signal: str | None = None) -> Figure:
+        """Amplitude and frequency against the parameter."""
+        from eppanalysis.plots import plot_branch
+
+        return plot_branch(self, signal)
+
+
+def continue_branch(
+    case: CaseLike,
+    parameter: str,
+    start: object,
+    stop: object,
+    *,
+    cycle: LimitCycle | None = None,
+    n_points: int = 200,
+    max_step: float = 0.02,
+    n_simulated: int = 0,
+) -> Branch:
+    """The branch of exact limit cycles over a parameter, stable and unstable, through its folds.
+
+    Parameters
+    ----------
+    case : Case
+    parameter : str
+        Dotted name of the field.
+    start, stop : str or number
+        Range of the parameter (plain numbers are SI).
+    cycle : LimitCycle, optional
+        Exact or predicted cycle at `start` from which the branch begins. By default the cycle on which the case's run
+        ends there, or at `stop`, or any cycle found at `stop` or `start`.
+    n_points : int
+        At most so many orbits.
+    max_step : float
+        Longest step along the branch, relative to the parameter's range and the motion's size.
+    n_simulated : int
+        Number of values, evenly over the range, at which the case is simulated for comparison.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    EppError
+        If no limit cycle is found at either end, or the range is empty.
+    """
+    first, last = case.si(parameter, start), case.si(parameter, stop)
+    if not first != last:
+        raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
+    limits = min(first, last), max(first, last)
+    family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
+    seed = _seed(case, parameter, family, (first, last), cycle)
+    branch = _Walk(case, parameter, family, limits, n_points, max_step).run(seed)
+    return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated))) if n_simulated else branch
+
+
+def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array]:
+    """Where the case's own run ends on a cycle: the parameter, frequency and peak-to-peak of every signal."""
+    rows: list[dict[str, float]] = []
+    for value in values.tolist():
+        changed = case.with_values({parameter: value})
+        cycle = simulate(changed.to_system(), changed.input, t_end=case.t_end).limit_cycle
+        if cycle is not None:
+            rows.append({"value": value, "frequency": cycle.frequency, **cycle.peak_to_peak})
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+
+
+def steady_case(case: CaseLike) -> HybridSystem:
+    """The hybrid system of a case with its inputs at their final values.
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system, or an input that never comes to rest.
+    """
+    system = case.to_system()
+    if system.time_step:
+        raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples.")
+    motions = case.input
+    if motions is not None and not isinstance(motions, Mapping):
+        motions = {name: motions for name in system.input_names}
+    return require_autonomous(HybridSystem.from_lure(system, motions))
+
+
+def _seed(
+    case: CaseLike, parameter: str, family: Family, ends: tuple[float, float], cycle: LimitCycle | None
+) -> tuple[float, Orbit]:
+    """A first orbit: from the cycle given, from a run at either end, or from a search there."""
+    if cycle is not None:
+        hybrid = family.at(ends[0])
+        for orbit in orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period):
+            return ends[0], orbit
+        raise EppError(f"continue_branch: there is no exact orbit near the given cycle at {parameter} = {ends[0]:.6g}.")
+    for value in ends:
+        hybrid = steady_case(case.with_values({parameter: value}))
+        run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
+        status, found = judge(hybrid, run, case.t_end)
+        if status is Status.LIMIT_CYCLE:
+            for guess in recurrences(hybrid, run, (0.99 * found[1], 1.01 * found[1]), 3):
+                orbit = close_orbit(family.at(value), guess)
+                if orbit is not None:
+                    return value, orbit
+    for value in ends[::-1]:
+        hybrid = family.at(value)
+        system = case.with_values({parameter: value}).to_system()
+        inputs = dict(zip(system.input_names, hybrid.x0[hybrid.n_plant :].tolist(), strict=True))
+        for known in find_limit_cycles(system, inputs):
+            for orbit in orbits_near(hybrid, *start_of(hybrid, known), known.period):
+                return value, orbit
+    raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
+
+
+@dataclass
+class _Walk:
+    """One branch under way; lives for one call."""
+
+    case: CaseLike
+    parameter: str
+    family: Family
+    limits: tuple[float, float]
+    n_points: int
+    max_step: float
+    special: list[tuple[str, Point, str, int]] = field(default_factory=list)
+
+    def run(self, seed: tuple[float, Orbit]) -> Branch:
+        """Both directions from the seed."""
+        value, orbit = seed
+        inward = 1.0 if value - self.limits[0] <= self.limits[1] - value else -1.0
+        begin = make_point(self.family, value, orbit, None, inward)
+        points, why = self._along(begin, self.n_points)
+        back: list[Point] = []
+        other = "begins at the given value"
+        if not self._at_limit(value):
+            forward, self.special = self.special, []
+            back, other = self._along(make_point(self.family, value, orbit, None, -inward), self.n_points - len(points))
+            n = len(back)
+            turned = [(k, p, note, n - 1 - i) for k, p, note, i in self.special]
+            self.special = turned[::-1] + [(k, p, note, i + n - 1) for k, p, note, i in forward]
+            points = back[::-1][:-1] + points
+        return self._branch(points, f"One end {other}; the other {why}.")
+
+    def _at_limit(self, value: float) -> bool:
+        return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
+
+    def _along(self, point: Point, n_points: int) -> tuple[list[Point], str]:
+        """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
+        points, ds = [point], 0.25 * self.max_step
+        while len(points) < n_points:
+            new = step(points[-1], ds)
+            if new is None or _bend(points[-1], new) > 0.4:
+                ds *= 0.3
+                if ds > 3e-7:
+                    continue
+                new = self._crossed(points, points[-1], *beyond(points[-1]))
+                if new is None:
+                    return points, "ends where no orbit continues it"
+                points.append(new)
+                ds = 0.25 * self.max_step
+                continue
+            if not admissible(new):
+                new = self._change(points, ds)
+                if new is None:
+                    return points, "ends at a change of the sequence of events that no orbit continues"
+                points.append(new)
+                ds = 0.25 * self.max_step
+                continue
+            if not self.limits[0] <= new.value <= self.limits[1]:
+                end = self._to_limit(points[-1], ds, new)
+                if end is not None:
+                    points.append(end)
+                return points, "leaves the range"
+            self._watch(points[-1], new, ds, len(points))
+            points.append(new)
+            if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
+                return points, "closes on itself"
+            ds = min(1.5 * ds, self.max_step) if _bend(points[-2], new) < 0.1 else ds
+        return points, "stops at the number of points asked for"
+
+    def _to_limit(self, point: Point, ds: float, new: Point) -> Point | None:
+        limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
+        return locate(point, ds, lambda p: (p.value - limit) / self.family.width, 1e-13)
+
+    def _change(self, points: list[Point], ds: float) -> Point | None:
+        """Cross a change of the sequence of events."""
+        _, inside, outside = last_admissible(points[-1], ds)
+        new, back = other_sequence(inside, outside)
+        return self._crossed(points, inside, new, back)
+
+    def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
+        note = _difference(inside.orbit, None if new is None else new.orbit)
+        if new is not None and _same_motion(points, new):
+            new = None
+        kind = "end" if new is None else ("turning change of sequence" if back else "change of sequence")
+        self._note(kind, inside, note, len(points))
+        return new
+
+    def _watch(self, old: Point, new: Point, ds: float, index: int) -> None:
+        """Folds and changes of stability between two points of one sequence."""
+        if old.turn * new.turn < 0:
+            found = locate(old, ds, lambda p: p.turn, 1e-11)
+            if found is not None:
+                self._note("fold", found, "a stable and an unstable cycle, or two unstable ones, meet", index)
+            return
+        if is_stable(old.multipliers) == is_stable(new.multipliers):
+            return
+        kind, test = _crossing(old, new)
+        found = locate(old, ds, test, 1e-9)
+        if found is not None:
+            self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
+
+    def _note(self, kind: str, point: Point, note: str, index: int) -> None:
+        self.special.append((kind, point, note, index))
+
+    def _branch(self, points: list[Point], message: str) -> Branch:
+        system = self.case.to_system()
+        names = system.signals.names
+        ranges = np.array([signal_ranges(p.orbit) for p in points])
+        sizes = ranges[:, 1] - ranges[:, 0]
+        data = {
+            "value": np.array([p.value for p in points]),
+            "period": np.array([p.orbit.period for p in points]),
+            "frequency": np.array([1.0 / p.orbit.period for p in points]),
+            "stable": np.array([is_stable(p.multipliers) for p in points]),
+            "multiplier": np.array([float(np.max(np.abs(p.multipliers), initial=0.0)) for p in points]),
+            "residual": np.array([p.orbit.residual for p in points]),
+        }
+        data |= {name: sizes[:, i] for i, name in enumerate(names)}
+        special = tuple(
+            SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p) for kind, p, note, i in self.special
+        )
+        failed = any(s.kind == "end" for s in special)
+        return Branch(
+            parameter=self.parameter,
+            unit=self.case.unit(self.parameter)[0],
+            points=data,
+            special=special,
+            status=Status.NOT_CONVERGED if failed else Status.CONVERGED,
+            message=message,
+            signals=tuple(names),
+            units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+            provenance={"case": self.case.name, "limits": self.limits},
+        )
+
+
+def _bend(old: Point, new: Point) -> float:
+    """How much the direction turns between two points: one less the cosine of the angle."""
+    from eppanalysis.methods.continuation_steps import weights
+
+    w = weights(new.orbit, new.family.width)
+    size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
+    return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+
+
+def _same_value(one: Point, other: Point) -> bool:
+    return abs(one.value - other.value) < 1e-3 * one.family.width
+
+
+def _same_motion(points: list[Point], new: Point) -> bool:
+    """Whether a new point only repeats the one before it, so that the branch would run to and fro."""
+    if len(points) < 2:
+        return False
+    it = new.orbit.arcs.itinerary.key
+    return it == points[-1].orbit.arcs.itinerary.key
+
+
+def _crossing(old: Point, new: Point):
+    """Which way a multiplier crosses the unit circle, and the test function for it."""
+    unstable = new if not is_stable(new.multipliers) else old
+    values = unstable.multipliers
+    leading = values[np.abs(values) >= 1.0][-1]
+    if abs(leading.imag) > 1e-9:
+        return "torus", lambda p: _nearest(p.multipliers, leading) - 1.0
+    if leading.real < 0:
+        return "period doubling", lambda p: _determinant(p, 1.0)
+    return "branch point", lambda p: _determinant(p, -1.0)
+
+
+def _determinant(point: Point, sign: float) -> float:
+    """Product of (multiplier + sign), from the scaled return map."""
+    P, scale = point.orbit.return_map, point.orbit.scale[point.orbit.arcs.free]
+    return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
+
+
+def _nearest(values, leading) -> float:
+    return float(np.abs(values[np.argmin(np.abs(values - leading))]))
+
+
+def _difference(old: Orbit, new: Orbit | None) -> str:
+    """Which events come and go at a change of the sequence."""
+    if new is None:
+        return "the sequence of events changes and no orbit continues it"
+
+    def names(orbit: Orbit) -> list[str]:
+        model, it = orbit.hybrid.model, orbit.arcs.itinerary
+        return [
+            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_names[g]}"
+            + (" at once" if at_once == 1 else "")
+            for g, at_once in zip(it.guards, it.at_once, strict=True)
+            if g >= 0
+        ]
+
+    before, after = names(old), names(new)
+    gone = sorted({n for n in before if before.count(n) > after.count(n)})
+    come = sorted({n for n in after if after.count(n) > before.count(n)})
+    parts = [f"appears: {', '.join(come)}"] * bool(come) + [f"disappears: {', '.join(gone)}"] * bool(gone)
+    return "; ".join(parts) or "events change their order"

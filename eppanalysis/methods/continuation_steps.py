@@ -1,0 +1,253 @@
+"""Steps along a branch of exact orbits: the corrector, its tangent, and the tests for special points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.families import Family
+from eppanalysis.methods.orbit_guess import Guess
+from eppanalysis.methods.shooting import CONVERGED, Orbit, close_orbit, evaluate, next_guess
+from eppanalysis.models.arcs import Arcs, Itinerary
+
+Array = NDArray[np.float64]
+
+#: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
+TOLERANCE = 1e-11
+_MOST_ITERATIONS = 9
+
+
+def evaluate_at(family: Family, itinerary: Itinerary, value: float, y: Array, tau: Array) -> Orbit:
+    """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
+    hybrid = family.at(value)
+    y = y.copy()
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    return evaluate(hybrid, Arcs.build(hybrid, itinerary), y, tau)
+
+
+def slope_at(family: Family, orbit: Orbit, value: float) -> Array:
+    """Derivative of the residual with respect to the parameter, by central differences at fixed unknowns."""
+    h = 1e-6 * max(abs(value), 1e-3 * family.width)
+    it = orbit.arcs.itinerary
+    up = evaluate_at(family, it, value + h, orbit.y, orbit.tau).r
+    down = evaluate_at(family, it, value - h, orbit.y, orbit.tau).r
+    return (up - down) / (2.0 * h)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An orbit on a branch, with the direction of the branch there.
+
+    Attributes
+    ----------
+    value : float
+        The parameter (SI).
+    orbit : Orbit
+    slope : array, shape (m + p,)
+        Derivative of the residual with respect to the parameter.
+    tangent : array, shape (m + p + 1,)
+        Direction of (unknowns, parameter); of unit length in the branch's own measure.
+    """
+
+    family: Family
+    value: float
+    orbit: Orbit
+    slope: Array
+    tangent: Array
+
+    @property
+    def turn(self) -> float:
+        """Rate of the parameter along the branch, relative to its range: zero at a fold."""
+        return float(self.tangent[-1] / self.family.width)
+
+    @cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Floquet multipliers."""
+        return self.orbit.multipliers
+
+
+def weights(orbit: Orbit, width: float) -> Array:
+    """Measure of the branch: mean square of the relative change of the start, and the parameter over its range."""
+    m, p = orbit.arcs.free.size, orbit.tau.size
+    w = np.zeros(m + p + 1)
+    w[:m] = 1.0 / (m * orbit.scale[orbit.arcs.free] ** 2)
+    w[-1] = 1.0 / width**2
+    return w
+
+
+def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, sign: float = 1.0) -> Point:
+    """The point with its tangent, turned along an earlier tangent (or so that the parameter changes by `sign`)."""
+    slope = slope_at(family, orbit, value)
+    w = weights(orbit, family.width)
+    row = np.zeros(w.size) if along is None else w * along
+    if along is None:
+        row[-1] = sign / family.width
+    right = np.zeros(w.size)
+    right[-1] = 1.0
+    t = bordered(orbit, slope, row, right)
+    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)))
+
+
+def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
+    """Solve [[A, slope], [row]] s = right, scaled."""
+    columns = np.concatenate([orbit.column_scale, [1.0]])
+    size = np.abs(slope / orbit.row_scale).max()
+    columns[-1] = 1.0 / size if size > 0 else 1.0
+    scaled = np.abs(row * columns).max()
+    rows = np.concatenate([orbit.row_scale, [1.0 / scaled if scaled > 0 else 1.0]])
+    K = np.vstack([np.column_stack([orbit.A, slope]), row])
+    rows[-1] = 1.0 / rows[-1]
+    K = K / rows[:, None] * columns
+    try:
+        return np.linalg.solve(K, right / rows) * columns
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
+
+
+def step(point: Point, ds: float) -> Point | None:
+    """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
+    family, it = point.family, point.orbit.arcs.itinerary
+    m = point.orbit.arcs.free.size
+    start = np.concatenate([point.orbit.y[point.orbit.arcs.free], point.orbit.tau, [point.value]])
+    row = weights(point.orbit, family.width) * point.tangent
+    u = start + ds * point.tangent
+    best = np.inf
+    for i in range(_MOST_ITERATIONS):
+        y = point.orbit.y.copy()
+        y[point.orbit.arcs.free] = u[:m]
+        try:
+            orbit = evaluate_at(family, it, float(u[-1]), y, u[m:-1])
+        except (EppError, ModelError):
+            return None
+        if not orbit.residual < 1e3:
+            return None
+        right = -np.concatenate([orbit.r, [row @ (u - start) - ds]])
+        change = bordered(orbit, point.slope, row, right)
+        size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
+        if (orbit.residual < TOLERANCE and size < 1e-9) or (orbit.residual < CONVERGED and size > 0.5 * best):
+            return make_point(family, float(u[-1]), orbit, point.tangent)
+        if i > 3 and size > best:
+            return None
+        best = min(best, size)
+        u = u + change
+    return None
+
+
+def admissible(point: Point) -> bool:
+    """Whether the engine, started on the orbit, meets the same events."""
+    orbit = point.orbit
+    return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and next_guess(orbit) is None
+
+
+def locate(point: Point, ds: float, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
+    """Where `test` changes its sign between `point` and a step ds, by regula falsi (Illinois)."""
+    a, f_a = 0.0, test(point)
+    far = step(point, ds)
+    if far is None:
+        return None
+    b, f_b = ds, test(far)
+    if f_a * f_b > 0:
+        return None
+    best = point if abs(f_a) < abs(f_b) else far
+    for _ in range(40):
+        c = (a * f_b - b * f_a) / (f_b - f_a)
+        found = step(point, c)
+        if found is None:
+            return best
+        f_c = test(found)
+        if abs(f_c) < abs(test(best)):
+            best = found
+        if abs(f_c) < tolerance or abs(b - a) < 1e-14 * abs(ds):
+            break
+        if f_c * f_b > 0:
+            b, f_b, f_a = c, f_c, 0.5 * f_a
+        else:
+            a, f_a, f_b = c, f_c, 0.5 * f_b
+    return best
+
+
+def last_admissible(point: Point, ds: float, n_halvings: int = 26) -> tuple[float, Point, Point]:
+    """Distance at which the sequence of events ceases to be true, with the points on both sides."""
+    a, b = 0.0, ds
+    inside, outside = point, step(point, ds)
+    for _ in range(n_halvings):
+        c = 0.5 * (a + b)
+        found = step(point, c)
+        if found is None or not admissible(found):
+            b, outside = c, found if found is not None else outside
+        else:
+            a, inside = c, found
+    return 0.5 * (a + b), inside, outside if outside is not None else inside
+
+
+def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
+    """Beyond a change of the sequence: the orbit with the new one, and whether the branch turns back there.
+
+    At a grazing contact Newton's range shrinks to nothing, so the old sequence, though no longer true, is followed a
+    little further until the new one can be closed from what the engine makes of it.
+    """
+    family = inside.family
+    way = float(np.sign(inside.tangent[-1])) or 1.0
+    for reach in (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 5e-3, 2e-2):
+        virtual = outside if reach == 0.0 else step(inside, reach)
+        guess = None if virtual is None else next_guess(virtual.orbit)
+        if virtual is None or guess is None:
+            continue
+        for turns_back in (False, True):
+            value = 2.0 * inside.value - virtual.value if turns_back else virtual.value
+            found = _close_at(family, value, guess)
+            if found is None or not _near(found, inside.orbit):
+                continue
+            if turns_back and found.arcs.itinerary.guards.size == inside.orbit.arcs.itinerary.guards.size:
+                continue
+            return make_point(family, value, found, None, -way if turns_back else way), turns_back
+    return None, False
+
+
+def beyond(point: Point) -> tuple[Point | None, bool]:
+    """Where Newton cannot go on with the old sequence (two events merge): the orbit with a new one a little further."""
+    family, width = point.family, point.family.width
+    sign = np.sign(point.tangent[-1]) or 1.0
+    for turns_back in (False, True):
+        way = -sign if turns_back else sign
+        for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
+            value = point.value + way * share * width
+            found = _close_at(family, value, point.orbit.guess)
+            if found is not None and found.arcs.itinerary.guards.size != point.orbit.arcs.itinerary.guards.size:
+                if _near(found, point.orbit):
+                    return make_point(family, value, found, None, way), turns_back
+    return None, False
+
+
+def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
+    try:
+        hybrid = family.at(value)
+    except EppError:
+        return None
+    y = guess.y.copy()
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    return close_orbit(hybrid, replace(guess, y=y))
+
+
+def _near(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits could be neighbours on a branch."""
+    if abs(one.period / other.period - 1.0) > 0.05:
+        return False
+    (low, high), (other_low, other_high) = signal_ranges(one), signal_ranges(other)
+    span = np.where(other_high > other_low, other_high - other_low, np.inf)
+    return bool(max(np.max(np.abs(low - other_low) / span), np.max(np.abs(high - other_high) / span)) < 0.1)
+
+
+def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
+    """Smallest and largest value of every signal, exactly."""
+    from eppanalysis.kernels.orbits import extents
+
+    arcs = orbit.arcs
+    low, high = np.empty(arcs.Y.shape[1]), np.empty(arcs.Y.shape[1])
+    extents(arcs.channels, arcs.F, arcs.S, arcs.smooth, arcs.Y, arcs.Ys, orbit.starts, orbit.tau, low, high)
+    return low, high

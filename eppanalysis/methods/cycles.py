@@ -1,0 +1,429 @@
+"""All limit cycles of a loop, exactly: seeds from describing functions and simulations, edges between basins by bisection.
+
+Stable cycles are where runs end. A cycle with one unstable direction lies on the edge between two outcomes: along a
+line of starts the edge is bisected, and the run that starts on it stays near the unstable cycle for a while, long
+enough to close the orbit from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.describing import predict_limit_cycles
+from eppanalysis.methods.orbit_cycle import to_limit_cycle
+from eppanalysis.methods.orbit_guess import recurrences, require_autonomous
+from eppanalysis.methods.shooting import Orbit, close_orbit, orbits_near
+from eppanalysis.methods.simulate import Run, judge, run_hybrid
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.signals import Constant
+from eppanalysis.results import LimitCycle, Status
+
+Array = NDArray[np.float64]
+
+#: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
+SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
+N_RANDOM = 24
+_SEED = 20050901
+_NO_SAMPLES = np.zeros(0)
+_MOST_EVENTS = 60_000
+#: After so many events a run that has not come to an end will not soon.
+_ENOUGH_EVENTS = 600
+
+
+@dataclass(frozen=True, eq=False)
+class CycleSearch:
+    """All limit cycles found, smallest first; behaves as a sequence of LimitCycle.
+
+    Attributes
+    ----------
+    cycles : tuple of LimitCycle
+    status : Status
+        CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left.
+    rests : bool
+        Whether some start settled at rest.
+    diverges : bool
+        Whether some start grew without bound.
+    search : str
+        How completeness was sought, in plain words.
+    """
+
+    cycles: tuple[LimitCycle, ...]
+    status: Status
+    rests: bool
+    diverges: bool
+    search: str
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.cycles)
+
+    def __getitem__(self, i: int) -> LimitCycle:
+        return self.cycles[i]
+
+    def __iter__(self) -> Iterator[LimitCycle]:
+        return iter(self.cycles)
+
+    @property
+    def stable(self) -> tuple[LimitCycle, ...]:
+        """The stable cycles: what the device can do for ever."""
+        return tuple(c for c in self.cycles if c.stable)
+
+    @property
+    def unstable(self) -> tuple[LimitCycle, ...]:
+        """The unstable cycles: what separates one outcome from another."""
+        return tuple(c for c in self.cycles if not c.stable)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "rests": self.rests,
+            "diverges": self.diverges,
+            "search": self.search,
+            "cycles": [c.to_dict() for c in self.cycles],
+            "provenance": dict(self.provenance),
+        }
+
+
+def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> CycleSearch:
+    """All limit cycles of a loop as exact orbits, stable and unstable.
+
+    Parameters
+    ----------
+    system : LureSystem
+        In continuous time.
+    input_value : mapping of str to float, optional
+        Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+
+    Returns
+    -------
+    CycleSearch
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system.
+    ModelError
+        If an input is unknown.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    >>> [(round(c.period, 8), c.stable) for c in epp.find_limit_cycles(loop)]
+    [(8.25509713, False), (6.3277966, True)]
+    """
+    hybrid = steady_hybrid(system, input_value)
+    search = _Search(system, hybrid, _predictions(system, input_value))
+    search.run()
+    cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
+    outcomes = search.outcomes
+    return CycleSearch(
+        cycles=tuple(cycles),
+        status=Status.UNDECIDED if "undecided" in outcomes else Status.CONVERGED,
+        rests="rest" in outcomes,
+        diverges="leaves" in outcomes,
+        search=search.sentence(),
+        provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
+    )
+
+
+def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = None) -> HybridSystem:
+    """The hybrid system with its inputs at steady values.
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system.
+    ModelError
+        If an input is unknown.
+    """
+    if system.time_step:
+        raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
+    motions = {}
+    for name, value in (input_value or {}).items():
+        if name not in system.input_names:
+            known = ", ".join(system.input_names) or "none"
+            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
+        motions[name] = Constant(value - float(system.v0[system.input_names.index(name)]))
+    return require_autonomous(HybridSystem.from_lure(system, motions))
+
+
+def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None) -> LimitCycle:
+    """The exact orbit near an approximate one (a prediction, or the limit cycle of a run).
+
+    Parameters
+    ----------
+    system : LureSystem
+        In continuous time.
+    start : LimitCycle
+        With state and period.
+    input_value : mapping of str to float, optional
+        Steady values of external inputs by name [SI].
+
+    Returns
+    -------
+    LimitCycle
+        With status NOT_CONVERGED, and otherwise as given, when there is no orbit near.
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system, or a start without a state.
+    """
+    hybrid = steady_hybrid(system, input_value)
+    if start.state.size != system.A.shape[0]:
+        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    x, H = start_of(hybrid, start)
+    for orbit in orbits_near(hybrid, x, H, start.period):
+        return to_limit_cycle(system, orbit)
+    return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
+
+
+def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:
+    """State with inputs, and held values, at the begin of a cycle (or at another state with its memory)."""
+    x, H = hybrid.x0.copy(), hybrid.H0.copy()
+    x[: hybrid.n_plant] = cycle.state if state is None else state
+    for e, value in enumerate(cycle.memory):
+        first = int(hybrid.model.first[e, 2])
+        if value is not None and hybrid.model.first[e + 1, 2] > first:
+            H[first] = value
+    return x, H
+
+
+def _predictions(system: LureSystem, input_value: Mapping[str, float] | None) -> Sequence[LimitCycle]:
+    try:
+        return predict_limit_cycles(system, input_value).cycles
+    except ModelError:
+        return ()
+
+
+def _size(system: LureSystem, cycle: LimitCycle) -> float:
+    return cycle.peak_to_peak[system.signals.names[0]]
+
+
+@dataclass
+class _Search:
+    """State of one search; lives for one call."""
+
+    system: LureSystem
+    hybrid: HybridSystem
+    predicted: Sequence[LimitCycle]
+    orbits: list[Orbit] = field(default_factory=list)
+    outcomes: dict[str, int] = field(default_factory=dict)
+    n_runs: int = 0
+    n_edges: int = 0
+    rest: tuple[Array, Array] | None = None
+
+    def run(self) -> None:
+        """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
+        self.horizon = self._horizon()
+        for cycle in self.predicted:
+            for orbit in orbits_near(self.hybrid, *start_of(self.hybrid, cycle), cycle.period):
+                self.add(orbit)
+                break
+        rays = self._rays()
+        for ray in rays:
+            self._scan(ray)
+        for start in self._random(rays):
+            self.outcome(*start)
+        for orbit in list(self.orbits):
+            self._scan(self._ray_to(orbit))
+
+    def sentence(self) -> str:
+        """How completeness was sought."""
+        ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
+        return (
+            f"{len(self.predicted)} predicted cycles as seeds; {self.n_runs} runs along {len(SCALES)} scales of each "
+            f"predicted and found cycle and from {N_RANDOM} random starts ({ends}); {self.n_edges} edges between "
+            "different outcomes bisected for unstable cycles. Cycles with several unstable directions that no "
+            "prediction is near may be missed."
+        )
+
+    def add(self, orbit: Orbit) -> int:
+        """Number of an orbit among those found; a new one is appended."""
+        for i, known in enumerate(self.orbits):
+            if same_orbit(known, orbit):
+                return i
+        self.orbits.append(orbit)
+        return len(self.orbits) - 1
+
+    def _horizon(self) -> float:
+        """How long a run is before it is judged for the first time [s]."""
+        if self.predicted:
+            return 40.0 * max(c.period for c in self.predicted)
+        rates = np.abs(np.linalg.eigvals(self.system.A)) if self.system.A.size else np.ones(1)
+        slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
+        return 3.0 / float(slow.min()) if slow.size else 100.0
+
+    def outcome(self, x: Array, H: Array, deepen: bool = True) -> str:
+        """Where a run from (x, H) ends: "rest", "leaves", "undecided", or the number of a cycle."""
+        found = self._outcome(x, H)
+        kind = "cycle" if found.isdigit() else found
+        self.outcomes[kind] = self.outcomes.get(kind, 0) + 1
+        return found
+
+    def _outcome(self, x: Array, H: Array) -> str:
+        start, t = replace(self.hybrid, x0=x, H0=H), self.horizon
+        for turn in range(8):
+            run = run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
+            self.n_runs += 1
+            status, facts = judge(start, run, t)
+            if status is Status.SETTLED:
+                if self.rest is None:
+                    self.rest = run.x_end, (run.held_values[run.order[-1]] if run.held else H)
+                return "rest"
+            if status is Status.LIMIT_CYCLE:
+                return self._recognise(run, float(facts[1]))
+            if status is Status.DIVERGED:
+                return "leaves"
+            if status is Status.EVENT_LIMIT:
+                break
+            if fades(start, run, t, self.horizon, self._sizes()):
+                return "rest"
+            known = self._recognise(run, None)
+            if known != "undecided":
+                return known
+            if turn >= 3 and run.count > _ENOUGH_EVENTS:
+                break
+            t *= 3.0
+        return "undecided"
+
+    def _sizes(self) -> Array:
+        """How far the states move on what was predicted and found."""
+        n = self.hybrid.x0.size
+        size = 1e-9 * np.abs(self.hybrid.x0)
+        for ray in self._rays():
+            size = np.maximum(size, np.abs(ray[1]))
+        for orbit in self.orbits:
+            size = np.maximum(size, orbit.scale[:n])
+        return size
+
+    def _recognise(self, run: Run, period: float | None) -> str:
+        """Number of the cycle that a run is on at its end."""
+        if run.held == 0:
+            return "undecided"
+        last = run.order[-1]
+        for i, known in enumerate(self.orbits):
+            at = np.flatnonzero(known.arcs.itinerary.guards == run.guard[last])
+            states = known.starts[at + 1, : self.hybrid.x0.size]
+            away = np.abs(states - run.state[last])[:, self.hybrid.compared]
+            scale = known.scale[: self.hybrid.x0.size][self.hybrid.compared]
+            if at.size and np.min(np.max(away / scale, axis=1)) < 1e-3:
+                return str(i)
+        if period is None:
+            return "undecided"
+        for guess in recurrences(self.hybrid, run, (0.99 * period, 1.01 * period), 3, 200):
+            orbit = close_orbit(self.hybrid, guess)
+            if orbit is not None:
+                return str(self.add(orbit))
+        return "undecided"
+
+    def _rays(self) -> list[tuple[Array, Array, Array]]:
+        """Lines of starts: centre, direction, held values."""
+        rays = []
+        for cycle in self.predicted:
+            x, H = start_of(self.hybrid, cycle)
+            centre = x.copy()
+            centre[: self.hybrid.n_plant] = cycle.provenance["mean_state"]
+            rays.append((centre, x - centre, H))
+        x0 = self.hybrid.x0
+        centre = np.zeros_like(x0)
+        centre[self.hybrid.n_plant :] = x0[self.hybrid.n_plant :]
+        if np.any(x0 != centre):
+            rays.append((centre, x0 - centre, self.hybrid.H0))
+        return rays
+
+    def _ray_to(self, orbit: Orbit) -> tuple[Array, Array, Array]:
+        """From rest (or the orbit's own middle) to the orbit."""
+        n = self.hybrid.x0.size
+        x = orbit.y[:n].copy()
+        centre = np.mean(orbit.starts[:-1, :n], axis=0) if self.rest is None else self.rest[0]
+        x[~self.hybrid.compared], centre = self.hybrid.x0[~self.hybrid.compared], centre.copy()
+        centre[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
+        return centre, x - centre, orbit.y[orbit.arcs.held].copy()
+
+    def _random(self, rays: list[tuple[Array, Array, Array]]) -> Iterator[tuple[Array, Array]]:
+        """Starts in a box as large as the motions seen."""
+        rng = np.random.default_rng(_SEED)
+        boxes = [(r[0], np.abs(r[1]), r[2]) for r in rays]
+        boxes += [(*self._ray_to(o)[:1], 0.5 * o.scale[: self.hybrid.x0.size], o.y[o.arcs.held]) for o in self.orbits]
+        for i in range(N_RANDOM if boxes else 0):
+            centre, size, H = boxes[i % len(boxes)]
+            x = centre + 2.0 * rng.uniform(-1.0, 1.0, size.size) * size
+            x[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
+            yield x, H
+
+    def _scan(self, ray: tuple[Array, Array, Array]) -> None:
+        """Outcomes along a line of starts, and the unstable cycles on the edges between different ones."""
+        centre, direction, H = ray
+        ends = [self.outcome(centre + s * direction, H) for s in SCALES]
+        for a, b, end_a, end_b in zip(SCALES, SCALES[1:], ends, ends[1:], strict=False):
+            if end_a != end_b:
+                self._edge(ray, a, b, end_a, end_b)
+
+    def _edge(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
+        """Bisect between two outcomes; close orbits from the run that stays longest near the edge."""
+        centre, direction, H = ray
+        self.n_edges += 1
+        for i in range(48):
+            c = 0.5 * (a + b)
+            if i in (10, 20, 30, 40) and self._close_on_edge(centre + c * direction, H):
+                return
+            end = self._outcome(centre + c * direction, H)
+            if end == end_a:
+                a = c
+            elif end == end_b:
+                b = c
+            else:
+                # A third outcome in between: keep the pair that holds the first edge.
+                b, end_b = c, end
+        self._close_on_edge(centre + 0.5 * (a + b) * direction, H)
+
+    def _close_on_edge(self, x: Array, H: Array) -> bool:
+        start = replace(self.hybrid, x0=x, H0=H)
+        run = run_hybrid(start, self.horizon, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 400)
+        for guess in recurrences(self.hybrid, run, None, 3, 400):
+            orbit = close_orbit(self.hybrid, guess)
+            if orbit is not None and np.any(np.abs(orbit.multipliers) > 1.0):
+                self.add(orbit)
+                return True
+        return False
+
+
+def fades(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
+    """Nothing moves any more but for rounding, or what moves drifts ever more slowly through a band without gain.
+
+    Parameters
+    ----------
+    t, horizon : float
+        Length of the run, and of some forty periods of the cycles in question [s].
+    size : array, shape (n,)
+        How far the states move on such cycles.
+    """
+    quiet = t - float(run.time[run.order[-1]]) if run.held else t
+    if quiet < 0.3 * t:
+        return False
+    size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
+    speed = np.abs(run.rate_end)[start.compared] * horizon / 40.0
+    return bool(np.all(speed <= (1e-6 if t < 9.0 * horizon else 1e-2) * size))
+
+
+def same_orbit(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits are the same motion: equal periods, and a state of one found on the other."""
+    if abs(one.period / other.period - 1.0) > 1e-6:
+        return False
+    n, compared = one.hybrid.x0.size, one.hybrid.compared
+    at = np.flatnonzero(one.arcs.itinerary.guards == other.arcs.itinerary.guards[-1])
+    if at.size == 0:
+        return False
+    away = np.abs(one.starts[at + 1, :n] - other.y[:n])[:, compared] / one.scale[:n][compared]
+    return bool(np.min(np.max(away, axis=1)) < 1e-5)

@@ -1,0 +1,184 @@
+"""Curves of folds: where in the plane of two parameters a stable and an unstable limit cycle are born together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation import CaseLike, continue_branch, steady_case
+from eppanalysis.methods.continuation_steps import Point, admissible, other_sequence, step
+from eppanalysis.methods.families import Family
+from eppanalysis.results import LimitCycle, Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FoldCurve:
+    """Folds over two parameters.
+
+    Attributes
+    ----------
+    parameters : (str, str)
+        The one in which the cycles fold, and the one that runs.
+    values : array, shape (k, 2)
+        Both at each fold [SI].
+    period : array, shape (k,)
+        Of the cycle there [s].
+    multiplier : array, shape (k,)
+        Its largest Floquet multiplier, which is 1 but for rounding.
+    status : Status
+    message : str
+        How the curve ended.
+    """
+
+    parameters: tuple[str, str]
+    values: Array
+    period: Array
+    multiplier: Array
+    status: Status
+    message: str
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {
+            "parameters": list(self.parameters),
+            "values": self.values.tolist(),
+            "period": self.period.tolist(),
+            "multiplier": self.multiplier.tolist(),
+            "status": self.status.name.lower(),
+            "message": self.message,
+            "provenance": dict(self.provenance),
+        }
+
+
+def continue_folds(
+    case: CaseLike,
+    parameter: str,
+    other: str,
+    limits: tuple[object, object],
+    over: tuple[object, object],
+    *,
+    cycle: LimitCycle | None = None,
+    n_points: int = 21,
+) -> FoldCurve:
+    """The fold in `parameter` at each of a row of values of `other`.
+
+    Parameters
+    ----------
+    case : Case
+    parameter, other : str
+        Dotted names: the parameter in which the cycles fold, and the one that runs.
+    limits : (quantity, quantity)
+        Range of `parameter` in which the first fold is looked for, and the curve followed.
+    over : (quantity, quantity)
+        Values of `other` from the first to the last.
+    cycle : LimitCycle, optional
+        A cycle at the first of `limits` and of `over`.
+    n_points : int
+        Number of values of `other`.
+
+    Returns
+    -------
+    FoldCurve
+        Ends early, with status NOT_CONVERGED, where the curve of folds does (a cusp, or a change of sequence).
+
+    Raises
+    ------
+    EppError
+        If there is no fold at the first value of `other`.
+    """
+    rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
+    low, high = sorted(case.si(parameter, v) for v in limits)
+    first = case.with_values({other: float(rows[0])})
+    branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
+    if not branch.folds:
+        raise EppError(f"continue_folds: the branch over {parameter} has no fold at {other} = {rows[0]:.6g}.")
+    walk = _FoldWalk(case, parameter, other, (low, high))
+    found = [branch.folds[0].point]
+    message = "The curve covers all values asked for."
+    for here, value in zip(rows, rows[1:], strict=False):
+        new = walk.reach(found[-1], float(here), float(value))
+        if new is None:
+            message = f"The curve ends before {other} = {value:.6g}: no fold continues it within the limits."
+            break
+        found.append(new)
+    return FoldCurve(
+        parameters=(parameter, other),
+        values=np.column_stack([[p.value for p in found], rows[: len(found)]]),
+        period=np.array([p.orbit.period for p in found]),
+        multiplier=np.array([float(np.max(np.abs(p.multipliers))) for p in found]),
+        status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
+        message=message,
+        provenance={"case": case.name, "limits": (low, high)},
+    )
+
+
+@dataclass
+class _FoldWalk:
+    """A curve of folds under way; lives for one call."""
+
+    case: CaseLike
+    parameter: str
+    other: str
+    limits: tuple[float, float]
+    slope: float = 0.0
+
+    def family(self, value: float, near: float) -> Family:
+        """The systems over `parameter`, around `near`, at a value of `other`."""
+        case, reach = self.case.with_values({self.other: value}), 0.05 * abs(near)
+        window = max(near - reach, self.limits[0]), min(near + reach, self.limits[1])
+        return Family(lambda v: steady_case(case.with_values({self.parameter: v})), self.limits, window)
+
+    def reach(self, fold: Point, here: float, there: float) -> Point | None:
+        """The fold at another value of `other`, in as many steps as it takes."""
+        at, d = here, there - here
+        while abs(there - at) > 1e-12 * abs(there - here):
+            d = there - at if abs(d) > abs(there - at) else d
+            new = self._next(fold, self.family(at + d, fold.value + self.slope * d), d)
+            if new is None:
+                d *= 0.5
+                if abs(d) < abs(there - here) / 100:
+                    return None
+                continue
+            self.slope = (new.value - fold.value) / d
+            fold, at, d = new, at + d, 1.5 * d
+        return fold
+
+    def _next(self, fold: Point, family: Family, d: float) -> Point | None:
+        """The fold in a neighbouring family, from the last one."""
+        moved = step(replace(fold, family=family, value=fold.value + self.slope * d), 0.0)
+        for _ in range(4):
+            new = None if moved is None else _fold_near(moved)
+            if new is None or moved is None or not self.limits[0] <= new.value <= self.limits[1]:
+                return None
+            if admissible(new):
+                return new
+            moved, _ = other_sequence(moved, new)
+        return None
+
+
+def _fold_near(point: Point) -> Point | None:
+    """Secant steps along the branch to where the parameter turns."""
+    s0, f0 = 0.0, point.turn
+    s1 = 1e-3
+    best = point
+    for _ in range(15):
+        if abs(best.turn) < 1e-11:
+            return best
+        new = step(point, s1)
+        if new is None:
+            return None
+        f1 = new.turn
+        if abs(f1) < abs(best.turn):
+            best = new
+        if f1 == f0:
+            break
+        s0, s1, f0 = s1, float(np.clip(s1 - f1 * (s1 - s0) / (f1 - f0), -0.3, 0.3)), f1
+    return best if abs(best.turn) < 1e-9 else None
+

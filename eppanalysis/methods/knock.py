@@ -1,0 +1,183 @@
+"""The smallest knock that starts a limit cycle which coexists with rest, found by runs and confirmed on both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles, steady_hybrid
+from eppanalysis.methods.simulate import Run, judge, run_hybrid
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.results import Status
+
+Array = NDArray[np.float64]
+
+#: Sizes that are tried, relative to the cycle's own; neighbours differ by a tenth.
+_GRID = np.geomspace(1e-3, 30.0, 110)
+_DIGITS = 1e-7
+#: Where an elbow is knocked: at the forearm.
+_FOREARM = ("theta", "theta_dot")
+
+
+@dataclass(frozen=True)
+class Knock:
+    """A disturbance of the resting loop that just starts a limit cycle.
+
+    Attributes
+    ----------
+    name : str
+        External input that is stepped, or state that is displaced.
+    size : float
+        The threshold, signed (SI); nan where no size up to `tried` starts a cycle.
+    settles, starts : float
+        Sizes on both sides of it at which a run settles, and ends on a cycle.
+    tried : float
+        Largest size tried.
+    """
+
+    name: str
+    size: float
+    settles: float
+    starts: float
+    tried: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {"name": self.name, "size": self.size, "settles": self.settles, "starts": self.starts, "tried": self.tried}
+
+
+def knock(
+    system: LureSystem,
+    input_value: Mapping[str, float] | None = None,
+    *,
+    states: Sequence[str] | None = None,
+    cycles: CycleSearch | None = None,
+) -> tuple[Knock, ...]:
+    """For every external input and state: the smallest disturbance of the resting loop that starts a limit cycle.
+
+    Parameters
+    ----------
+    system : LureSystem
+        In continuous time.
+    input_value : mapping of str to float, optional
+        Steady values of external inputs at which the loop rests [SI].
+    states : sequence of str, optional
+        States that are knocked; by default the forearm's angle and velocity of an elbow, all states of another loop.
+    cycles : CycleSearch, optional
+        From an earlier search, for the sizes to be tried.
+
+    Returns
+    -------
+    tuple of Knock
+        Both signs of each, smaller first; empty when there is no stable cycle.
+
+    Raises
+    ------
+    EppError
+        If the loop has no resting state that a run from its start reaches, or there is no such state.
+    """
+    found = cycles or find_limit_cycles(system, input_value)
+    if not found.stable:
+        return ()
+    hybrid = steady_hybrid(system, input_value)
+    swing = np.max([np.ptp(c.provenance["corners"], axis=0) for c in found], axis=0)
+    size = np.concatenate([swing, np.zeros(hybrid.x0.size - swing.size)])
+    to = _Judge(40.0 * max(c.period for c in found), size)
+    rest = _rest(hybrid, system, to)
+    out: list[Knock] = []
+    for name, apply, scale in _directions(system, hybrid, rest, swing, states):
+        both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
+        out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
+    return tuple(out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Where a run ends, with sizes that tell rest from motion."""
+
+    horizon: float
+    size: Array
+
+    def ends(self, start: HybridSystem) -> tuple[Status, Run]:
+        """SETTLED, LIMIT_CYCLE or what else it is, and the run."""
+        t = self.horizon
+        for _ in range(3):
+            run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 100_000, 600)
+            status, _ = judge(start, run, t)
+            if status is Status.UNDECIDED and fades(start, run, t, self.horizon, self.size):
+                status = Status.SETTLED
+            if status is not Status.UNDECIDED:
+                break
+            t *= 2.5
+        return status, run
+
+
+def _rest(hybrid: HybridSystem, system: LureSystem, to: _Judge) -> HybridSystem:
+    """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
+    for scale in (1.0, 0.0, 0.01):
+        x0 = hybrid.x0.copy()
+        x0[: hybrid.n_plant] *= scale
+        start = replace(hybrid, x0=x0)
+        status, run = to.ends(start)
+        if status is Status.SETTLED:
+            last = run.order[-1] if run.held else None
+            modes = start.modes0 if last is None else run.modes[last]
+            held = start.H0 if last is None else run.held_values[last]
+            return replace(start, x0=run.x_end, H0=held.copy(), modes0=modes.copy())
+    raise EppError(f"{system.name}: no resting state was reached from the start, so there is nothing to knock.")
+
+
+Direction = tuple[str, Callable[[float], HybridSystem], float]
+
+
+def _directions(
+    system: LureSystem, hybrid: HybridSystem, rest: HybridSystem, swing: Array, states: Sequence[str] | None
+) -> Iterator[Direction]:
+    """Name, the system knocked by a size, and the size that compares with the cycle."""
+    z = np.abs(system.C) @ swing
+
+    def moved(place: int) -> Callable[[float], HybridSystem]:
+        def apply(size: float) -> HybridSystem:
+            x0 = rest.x0.copy()
+            x0[place] += size
+            return replace(rest, x0=x0)
+
+        return apply
+
+    for i, name in enumerate(system.input_names):
+        on = np.abs(system.D_input[:, i])
+        reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
+        yield name, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
+    wanted = states or ([n for n in _FOREARM if n in system.state_names] or system.state_names)
+    for name in wanted:
+        if name not in system.state_names:
+            raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {', '.join(system.state_names)}.")
+        place = system.state_names.index(name)
+        if hybrid.compared[place]:
+            yield name, moved(place), float(swing[place]) or 1.0
+
+
+def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: _Judge) -> Knock:
+    """The first size on the grid that starts a cycle, and bisection between it and the one before."""
+    below = 0.0
+    for share in _GRID:
+        size = float(share * scale)
+        if to.ends(apply(size))[0] is Status.LIMIT_CYCLE:
+            break
+        below = size
+    else:
+        return Knock(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale))
+    above = size
+    while abs(above - below) > _DIGITS * abs(above):
+        middle = 0.5 * (above + below)
+        if to.ends(apply(middle))[0] is Status.LIMIT_CYCLE:
+            above = middle
+        else:
+            below = middle
+    return Knock(name, 0.5 * (above + below), below, above, size)

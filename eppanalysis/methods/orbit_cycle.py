@@ -1,0 +1,132 @@
+"""From a closed orbit to the LimitCycle that users see: waveform, harmonics, events, stability."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbit import PeriodShape, analyse_period
+from eppanalysis.methods.shooting import CONVERGED, Orbit, middle, restarted
+from eppanalysis.methods.simulate import run_hybrid
+from eppanalysis.methods.stability import describe, is_stable
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.provenance import provenance
+from eppanalysis.results import Event, LimitCycle, Status
+
+Array = NDArray[np.float64]
+
+METHOD = "exact orbit"
+
+
+def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
+    """What a closed orbit looks like to its user.
+
+    Parameters
+    ----------
+    system : LureSystem
+        The loop whose orbit it is.
+    orbit : Orbit
+    """
+    shape = orbit_shape(system, orbit)
+    values = orbit.multipliers
+    names = system.signals.names
+    n = orbit.hybrid.n_plant
+    y = orbit.y
+    facts = provenance(METHOD, {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()})
+    facts |= {"modes": orbit.arcs.itinerary.modes[0].tolist(), "held": y[orbit.arcs.held].tolist()}
+    facts["corners"] = orbit.starts[:-1, :n].tolist()
+    return LimitCycle(
+        method=METHOD,
+        status=Status.CONVERGED if orbit.residual < CONVERGED else Status.NOT_CONVERGED,
+        period=orbit.period,
+        mean=shape.mean,
+        peak_to_peak=shape.peak_to_peak,
+        harmonics=shape.harmonics,
+        stable=is_stable(values),
+        stability_criterion=describe(values),
+        multipliers=values,
+        residual=orbit.residual,
+        error_estimate=error_estimate(orbit),
+        events=_events(orbit),
+        time=shape.time,
+        waveform=shape.waveform,
+        state=y[:n].copy(),
+        memory=_memory(system, orbit),
+        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        provenance=facts,
+    )
+
+
+def error_estimate(orbit: Orbit) -> float:
+    """What the residual and the rounding of the flow can do to the orbit, relative to its size."""
+    noise = np.maximum(np.abs(orbit.r), 2.0**-52 * orbit.row_scale)
+    step = orbit.correction(noise)
+    return float(np.max(np.abs(step) / orbit.column_scale))
+
+
+def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
+    """Mean, extrema, harmonics and waveform over one period."""
+    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
+    delayed = orbit.arcs.n_timers > 0
+
+    def by_engine(times: Array) -> Array:
+        # From the middle of the first arc, where no guard is near, once round.
+        half = 0.5 * float(orbit.tau[0])
+        start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, 0), orbit.arcs.itinerary.modes[0])
+        first = int(np.searchsorted(times, half))
+        turned = np.concatenate([times[first:] - half, times[:first] + (orbit.period - half)])
+        base = 2.0 * orbit.hybrid.time_scale
+        samples = run_hybrid(start, orbit.period, turned, base, 10 * marks.size + 100, 1).samples
+        return np.roll(samples, first, axis=0)
+
+    def by_arcs(times: Array) -> Array:
+        return sample_arcs(orbit, times)
+
+    sample = by_arcs if delayed else by_engine
+    return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
+
+
+def sample_arcs(orbit: Orbit, times: Array) -> Array:
+    """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
+    from eppanalysis.kernels.orbits import states_at
+
+    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
+    y = np.empty((times.size, orbit.arcs.size))
+    states_at(orbit.arcs.channels, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
+    arc = np.clip(np.searchsorted(marks, times, side="left") - 1, 0, orbit.tau.size - 1)
+    return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)
+
+
+def _events(orbit: Orbit) -> tuple[Event, ...]:
+    """The events within the period, the one that closes it last."""
+    hybrid, it = orbit.hybrid, orbit.arcs.itinerary
+    after = np.roll(it.modes, -1, axis=0)
+    out = []
+    for time, guard, modes in zip(np.cumsum(orbit.tau), it.guards, after, strict=True):
+        if guard < 0:
+            continue
+        e = int(hybrid.model.guard_element[guard])
+        name = hybrid.element_names[e]
+        if name != "observer":
+            out.append(Event(float(time), name, hybrid.guard_names[guard], hybrid.mode_names[e][int(modes[e])]))
+    return tuple(out)
+
+
+def _memory(system: LureSystem, orbit: Orbit) -> tuple[float | None, ...]:
+    """Held value of each element from which its start mode gives the output that it has on the orbit."""
+    model, arcs = orbit.hybrid.model, orbit.arcs
+    held = orbit.y[arcs.held]
+    w = arcs.W[0] @ orbit.y
+    out: list[Any] = []
+    for e in range(len(system.elements)):
+        first_h, last_h = int(model.first[e, 2]), int(model.first[e + 1, 2])
+        if first_h == last_h:
+            out.append(None)
+            continue
+        start = model.mode_first[e] + system.elements[e].automaton().start_mode
+        from_held = float(model.mode_wh[start, 0, 0])
+        at_rest = from_held != 0.0 and not np.any(model.mode_wz[start, 0])
+        out.append(float(w[model.first[e, 1]] / from_held) if at_rest else float(held[first_h]))
+    return tuple(out)

@@ -1,0 +1,222 @@
+"""Where exact orbits start from: stretches of a run that nearly return to their begin.
+
+A stretch gives the cyclic sequence of events, the state behind the first and the dwell times between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.simulate import Run
+from eppanalysis.models.arcs import Arcs, Itinerary
+from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """An orbit before it is closed: sequence of events, start ``y`` behind the last of them, dwell times [s]."""
+
+    itinerary: Itinerary
+    y: Array
+    tau: Array
+
+    @property
+    def period(self) -> float:
+        """Sum of the dwell times [s]."""
+        return float(self.tau.sum())
+
+
+def first_return(
+    hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guard: int, period: float
+) -> Guess | None:
+    """From a run that began at y behind an event: the stretch to that event's best return after about a period."""
+    order = run.order
+    if run.held == 0 or run.count > run.held:
+        return None
+    time = run.time[order]
+    same = (run.guard[order] == guard) & np.all(run.modes[order] == modes, axis=1)
+    places = np.flatnonzero(same & (np.abs(time / period - 1.0) < 0.5))
+    if places.size == 0:
+        return None
+    n = hybrid.x0.size
+    span = np.ptp(run.state[order][:, hybrid.compared], axis=0)
+    away = np.abs(run.state[order[places]] - y[:n])[:, hybrid.compared] / np.where(span > 0, span, np.inf)
+    last = int(places[np.argmin(np.max(away, axis=1))])
+    before = order[:last]
+    starts = np.vstack([np.concatenate([y[:n], y[n : n + hybrid.H0.size]]), np.hstack([run.state[before], run.held_values[before]])])
+    return make_guess(
+        hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, np.diff(time[: last + 1], prepend=0.0)
+    )
+
+
+def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> Guess | None:
+    """From a run that began half-way along an arc in `modes`: its events of one period, as if they repeated."""
+    order = run.order
+    within = order[run.time[order] <= period]
+    if within.size == 0 or run.count > run.held or not np.array_equal(run.modes[within[-1]], modes):
+        return None
+    starts = np.roll(np.hstack([run.state[within], run.held_values[within]]), 1, axis=0)
+    tau = np.diff(run.time[within], prepend=run.time[within[-1]] - period)
+    return make_guess(hybrid, np.roll(run.modes[within], 1, axis=0), run.guard[within], starts, tau)
+
+
+def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: Array, tau: Array) -> Guess | None:
+    """A guess from what a run met; delayed switches are put in where the loop has dead time.
+
+    Parameters
+    ----------
+    modes, guards : int arrays, shapes (p, elements), (p,)
+        Modes on each arc, guard at its end.
+    starts : array, shape (p, n + held)
+        State and held values at the begin of each arc.
+    tau : array, shape (p,)
+        Dwell times [s].
+    """
+    p = guards.size
+    it = Itinerary(modes, guards, np.full((p, 3), -1), np.zeros(p, np.int64))
+    if np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        try:
+            return _delayed_guess(hybrid, it, starts[0], tau)
+        except ModelError:
+            return None
+    full = _mark(hybrid, it, starts, tau)
+    return None if full is None else Guess(full, starts[0].copy(), tau)
+
+
+def _mark(hybrid: HybridSystem, it: Itinerary, starts: Array, tau: Array) -> Itinerary | None:
+    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero."""
+    try:
+        arcs = Arcs.build(hybrid, it)
+    except ModelError:
+        return None
+    parts = arcs.g * starts
+    value, size = parts.sum(axis=1), np.abs(parts).sum(axis=1)
+    short = tau <= 1e-12 * tau.sum()
+    at_once = np.where(short & (value > 1e-9 * size), 1, np.where(~short & (np.abs(value) <= 1e-12 * size), 2, 0))
+    return replace(it, at_once=at_once)
+
+
+def _delayed_guess(hybrid: HybridSystem, it: Itinerary, y: Array, tau: Array) -> Guess:
+    """Put the delayed switches among the events, and their timers and delayed values into the start."""
+    plain = Arcs.build(
+        replace(hybrid, model=hybrid.model._replace(smooth_kind=np.zeros_like(hybrid.model.smooth_kind))), it
+    )
+    model, T, t = hybrid.model, float(tau.sum()), np.cumsum(tau)
+    rows = []
+    for line in np.flatnonzero(model.smooth_kind == DELAY_LINE):
+        value = plain.W[:, model.smooth_w[line], -1]
+        for k in np.flatnonzero(value != np.roll(value, -1)):
+            late = float(t[k] + model.smooth_delay[line])
+            rows.append((late % T, int(k), int(line), int(model.smooth_delay[line] // T)))
+    rows.sort()
+    arrivals = np.array([r[0] for r in rows])
+    p = it.guards.size
+    place = np.searchsorted(t, arrivals)  # the arc into which each arrival falls
+    at = np.argsort(np.concatenate([t, arrivals]), kind="stable")
+    new_place = np.argsort(at, kind="stable")
+    modes = np.concatenate([it.modes, it.modes[np.minimum(place, p - 1)]])[at]
+    guards = np.concatenate([it.guards, np.full(len(rows), -1)])[at]
+    source = np.full((p + len(rows), 3), -1)
+    for i, (_, k, line, turns) in enumerate(rows):
+        source[new_place[p + i]] = new_place[k], line, turns
+    times = np.concatenate([t, arrivals])[at]
+    new_tau = np.diff(times, prepend=0.0)
+    full = Itinerary(modes, guards, source, np.zeros(guards.size, np.int64))
+    arcs = Arcs.build(hybrid, full)
+    n, n_H = model.A.shape[0], model.K.shape[1]
+    wide = np.zeros(arcs.size)
+    wide[:n], wide[arcs.held] = y[:n], y[n : n + n_H]
+    return Guess(full, with_history(hybrid, arcs, wide, new_tau), new_tau)
+
+
+def with_history(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Array:
+    """y with the timers and delayed values that belong to the start of a periodic motion."""
+    y, t, T = y.copy(), np.cumsum(tau), float(tau.sum())
+    source, model = arcs.itinerary.source, hybrid.model
+    lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
+    register = arcs.n_state
+    arrivals = np.flatnonzero(arcs.itinerary.guards < 0)
+    for k in arrivals:
+        origin, line, turns = source[k]
+        for i in range(turns + 1):
+            y[register] = model.smooth_delay[line] - ((i + 1) * T - t[origin])
+            register += 1
+    for i, line in enumerate(lines):
+        of_line = [k for k in arrivals if source[k, 1] == line]
+        if of_line:
+            last = of_line[-1]
+            column = arcs.held.stop + i
+            y[column] = arcs.J[last, column, arcs.held.stop - 1]
+    return y
+
+
+def stretch(hybrid: HybridSystem, run: Run, first: int, last: int) -> Guess | None:
+    """The stretch between two of the held events (counted from the oldest)."""
+    order = run.order[first : last + 1]
+    starts = np.hstack([run.state[order[:-1]], run.held_values[order[:-1]]])
+    return make_guess(hybrid, run.modes[order[:-1]], run.guard[order[1:]], starts, np.diff(run.time[order]))
+
+
+def recurrences(
+    hybrid: HybridSystem, run: Run, period: tuple[float, float] | None = None, most: int = 6, n_events: int = 200
+) -> Iterator[Guess]:
+    """Stretches of a run that nearly return to their begin, best first.
+
+    Parameters
+    ----------
+    period : (float, float), optional
+        Shortest and longest return wanted [s].
+    most : int
+        How many guesses at most.
+    n_events : int
+        Only so many of the last events are looked at.
+    """
+    skipped = max(run.held - n_events, 0)
+    order = run.order[skipped:]
+    time, state = run.time[order], run.state[order][:, hybrid.compared]
+    if order.size < 2:
+        return
+    # Of several events at one instant the last one counts.
+    free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
+    gap = time[free] - time[free][:, None]
+    kind = np.column_stack([run.guard[order[free]], run.modes[order[free]]])
+    fits = np.all(kind[:, None] == kind, axis=2) & (gap > 0)
+    if period is not None:
+        fits &= (gap >= period[0]) & (gap <= period[1])
+    span = np.ptp(state, axis=0)
+    i, j = np.nonzero(fits)
+    away = np.max(np.abs(state[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
+    for k in np.lexsort((gap[i, j], np.round(away, 12)))[:most]:
+        guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
+        if guess is not None:
+            yield guess
+
+
+def require_autonomous(hybrid: HybridSystem) -> HybridSystem:
+    """The same system with its inputs at their final values from the start.
+
+    Raises
+    ------
+    EppError
+        If an input never comes to rest.
+    """
+    model = hybrid.model
+    x0, H0 = hybrid.x0.copy(), hybrid.H0.copy()
+    for state, value, held, slope in zip(
+        model.knot_state, model.knot_value, model.knot_held, model.knot_slope, strict=True
+    ):
+        x0[state], H0[held] = value, slope
+    n = hybrid.n_plant
+    if np.any(model.A[n:, n:] != 0.0) or np.any(model.K[n:] @ H0 != 0.0):
+        raise EppError("A limit cycle is a motion without a changing input; expected inputs that come to rest.")
+    none = {"knot_time": np.zeros(0), "knot_state": np.zeros(0, np.int64), "knot_value": np.zeros(0)}
+    none |= {"knot_held": np.zeros(0, np.int64), "knot_slope": np.zeros(0)}
+    return replace(hybrid, x0=x0, H0=H0, model=model._replace(**none))

@@ -1,0 +1,363 @@
+"""Exact periodic orbits: Newton's method on the start and the dwell times of a cyclic sequence of events.
+
+Between events the flow is known exactly with its derivative, so the equations are: every arc ends on its guard, and the
+state behind the last event is the one behind the first. The sequence comes from a run of the engine; after
+convergence the engine runs once more from the orbit, and where it meets other events these are taken and the
+iteration goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.orbit_guess import Guess, first_return, one_turn, recurrences, with_history
+from eppanalysis.methods.simulate import Run, run_hybrid
+from eppanalysis.methods.stability import multipliers, return_map
+from eppanalysis.models.arcs import Arcs, Itinerary
+from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.int64]
+
+#: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
+CONVERGED = 1e-9
+_MOST_ITERATIONS = 40
+_MOST_SEQUENCES = 10
+_NO_SAMPLES = np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A closed orbit of a hybrid system, or the last iterate on the way to it.
+
+    Attributes
+    ----------
+    hybrid : HybridSystem
+    arcs : Arcs
+    y : array, shape (N,)
+        State, timers, held and delayed values behind the event at the start.
+    tau : array, shape (p,)
+        Dwell times [s].
+    starts, ends : arrays, shapes (p + 1, N), (p, N)
+        y behind and before each event.
+    A, r : arrays, shapes (m + p, m + p), (m + p,)
+        Derivative and residual of (closure, guards) over (free part of y, dwell times).
+    speed : array, shape (p,)
+        Rate at which each guard is crossed.
+    """
+
+    hybrid: HybridSystem
+    arcs: Arcs
+    y: Array
+    tau: Array
+    starts: Array
+    ends: Array
+    A: Array
+    r: Array
+    speed: Array
+
+    @property
+    def period(self) -> float:
+        """Period [s]."""
+        return float(self.tau.sum())
+
+    @property
+    def guess(self) -> Guess:
+        """The orbit as a start for the next one."""
+        return Guess(self.arcs.itinerary, self.y, self.tau)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Size of the motion in each place of y, shape (N,); never zero."""
+        both = np.concatenate([self.starts, self.ends])
+        span = np.ptp(both, axis=0)
+        n = self.arcs.F.shape[1]
+        for y in (self.starts[:-1], self.ends):
+            travel = np.abs(np.einsum("pij,pj->pi", self.arcs.F, y)) * np.abs(self.tau)[:, None]
+            span[:n] = np.maximum(span[:n], 0.1 * travel.max(axis=0))
+        size = np.abs(both).max(axis=0)
+        return np.where(span > 1e-9 * size, span, np.where(size > 0, size, 1.0))
+
+    @cached_property
+    def row_scale(self) -> Array:
+        """Sizes of the residual's entries, shape (m + p,)."""
+        guards, kind, T = np.abs(self.arcs.g) @ self.scale, self.arcs.itinerary.at_once, max(self.period, 1e-300)
+        with np.errstate(over="ignore"):  # an iterate that has gone astray
+            guards = np.where((kind == 1) | (guards == 0), T, np.where(kind == 2, guards / T, guards))
+        return np.concatenate([self.scale[self.arcs.free], guards])
+
+    @cached_property
+    def column_scale(self) -> Array:
+        """Sizes of the unknowns, shape (m + p,)."""
+        return np.concatenate([self.scale[self.arcs.free], np.full(self.tau.size, max(self.period, 1e-300))])
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest residual relative to the size of the motion."""
+        size = float(np.max(np.abs(self.r) / self.row_scale))
+        return size if np.isfinite(size) else float("inf")
+
+    @cached_property
+    def return_map(self) -> Array:
+        """Derivative of the return map, shape (m, m)."""
+        return return_map(self.A, self.arcs.free.size)
+
+    @cached_property
+    def multipliers(self) -> ComplexArray:
+        """Floquet multipliers, largest first."""
+        n_wanted = max(int(np.sum(self.hybrid.compared)) - 1, 0) + self.arcs.n_timers
+        return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
+
+    def correction(self, right: Array) -> Array:
+        """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns."""
+        A = self.A / self.row_scale[:, None] * self.column_scale
+        try:
+            step = np.linalg.solve(A, right / self.row_scale)
+        except np.linalg.LinAlgError:
+            step = np.linalg.lstsq(A, right / self.row_scale, rcond=1e-12)[0]
+        return step * self.column_scale
+
+    def moved(self, step: Array) -> tuple[Array, Array]:
+        """Start and dwell times after a step in the unknowns."""
+        y = self.y.copy()
+        y[self.arcs.free] += step[: self.arcs.free.size]
+        return y, self.tau + step[self.arcs.free.size :]
+
+    def rotated(self, first: int) -> Orbit:
+        """The same orbit, begun behind the event that ends arc ``first - 1``."""
+        if first == 0:
+            return self
+        arcs = Arcs.build(self.hybrid, self.arcs.itinerary.rotated(first))
+        # Timers stand in the order of the delayed switches, which turns with the orbit.
+        return evaluate(self.hybrid, arcs, self._turned(arcs, first), np.roll(self.tau, -first))
+
+    def _turned(self, arcs: Arcs, first: int) -> Array:
+        y = self.starts[first].copy()
+        t = float(self.tau[:first].sum())
+        y -= self.arcs.shift * t
+        if self.arcs.n_timers:
+            y = with_history(self.hybrid, arcs, y, np.roll(self.tau, -first))
+        y[: self.arcs.n_state][~self.hybrid.compared & (np.arange(self.arcs.n_state) < self.hybrid.n_plant)] = 0.0
+        return y
+
+
+def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
+    """Run along the arcs once."""
+    from eppanalysis.kernels.orbits import sweep
+
+    p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
+    starts, ends = np.empty((p + 1, N)), np.empty((p, N))
+    A, r, speed = np.empty((m + p, m + p)), np.empty(m + p), np.empty(p)
+    sweep(
+        arcs.channels, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.itinerary.at_once, y, tau, arcs.free,
+        arcs.shift, starts, ends, A, r, speed,
+    )  # fmt: skip
+    return Orbit(hybrid, arcs, y, tau, starts, ends, A, r, speed)
+
+
+def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
+    """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
+    orbit = evaluate(hybrid, arcs or Arcs.build(hybrid, guess.itinerary), guess.y, guess.tau)
+    for _ in range(_MOST_ITERATIONS):
+        if not np.isfinite(orbit.residual):
+            break
+        step = -orbit.correction(orbit.r)
+        size = float(np.max(np.abs(step) / orbit.column_scale))
+        if not np.isfinite(size):
+            break
+        new = _search(orbit, step, min(1.0, 0.5 / size) if size > 0 else 1.0)
+        if new is None or (new.residual < 1e-11 and new.residual > 0.3 * orbit.residual):
+            return orbit if new is None or orbit.residual <= new.residual else new
+        orbit = new
+    return orbit
+
+
+def _search(orbit: Orbit, step: Array, factor: float) -> Orbit | None:
+    """Backtracking: the first of a few shorter steps that lowers the residual; near rounding any step will do."""
+    for _ in range(8):
+        new = evaluate(orbit.hybrid, orbit.arcs, *orbit.moved(factor * step))
+        size = float(np.max(np.abs(new.r) / orbit.row_scale))
+        if size < orbit.residual * (1.0 - 0.1 * factor) or (size < 1e-11 and orbit.residual < 1e-11):
+            return new
+        factor *= 0.4
+    return None
+
+
+def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
+    """The exact orbit near a guess, with its true sequence of events; None when there is none to be found.
+
+    Parameters
+    ----------
+    hybrid : HybridSystem
+        Without external inputs that change.
+    guess : Guess
+
+    Returns
+    -------
+    Orbit or None
+        Begun where its longest arc begins; its residual is near rounding.
+    """
+    seen: set[bytes] = set()
+    for _ in range(_MOST_SEQUENCES):
+        try:
+            orbit = solve(hybrid, guess)
+        except ModelError:
+            return None
+        if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
+            found = next_guess(orbit)
+            if found is None:
+                return _finished(orbit)
+            if found.itinerary.key in seen:
+                return None
+        else:
+            found = follow(hybrid, guess)
+            if found is None or found.itinerary.key in seen:
+                return None
+        seen.add(found.itinerary.key)
+        guess = found
+    return None
+
+
+def _finished(orbit: Orbit) -> Orbit:
+    """Taken back to one turn, begun at the longest arc."""
+    p = orbit.arcs.n_arcs
+    for q in range(1, p // 2 + 1):
+        if p % q == 0 and _repeats(orbit, q):
+            guess = orbit.guess
+            it = guess.itinerary
+            short = Itinerary(
+                it.modes[:q], it.guards[:q], np.where(it.source[:q] >= 0, it.source[:q] % q, -1), it.at_once[:q]
+            )
+            if not orbit.arcs.n_timers:
+                orbit = solve(orbit.hybrid, Guess(short, guess.y, guess.tau[:q]))
+            break
+    orbit = orbit.rotated(int(np.argmax(orbit.tau)))
+    return solve(orbit.hybrid, orbit.guess, orbit.arcs)
+
+
+def _repeats(orbit: Orbit, q: int) -> bool:
+    it, tol = orbit.arcs.itinerary, 1e-7
+    same = np.array_equal(it.guards, np.roll(it.guards, q)) and np.array_equal(it.modes, np.roll(it.modes, q, axis=0))
+    if not same or np.max(np.abs(orbit.tau - np.roll(orbit.tau, q))) > tol * orbit.period:
+        return False
+    free = orbit.arcs.free
+    shift = orbit.arcs.shift[free] * orbit.tau[:q].sum()
+    change = np.abs(orbit.starts[q, free] - shift - orbit.starts[0, free])
+    return bool(np.all(change <= tol * orbit.scale[free]))
+
+
+def next_guess(orbit: Orbit) -> Guess | None:
+    """None when the engine, started on the orbit, meets just its events; else what it meets, as a new guess.
+
+    The run begins in the middle of the longest arc, where no guard is near. A loop with dead time cannot be started in
+    the middle of its history; its sequence is that of the run it came from.
+    """
+    if orbit.arcs.n_timers:
+        return None
+    p, T = orbit.arcs.n_arcs, orbit.period
+    k = int(np.argmax(orbit.tau))
+    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, k), orbit.arcs.itinerary.modes[k])
+    base = 2.0 * orbit.hybrid.time_scale
+    run = run_hybrid(start, 1.1 * T, _NO_SAMPLES, base, 3 * p + 40, 3 * p + 40)
+    order = run.order
+    if run.held >= p and np.array_equal(run.guard[order[:p]], np.roll(orbit.arcs.itinerary.guards, -k)):
+        times = np.cumsum(np.roll(orbit.tau, -k)) - 0.5 * orbit.tau[k]
+        if np.max(np.abs(run.time[order[:p]] - times)) < 1e-6 * T:
+            return None
+    once = one_turn(orbit.hybrid, run, start.modes0, T)
+    if once is not None and once.itinerary.cyclic_key != orbit.arcs.itinerary.cyclic_key:
+        return once
+    run = run_hybrid(start, 2.6 * T, _NO_SAMPLES, base, 8 * p + 80, 8 * p + 80)
+    best = None
+    for guess in recurrences(orbit.hybrid, run, (0.6 * T, 1.5 * T), 80):
+        # Where the old sequence is left only just, much of the run still follows it.
+        if guess.itinerary.cyclic_key != orbit.arcs.itinerary.cyclic_key:
+            return guess
+        best = best or guess
+    return best
+
+
+def middle(orbit: Orbit, arc: int) -> Array:
+    """y half-way along an arc."""
+    from eppanalysis.kernels.orbits import states_at
+
+    arcs, one = orbit.arcs, slice(arc, arc + 1)
+    y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])
+    channels = arcs.channels._replace(sense=arcs.channels.sense[one])
+    states_at(
+        channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y
+    )
+    return y[0]
+
+
+def run_from(orbit: Orbit, t_end: float, max_events: int, y: Array) -> Run:
+    """A run of the engine from y, in the modes that the orbit has at its start."""
+    start = restarted(orbit.hybrid, orbit.arcs, y, orbit.arcs.itinerary.modes[0])
+    return run_hybrid(start, t_end, _NO_SAMPLES, 2.0 * orbit.hybrid.time_scale, max_events, max_events)
+
+
+def restarted(hybrid: HybridSystem, arcs: Arcs, y: Array, modes: IntArray) -> HybridSystem:
+    """The same system, started from y in given modes."""
+    return replace(hybrid, x0=y[: hybrid.x0.size].copy(), H0=y[arcs.held].copy(), modes0=np.array(modes, np.int64))
+
+
+def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
+    """Newton on the engine's own return map, each step with the events that it meets; a guess nearer to the orbit."""
+    if np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        return None
+    best: Guess | None = None
+    best_size = np.inf
+    for _ in range(15):
+        try:
+            arcs = Arcs.build(hybrid, guess.itinerary)
+        except ModelError:
+            break
+        orbit = evaluate(hybrid, arcs, guess.y, guess.tau)
+        size = float(np.max(np.abs(orbit.r[: arcs.free.size]) / orbit.row_scale[: arcs.free.size]))
+        if not size < 1e6:
+            break
+        if size < best_size:
+            best, best_size = guess, size
+        if size < 1e-6:
+            break
+        step = -orbit.correction(orbit.r)
+        change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
+        y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
+        run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
+        found = first_return(hybrid, run, y, guess.itinerary.modes[0], int(guess.itinerary.guards[-1]), guess.period)
+        if found is None:
+            break
+        guess = found
+    return best
+
+
+
+
+def orbits_near(hybrid: HybridSystem, x: Array, held: Array, period: float) -> Iterator[Orbit]:
+    """Exact orbits near a state that should lie on one, best guess first.
+
+    Parameters
+    ----------
+    x, held : arrays
+        State and held values; the engine finds the modes.
+    period : float
+        Of the orbit, roughly [s].
+    """
+    start = replace(hybrid, x0=x, H0=held)
+    seen: set[bytes] = set()
+    for turns in (2.6, 8.0):
+        run = run_hybrid(start, turns * period, _NO_SAMPLES, 2.0 * hybrid.time_scale, 2000, 2000)
+        for guess in recurrences(hybrid, run, (0.5 * period, 1.6 * period), 4):
+            if guess.itinerary.key in seen:
+                continue
+            seen.add(guess.itinerary.key)
+            orbit = close_orbit(hybrid, guess)
+            if orbit is not None:
+                yield orbit

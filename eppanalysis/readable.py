@@ -1,0 +1,21 @@
+"""Units in which people read tables and pictures; files and JSON stay in SI units."""
+
+from __future__ import annotations
+
+import math
+
+#: What an SI unit is shown as, and the factor to it.
+READABLE = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m": ("mm", 1e3)}
+
+
+def readable(unit: str) -> tuple[str, float]:
+    """Unit to show in place of an SI unit, and the factor from SI.
+
+    Examples
+    --------
+    >>> readable("m")
+    ('mm', 1000.0)
+    >>> readable("N*m")
+    ('N·m', 1.0)
+    """
+    return READABLE.get(unit, (unit.replace("*", "·"), 1.0))

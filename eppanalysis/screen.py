@@ -1,0 +1,205 @@
+"""Results to tables on the screen: numbers in the units that people read; computes nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.table import Table
+
+from eppanalysis.readable import readable
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+    from eppanalysis.methods.ladder import Ladder
+    from eppanalysis.results import LimitCycle, Trajectory
+
+
+def parameters_table(case: Case) -> Table:
+    """Every value of a case with where it comes from."""
+    table = _table("field", "value", "from", "note", numbers=False)
+    for name, parameter in case.parameters.items():
+        table.add_row(name, str(parameter), parameter.mark, parameter.note)
+    return table
+
+
+def rest_table(run: Trajectory) -> Table:
+    """Where each signal rests."""
+    table = _table("signal", "rests at")
+    for name, value in run.settled_at.items():
+        unit, factor = readable(run.units.get(name, ""))
+        table.add_row(_with_unit(name, unit), _number(value * factor))
+    return table
+
+
+def margins_text(margins: Mapping[str, float]) -> str:
+    """Classical margins with their units: gain and disk margins are factors, crossovers in rad/s."""
+    texts = []
+    for name, value in margins.items():
+        words = name.replace("_", " ")
+        if name == "phase_margin":
+            texts.append(f"{words} {_number(math.degrees(value))} deg")
+        else:
+            texts.append(f"{words} {_number(value)}" + (" rad/s" if name.endswith("crossover") else ""))
+    return ", ".join(texts)
+
+
+def cases_table(cases: Sequence[Case]) -> Table:
+    """Name, kind and title of cases."""
+    table = _table("name", "kind", "title", numbers=False)
+    for case in cases:
+        table.add_row(case.name, case.kind, case.title)
+    return table
+
+
+def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
+    """Signals down, cycles across: mean and peak-to-peak of each."""
+    table = _table("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
+    stability = {True: "stable", False: "unstable", None: "stability unknown"}
+    for label, values in (
+        ("", [stability[c.stable] for c in cycles]),
+        ("frequency [Hz]", [_number(c.frequency) for c in cycles]),
+        ("period [s]", [_number(c.period) for c in cycles]),
+        ("estimated error", [_percent(c.error_estimate) for c in cycles]),
+    ):
+        table.add_row(label, *(cell for value in values for cell in (value, "")))
+    table.add_section()
+    table.add_row("signal", *(cell for _ in cycles for cell in ("peak to peak", "mean")))
+    for name in dict.fromkeys(name for c in cycles for name in c.mean):
+        unit, factor = readable(next((c.units[name] for c in cycles if name in c.units), ""))
+        cells = []
+        for c in cycles:
+            cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
+        table.add_row(_with_unit(name, unit), *cells)
+    return table
+
+
+def ladder_table(ladder: Ladder) -> Table:
+    """Frequency, and peak-to-peak and mean of each signal, down; predicted and simulated cycles and errors across."""
+    rungs = [row for row in ladder.rows if row.cycle is not None]
+    at_rest = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
+    heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
+    table = _table("", *heads, *(["at rest in simulation"] if at_rest else []), *(["error"] if ladder.errors else []))
+
+    def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
+        shown = [_signed_percent(error)] if ladder.errors else []
+        table.add_row(label, *cells, *([rest] if at_rest else []), *shown)
+
+    paces = [_number(row.quantities["frequency"]) for row in rungs]
+    add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
+    for name in ladder.run.signals:
+        unit, factor = readable(ladder.run.units.get(name, ""))
+        cycles = [row.cycle for row in rungs if row.cycle is not None]
+        errors = ladder.errors.get(name, {})
+        spans = [_number(c.peak_to_peak.get(name, math.nan) * factor) for c in cycles]
+        add(f"{_with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
+        means = [_mean(c, name, factor) for c in cycles]
+        rest = at_rest.get(name, math.nan)
+        add("   mean", means, _number(rest * factor if abs(rest) > 1e-12 else 0.0), errors.get("mean"))
+    return table
+
+
+class TruthTable:
+    """All cases in one table: what is known of each, what the run did, whether it agrees, and what first order says."""
+
+    def __init__(self) -> None:
+        heads = (
+            "case",
+            "figure",
+            "finding",
+            "must",
+            "simulated",
+            "",
+            "predicted [Hz]",
+            "simulated [Hz]",
+            "first order",
+        )
+        self.table = _table(*heads, numbers=False)
+        self.found: list[str] = []
+        self.from_paper = True
+
+    def add(self, case: Case, ladder: Ladder) -> None:
+        """A case, with the frequency of the stable predicted cycle (of the one that the run is on, if it is on one)."""
+        expected, cycle = case.expected, ladder.run.limit_cycle
+        stable = [i for i, c in enumerate(ladder.prediction or ()) if c.stable]
+        chosen = [ladder.matched] if ladder.matched is not None else stable
+        predicted = ", ".join(_number(ladder.rows[i].quantities["frequency"]) for i in chosen) or "none"
+        found = as_found(case, ladder)
+        self.table.add_row(
+            case.name,
+            expected.paper or "-",
+            expected.finding or "-",
+            expected.outcome or "-",
+            ladder.outcome,
+            found,
+            predicted,
+            _number(ladder.swings * cycle.frequency) if cycle else "none",
+            _first_sentences(ladder),
+        )
+        if found:
+            self.found.append(found)
+            self.from_paper &= bool(expected.paper)
+
+    def sentence(self) -> str:
+        """How many cases came out as they must; empty where none says."""
+        whom = "the paper found" if self.from_paper else "their sources say"
+        return f"{self.found.count('ok')} of {len(self.found)} as {whom}." if self.found else ""
+
+
+def as_found(case: Case, ladder: Ladder) -> str:
+    """Whether the run did what the case must do; empty where the case does not say."""
+    must = case.expected.outcome
+    return "" if must is None else "ok" if ladder.outcome == must else "FAIL"
+
+
+def _first_sentences(ladder: Ladder) -> str:
+    """What the ladder says, in few words."""
+    if not ladder.errors:
+        return ladder.agreement.value
+    f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
+    size = f", {_signed_percent(a)} in {ladder.signal}" if a is not None else ""
+    return f"Agrees: {_signed_percent(f)} in frequency{size}."
+
+
+def _mean(cycle: LimitCycle, name: str, factor: float) -> str:
+    """A mean in readable units; what is left of a mean of zero after summation is not worth its digits."""
+    span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
+    return _number(mean * factor if abs(mean) > 1e-9 * span else 0.0)
+
+
+def _table(*columns: str, numbers: bool = True) -> Table:
+    """An empty table; its columns after the first hold numbers, or texts."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
+    return table
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _percent(share: float) -> str:
+    if math.isnan(share):
+        return "-"
+    if share > 1.0:
+        return "> 100 %"
+    return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
+
+
+def _signed_percent(share: float | None) -> str:
+    if share is None or math.isnan(share):
+        return "-"
+    return "0 %" if abs(share) < 5e-5 else f"{100.0 * share:+.2f} %" if abs(share) < 0.01 else f"{100.0 * share:+.1f} %"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(value: Any) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.4g}" if _is_number(value) else str(value)

@@ -1,0 +1,109 @@
+"""Branches through folds and changes of sequence, against searches at single values and against both sides of a fold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation import steady_case
+from eppanalysis.methods.families import Family, interpolate
+
+POUND = 4.4482216152605
+
+
+@pytest.fixture(scope="module")
+def original():
+    case = epp.case("fig8a_original")
+    return case, epp.find_limit_cycles(case.to_system(), case.final_input())
+
+
+@pytest.mark.parametrize(
+    ("parameter", "start", "stop", "unit", "expected"),
+    [
+        ("lock_pin.backlash", "2.5 deg", "0.6 deg", math.pi / 180, 0.978586853),
+        ("bands.range", "2.5 lbf", "6 lbf", POUND, 5.005421649),
+    ],
+)
+def test_folds_are_the_same_from_both_sides(original, parameter, start, stop, unit, expected):
+    case, found = original
+    folds = []
+    for cycle in found:
+        branch = epp.continue_branch(case, parameter, start, stop, cycle=cycle)
+        assert len(branch.folds) == 1
+        folds.append(branch.folds[0])
+    assert folds[0].value == pytest.approx(folds[1].value, rel=1e-9)
+    assert folds[0].value / unit == pytest.approx(expected, rel=1e-8)
+    for fold in folds:
+        assert abs(fold.cycle.multipliers[0] - 1.0) < 1e-6
+        assert fold.cycle.residual < 1e-9
+
+
+def test_nothing_oscillates_below_the_fold_and_two_cycles_exist_above():
+    case = epp.case("fig8a_original")
+    for degrees, expected in ((0.97, 0), (0.99, 2)):
+        changed = case.with_values({"lock_pin.backlash": f"{degrees} deg"})
+        assert len(epp.find_limit_cycles(changed.to_system(), changed.final_input())) == expected
+
+
+def test_branch_passes_through_what_simulation_finds():
+    case = epp.case("fig8a_original")
+    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "1.2 deg", n_simulated=4)
+    value, stable = branch.points["value"], branch.points["stable"]
+    order = np.argsort(value[stable])
+    for v, span in zip(branch.simulated["value"], branch.simulated["theta"], strict=True):
+        on_branch = np.interp(v, value[stable][order], branch.points["theta"][stable][order])
+        assert on_branch == pytest.approx(span, rel=2e-3)
+    assert branch.points["residual"].max() < 1e-9
+    assert {s.kind for s in branch.special} <= {"fold", "change of sequence"}
+    assert branch.to_dict()["points"]["value"] == value.tolist()
+
+
+def test_every_orbit_of_a_branch_is_a_cycle_of_its_own_case():
+    case = epp.case("relay_deadzone")
+    branch = epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 0.4, n_points=30)
+    for i in (5, len(branch) - 1):
+        changed = case.with_values({"relay_dead_zone.threshold": float(branch.points["value"][i])})
+        periods = [c.period for c in epp.find_limit_cycles(changed.to_system())]
+        assert min(abs(p / branch.points["period"][i] - 1.0) for p in periods) < 1e-9
+
+
+def test_curve_of_folds():
+    case = epp.case("fig8a_original")
+    curve = epp.continue_folds(
+        case, "lock_pin.backlash", "bands.range", ("2.5 deg", "0.6 deg"), ("2.5 lbf", "2.4 lbf"), n_points=2
+    )
+    assert curve.values[0, 0] == pytest.approx(math.radians(0.978586853), rel=1e-8)
+    assert np.all(np.abs(curve.multiplier - 1.0) < 1e-6)
+    single = epp.continue_branch(case.with_values({"bands.range": "2.4 lbf"}), "lock_pin.backlash", "2.5 deg", "0.6 deg")
+    assert curve.values[1, 0] == pytest.approx(single.folds[0].value, rel=1e-9)
+
+
+def test_interpolated_system_is_the_system():
+    case = epp.case("fig8a_original")
+
+    def build(value):
+        return steady_case(case.with_values({"bands.range": value}))
+
+    found = interpolate(build, 2.0 * POUND, 5.0 * POUND)
+    one, other = found.at(3.3 * POUND), build(3.3 * POUND)
+    np.testing.assert_allclose(one.model.mode_wz, other.model.mode_wz, rtol=1e-13)
+    np.testing.assert_allclose(one.x0, other.x0, rtol=1e-14)
+
+
+def test_change_of_structure_is_not_interpolated():
+    case = epp.case("fig8a_original")
+    # Without friction the loop has one element less.
+    family = Family(lambda v: steady_case(case.with_values({"drive.coulomb_friction": v})), (0.0, 0.3))
+    assert family.at(0.0).model.mode_first.size < family.at(0.3).model.mode_first.size
+
+
+def test_empty_ranges_and_loops_without_cycles_are_refused():
+    case = epp.case("fig8a_original")
+    with pytest.raises(EppError, match="two different values"):
+        epp.continue_branch(case, "lock_pin.backlash", "1 deg", "1 deg")
+    with pytest.raises(EppError, match="no limit cycle"):
+        epp.continue_branch(case, "lock_pin.backlash", "0.25 deg", "0.3 deg")

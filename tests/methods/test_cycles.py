@@ -1,0 +1,96 @@
+"""All limit cycles of the loops of the verification set and of the truth table, and the knocks that start them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.results import Status
+
+LOOPS = [
+    name
+    for name in epp.shipped_cases()
+    if (case := epp.case(name)).kind == "loop" and case.expected.exact and not case.to_system().time_step
+]
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
+    case = epp.case(name)
+    found = epp.find_limit_cycles(case.to_system())
+    for expected in case.expected.exact:
+        near = min(found, key=lambda c: abs(c.period - expected.period))
+        assert near.period == pytest.approx(expected.period, rel=1e-8)
+        assert near.peak_to_peak[case.expected.signal] / 2 == pytest.approx(expected.amplitude, rel=1e-8)
+        assert near.stable == expected.stable
+        if expected.largest_multiplier is not None:
+            assert abs(near.multipliers[0]) == pytest.approx(expected.largest_multiplier, rel=1e-6)
+
+
+def test_original_elbow_has_a_stable_and_an_unstable_cycle():
+    case = epp.case("fig8a_original")
+    found = epp.find_limit_cycles(case.to_system(), case.final_input())
+    assert [c.stable for c in found] == [False, True]
+    assert found.rests
+    assert found.status is Status.CONVERGED
+    # Regression values; the stable one is that of a long run (test_shooting).
+    assert found[0].period == pytest.approx(0.192932133055, rel=1e-9)
+    assert abs(found[0].multipliers[0]) == pytest.approx(8.29921, rel=1e-5)
+    assert found[1].period == pytest.approx(0.111438405954, rel=1e-9)
+
+
+def test_unstable_cycle_separates_outcomes():
+    case = epp.case("relay_deadzone")
+    unstable = epp.find_limit_cycles(case.to_system()).unstable[0]
+    ends = [
+        epp.simulate(replace(case.to_system(), x0=scale * unstable.state), t_end=60 * unstable.period).status
+        for scale in (0.99, 1.01)
+    ]
+    assert ends == [Status.SETTLED, Status.LIMIT_CYCLE]
+
+
+@pytest.mark.parametrize("name", ["fig8b_reduced_backlash", "fig6b_ball_bearing", "soft_cable", "upright"])
+def test_nothing_is_invented_where_all_starts_settle(name):
+    case = epp.case(name)
+    found = epp.find_limit_cycles(case.to_system(), case.final_input())
+    assert len(found) == 0
+    assert found.rests
+
+
+def test_a_step_that_settles_is_no_proof():
+    # The light forearm settles after the step, and yet a stable cycle exists beside the resting state.
+    case = epp.case("light_forearm")
+    assert epp.simulate(case.to_system(), case.input, t_end=case.t_end).status is Status.SETTLED
+    assert [c.stable for c in epp.find_limit_cycles(case.to_system(), case.final_input())] == [False, True]
+
+
+def test_knocks_are_confirmed_on_both_sides():
+    case = epp.case("relay_deadzone")
+    found = epp.knock(case.to_system(), states=["x2"])
+    assert [np.sign(k.size) for k in found] == [1.0, -1.0]
+    assert found[0].size == pytest.approx(-found[1].size, rel=1e-6)
+    for size, status in ((found[0].settles, Status.SETTLED), (found[0].starts, Status.LIMIT_CYCLE)):
+        system = replace(case.to_system(), x0=np.array([0.0, 0.0, size]))
+        assert epp.simulate(system, t_end=400.0).status is status
+
+
+def test_a_loop_without_stable_cycle_needs_no_knock():
+    assert epp.knock(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())) == ()
+
+
+def test_bad_arguments_raise():
+    system = epp.case("relay_deadzone").to_system()
+    with pytest.raises(ModelError, match="no input"):
+        epp.find_limit_cycles(system, {"nothing": 1.0})
+    with pytest.raises(EppError, match="no state"):
+        epp.knock(system, states=["nothing"])
+
+
+def test_search_is_plain_data():
+    found = epp.find_limit_cycles(epp.case("sat_am165").to_system())
+    assert found.to_dict()["cycles"][0]["stable"] is True
+    assert "predicted" in found.search

@@ -1,0 +1,197 @@
+"""The ladder's verdicts on loops where they are known, and the errors that it states."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import eppanalysis as epp
+from eppanalysis.methods.ladder import Agreement, largest_harmonic
+from eppanalysis.results import Status
+from tests.reference.elbow_reference import DEG, nominal, simulate_reference
+from tests.reference.lure_reference import simulate_lure
+
+
+@pytest.fixture(scope="module")
+def original() -> epp.Ladder:
+    return epp.ladder(epp.case("fig8a_original"))
+
+
+def test_original_elbow_has_both_cycles_and_runs_on_the_stable_one(original: epp.Ladder) -> None:
+    assert original.agreement is Agreement.AGREE and original.outcome == "oscillate"
+    assert original.prediction is not None
+    assert [c.stable for c in original.prediction] == [False, True]
+    assert original.matched == 1
+    unstable, stable = original.prediction
+    assert unstable.peak_to_peak["theta"] < stable.peak_to_peak["theta"]
+
+
+def test_errors_are_relative_to_the_simulation(original: epp.Ladder) -> None:
+    assert original.prediction is not None and original.run.limit_cycle is not None
+    guess, true = original.prediction[1], original.run.limit_cycle
+    assert original.errors["frequency"]["frequency"] == pytest.approx(
+        (guess.frequency - true.frequency) / true.frequency
+    )
+    for name, errors in original.errors.items():
+        if name == "frequency":
+            continue
+        span = true.peak_to_peak[name]
+        assert errors["peak_to_peak"] == pytest.approx((guess.peak_to_peak[name] - span) / span)
+        assert errors["mean"] == pytest.approx((guess.mean[name] - true.mean[name]) / span)
+    # Tens of per cent in frequency: the lock pin's blows are far from sines.
+    assert 0.1 < original.errors["frequency"]["frequency"] < 0.3
+    assert "off by +18.3 % in frequency" in original.verdict
+
+
+def test_prediction_stands_where_the_harness_ends(original: epp.Ladder) -> None:
+    """Mean angles agree to a thousandth, since both are for x_h behind the step (20 mm / 19 mm = 60.3 deg)."""
+    assert original.prediction is not None and original.run.limit_cycle is not None
+    for cycle in (*original.prediction, original.run.limit_cycle):
+        assert cycle.mean["theta"] == pytest.approx(20 / 19, abs=2e-3)
+
+
+def test_the_unstable_cycle_divides(original: epp.Ladder) -> None:
+    """Runs from half its size rest, from twice its size they reach the stable cycle."""
+    below, above = (p for p in original.probes if p.cycle == 0)
+    assert (below.scale, above.scale) == (0.5, 2.0)
+    assert (below.status, above.status) == (Status.SETTLED, Status.LIMIT_CYCLE)
+    assert original.run.limit_cycle is not None
+    assert above.peak_to_peak == pytest.approx(original.run.limit_cycle.peak_to_peak["theta"], rel=1e-6)
+    assert "does divide" in original.verdict
+
+
+def test_rows_hold_every_method_with_its_time(original: epp.Ladder) -> None:
+    methods = [row.method for row in original.rows]
+    assert methods == ["describing function, unstable", "describing function, stable", "simulation"]
+    assert all(row.seconds > 0 and row.cycle is not None for row in original.rows)
+    assert original.probe_seconds > 0
+
+
+def test_plain_data_is_json(original: epp.Ladder) -> None:
+    data: dict[str, Any] = json.loads(json.dumps(original.to_dict()))
+    assert data["agreement"] == "agree" and data["swings"] == 1 and len(data["probes"]) == 5
+    assert data["simulation"]["status"] == "limit_cycle"
+
+
+def test_a_stable_cycle_that_this_step_does_not_reach() -> None:
+    result = epp.ladder(epp.case("light_forearm"))
+    assert result.agreement is Agreement.GUARDED and result.outcome == "settle"
+    assert [p.status for p in result.probes if p.cycle == 1] == [Status.LIMIT_CYCLE] * 3
+
+
+def test_neither_has_a_cycle() -> None:
+    result = epp.ladder(epp.case("fig8b_reduced_backlash"))
+    assert result.agreement is Agreement.FREE and not result.errors and not result.probes
+
+
+# First order wrong in both directions ---------------------------------------------------------------------------------
+def play_servo_half_orbit(gain: float) -> tuple[float, float]:
+    """Amplitude and period of x'' + x' = -k play(x), gap 2: closed-form arcs, root of the return map.
+
+    From rest at x = X the output is held at X - 1 until x has fallen by 2, then follows at x + 1 until x' = 0 at -X.
+    """
+
+    def flow(matrix: Any, forcing: Any, start: Any, t: float) -> Any:
+        block = np.zeros((3, 3))
+        block[:2, :2], block[:2, 2] = matrix, forcing
+        return (expm(block * t) @ np.append(start, 1.0))[:2]
+
+    held, following = np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([[0.0, 1.0], [-gain, -1.0]])
+
+    def half(size: float) -> tuple[float, float]:
+        start, push = np.array([size, 0.0]), np.array([0.0, -gain * (size - 1.0)])
+        first = brentq(lambda t: flow(held, push, start, t)[0] - (size - 2.0), 1e-9, 200.0, xtol=1e-14)
+        begin, pull = flow(held, push, start, first), np.array([0.0, -gain])
+        times = np.linspace(1e-6, 6.0, 300)
+        speed = [flow(following, pull, begin, t)[1] for t in times]
+        i = next(i for i in range(299) if speed[i] < 0 <= speed[i + 1])
+        second = brentq(lambda t: flow(following, pull, begin, t)[1], times[i], times[i + 1], xtol=1e-14)
+        return flow(following, pull, begin, second)[0] + size, first + second
+
+    size = brentq(lambda s: half(s)[0], 1.2, 1.6, xtol=1e-14)
+    return size, 2.0 * half(size)[1]
+
+
+def test_a_servo_that_first_order_calls_safe_oscillates() -> None:
+    case = epp.case("backlash_servo_unseen")
+    result = epp.ladder(case)
+    assert result.agreement is Agreement.NOT_PREDICTED and result.outcome == "oscillate"
+    assert result.prediction is not None and len(result.prediction) == 0
+    size, period = play_servo_half_orbit(3.3)
+    cycle = result.run.limit_cycle
+    assert cycle is not None and case.expected.exact
+    assert cycle.period == pytest.approx(period, rel=1e-8)
+    assert cycle.peak_to_peak["x"] / 2 == pytest.approx(size, rel=1e-8)
+    assert case.expected.exact[0].amplitude == pytest.approx(size, rel=1e-12)
+    assert case.expected.exact[0].period == pytest.approx(period, rel=1e-12)
+
+
+def test_an_independent_integrator_sees_the_unseen_cycle() -> None:
+    system = epp.case("backlash_servo_unseen").to_system()
+    reference = simulate_lure(system, np.linspace(0.0, 300.0, 11))
+    times = reference.event_times("play: falls")
+    # Deviations shrink by 0.75 a period; after 300 s a few 1e-6 of them are left.
+    assert times[-1] - times[-2] == pytest.approx(play_servo_half_orbit(3.3)[1], rel=1e-5)
+
+
+def test_first_order_has_no_cycle_below_the_gain_of_its_fold() -> None:
+    """The case names the gain 3.41658; the describing function of play is written afresh here.
+
+    With half a gap of one and u = 1 - 2/a: Re N = (pi/2 + arcsin u + u sqrt(1 - u^2))/pi, Im N = -4 (1 - 1/a)/(pi a).
+    Then 1 + k N/(j w (j w + 1)) = 0 means w = -k Im N and w^2 = k Re N, so k = Re N/(Im N)^2: the least over a.
+    """
+    a = np.linspace(1.0005, 3.0, 400_001)
+    u = 1.0 - 2.0 / a
+    real = (np.pi / 2 + np.arcsin(u) + u * np.sqrt(1.0 - u**2)) / np.pi
+    fold = float((real / (4.0 * (1.0 - 1.0 / a) / (np.pi * a)) ** 2).min())
+    assert fold == pytest.approx(3.41658, abs=1e-5)
+    for factor, count in ((1 + 1e-6, 2), (1 - 1e-6, 0)):
+        loop = epp.LureSystem.from_tf(([fold * factor], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+        assert len(epp.predict_limit_cycles(loop)) == count
+
+
+def test_a_cycle_that_only_first_order_has() -> None:
+    result = epp.ladder(epp.case("elbow_cycle_not_there"))
+    assert result.agreement is Agreement.NOT_THERE and result.outcome == "settle"
+    assert result.prediction is not None and any(c.stable for c in result.prediction)
+    assert [p.status for p in result.probes] == [Status.SETTLED] * 5
+    assert "divides nothing here" in result.verdict
+
+
+def test_an_independent_integrator_comes_to_rest_there_too() -> None:
+    run = simulate_reference(nominal(backlash=0.9 * DEG), 2.5, rtol=1e-8, atol=1e-10)
+    assert run.verdict == "settle"
+
+
+# The other verdicts ---------------------------------------------------------------------------------------------------
+def test_a_run_that_is_too_short_leaves_the_question_open() -> None:
+    result = epp.ladder(epp.case("relay_ideal_khalil79").with_values({"run.t_end": "3 s"}))
+    assert result.agreement is Agreement.UNDECIDED and result.outcome == "undecided"
+    assert "simulate for longer" in result.verdict
+
+
+def test_an_element_without_a_describing_function_has_only_its_simulation() -> None:
+    result = epp.ladder(epp.case("two_mass_damped_shaft"))
+    assert result.agreement is Agreement.NO_PREDICTION and result.prediction is None
+    assert result.outcome == "oscillate" and "nordinshaft" in result.verdict.lower()
+
+
+def test_a_cycle_of_seven_turns_is_compared_swing_by_swing() -> None:
+    """211 samples with seven swings: the frequency beside first order's 0.0396 is 7/211, not 1/211."""
+    result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki01"))
+    assert result.agreement is Agreement.AGREE and result.swings == 7
+    want = 0.24872573337585752 / (2 * math.pi) / (7 / 211) - 1
+    assert result.errors["frequency"]["frequency"] == pytest.approx(want, rel=1e-6)
+    assert "only after 7 swings of m" in result.verdict
+    assert result.rows[-1].quantities["frequency"] == pytest.approx(7 / 211)
+
+
+def test_largest_harmonic_of_an_ordinary_cycle_is_the_first(original: epp.Ladder) -> None:
+    assert original.run.limit_cycle is not None
+    assert largest_harmonic(original.run.limit_cycle, "theta") == 1

@@ -1,0 +1,375 @@
+"""The event-exact simulation beside integrators and closed forms that share no code with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step
+from eppanalysis.results import Status
+from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
+
+TEXTBOOK = [n for n in epp.shipped_cases() if epp.case(n).expected.exact and epp.case(n).expected.outcome]
+
+
+def run_case(name: str, t_end: float | None = None, **changes: Any) -> epp.Trajectory:
+    """Simulation of a shipped case; fields with two underscores in place of the dot."""
+    case = epp.case(name)
+    if changes:
+        case = case.with_values({field.replace("__", "."): value for field, value in changes.items()})
+    return epp.simulate(case.to_system(), case.input, t_end or case.t_end)
+
+
+# The truth table ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("number", ROWS)
+def test_rows_of_the_truth_table_agree_with_an_independent_integrator(number: int) -> None:
+    """Over 1 s all signals of scipy's run come out; theta to 1e-8 rad (in fact to 1e-12)."""
+    times = np.linspace(0.0, 1.0, 201)
+    reference = simulate_reference(row(number), 1.0, times, rtol=1e-11, atol=1e-13)
+    case = epp.case(ROWS[number]["name"])
+    run = epp.simulate(case.to_system(), case.input, 1.0, times)
+    np.testing.assert_allclose(run.signals["theta"], reference.signals["theta"], rtol=0, atol=1e-8)
+    # Signals that jump differ where a sample is an event time: the first sample, at the step.
+    for name, size in {"theta_dot": 1e-7, "drive_angle": 1e-8, "drive_speed": 1e-7, "sensor_force": 1e-5}.items():
+        np.testing.assert_allclose(run.signals[name][1:], reference.signals[name][1:], rtol=0, atol=size)
+
+
+@pytest.mark.parametrize("number", ROWS)
+def test_rows_of_the_truth_table_come_out_as_the_paper_found(number: int) -> None:
+    status = {"oscillate": Status.LIMIT_CYCLE, "settle": Status.SETTLED}[ROWS[number]["must"]]
+    assert run_case(ROWS[number]["name"]).status is status
+
+
+def test_period_of_the_original_elbow_is_that_of_the_independent_integrator() -> None:
+    """Its period is the mean of many passages of an interpolant, hence 1e-6."""
+    reference = simulate_reference(row(1), 4.0, rtol=1e-9, atol=1e-11)
+    cycle = run_case("fig8a_original").limit_cycle
+    assert cycle is not None
+    assert cycle.period == pytest.approx(reference.period, rel=1e-6)
+    assert cycle.peak_to_peak["theta"] == pytest.approx(reference.peak_to_peak, rel=1e-6)
+
+
+# Textbook loops -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", TEXTBOOK)
+def test_exact_answers_of_textbook_loops(name: str) -> None:
+    """Frequency and amplitude to six digits, from codes and closed forms that each case file names."""
+    expected, signal = epp.case(name).expected, epp.case(name).expected.signal
+    cycle = run_case(name).limit_cycle
+    assert cycle is not None and expected.exact and signal
+    half = cycle.peak_to_peak[signal] / 2
+    want = min((c for c in expected.exact if c.stable is not False), key=lambda c: abs(c.amplitude - half))
+    assert cycle.omega == pytest.approx(want.omega, rel=1e-6)
+    assert half == pytest.approx(want.amplitude, rel=1e-6)
+    if want.mean is not None:
+        assert cycle.mean[signal] == pytest.approx(want.mean, abs=1e-6 * want.amplitude)
+
+
+# Sticking and switching -----------------------------------------------------------------------------------------------
+def test_stuck_is_stuck() -> None:
+    """While the drive sticks its speed is zero, not small, and its angle does not creep."""
+    run = run_case("fig8b_reduced_backlash")
+    rest = run.t > run.settled_since + 0.1
+    assert rest.sum() > 1000
+    assert np.all(run.signals["drive_speed"][rest] == 0.0)
+    assert np.ptp(run.signals["drive_angle"][rest]) == 0.0
+
+
+def test_hunting_rests_between_its_jumps() -> None:
+    """Integral action winds up while the mass sticks: five of six seconds at a velocity of exactly zero."""
+    run = run_case("pid_hunting")
+    late = run.t > 0.5 * run.t[-1]
+    assert np.mean(run.signals["v"][late] == 0.0) > 0.7
+    assert np.max(np.abs(run.signals["v"][late])) > 0.1
+
+
+def test_force_is_at_a_threshold_whenever_the_band_changes() -> None:
+    """Each switch is located: signals sampled at the very times of the events are on the threshold."""
+    case = epp.case("fig8a_original")
+    first = epp.simulate(case.to_system(), case.input, 1.0)
+    times = np.array(sorted({e.time for e in first.events if e.element == "bands" and e.time > 0.0}))
+    again = epp.simulate(case.to_system(), case.input, 1.0, times)
+    thresholds = np.array([case.value(f"bands.{name}") for name in ("slack", "low", "high", "max")])
+    distance = np.abs(again.signals["sensor_force"][:, None] - thresholds).min(1)
+    assert times.size > 20
+    assert distance.max() < 1e-10
+
+
+def test_events_are_in_order_and_name_their_element() -> None:
+    run = run_case("fig6a_original_pulley", 1.0)
+    times = [e.time for e in run.events]
+    assert times == sorted(times)
+    assert {e.element for e in run.events} == {"cable", "bands", "lock_pin", "drive_friction"}
+    assert {e.name for e in run.events if e.element == "cable"} and all(e.name and e.mode for e in run.events)
+
+
+def test_a_short_pulse_between_samples_is_not_stepped_over() -> None:
+    """A relay with dead zone that a pulse of 1 ms pushes over its threshold leaves exactly that impulse behind."""
+    system = epp.LureSystem.build(
+        [[0.0]],
+        [[1.0]],
+        [[0.0]],
+        [epp.RelayDeadZone(threshold=1.0)],
+        D_input=[[1.0]],
+        input_names=("u",),
+    )
+    motion = Recorded([0.0, 5.0, 5.0005, 5.001, 10.0], [0.0, 0.0, 2.0, 0.0, 0.0])
+    run = epp.simulate(system, motion, 10.0, [0.0, 10.0])
+    assert [e.time for e in run.events] == pytest.approx([5.00025, 5.00075], abs=1e-12)
+    held = epp.simulate(replace(system, signals=_states(system)), motion, 10.0, [10.0])
+    assert held.signals["x0"][0] == pytest.approx(5e-4, abs=1e-13)
+
+
+def _states(system: epp.LureSystem) -> Any:
+    """Signals that are the states."""
+    n = system.A.shape[0]
+    zero = np.zeros((n, system.B.shape[1])), np.zeros((n, len(system.input_names))), np.zeros(n)
+    return replace(system.signals, names=tuple(f"x{i}" for i in range(n)), C=np.eye(n), D=zero[0], D_input=zero[1],
+                   constant=zero[2], units=("",) * n)  # fmt: skip
+
+
+def test_accumulating_switches_end_the_run_and_say_so() -> None:
+    """x'' = -sgn x - sgn(x')/2 from rest at 1: each swing is a third of the one before and takes 8/3 sqrt(x).
+
+    The switches accumulate at 8/3 / (1 - 1/sqrt 3) s.
+    """
+    elements = [epp.Relay(), epp.Friction(coulomb=0.5)]
+    system = epp.LureSystem.build([[0, 1], [0, 0]], [[0, 0], [-1, -1]], np.eye(2), elements, x0=[1, 0])
+    run = epp.simulate(system, t_end=10.0, max_events=2000)
+    assert run.status is Status.EVENT_LIMIT
+    assert run.t[-1] == pytest.approx(8 / 3 / (1 - 1 / math.sqrt(3)), abs=2e-3)
+    assert not run.status.ok and run.limit_cycle is None
+    assert "too many events" in run.to_dict()["message"]
+
+
+def test_a_relay_slides_along_its_threshold() -> None:
+    """An ideal relay round 1/(s + 1) arrives at zero after ln 2 (x' = -x - 1 from 1) and stays there."""
+    run = epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), t_end=5.0)
+    assert run.status is Status.SETTLED
+    assert run.events[-1].time == pytest.approx(math.log(2.0), abs=1e-12)
+    assert np.all(np.abs(run.signals["x"][run.t > 0.7]) < 1e-12)
+
+
+def test_a_loop_that_grows_diverges() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, -50.0]), epp.Saturation())
+    assert epp.simulate(loop, t_end=100.0).status is Status.DIVERGED
+
+
+def test_a_run_that_is_too_short_is_undecided() -> None:
+    run = run_case("relay_ideal_khalil79", 5.0)
+    assert run.status is Status.UNDECIDED and run.limit_cycle is None and math.isnan(run.settled_since)
+
+
+# Sample times and arguments -------------------------------------------------------------------------------------------
+def test_every_form_of_t_eval_gives_the_same_motion() -> None:
+    case = epp.case("fig8a_original")
+    system = case.to_system()
+    even = epp.simulate(system, case.input, 1.0, np.linspace(0.0, 1.0, 101))
+    uneven = epp.simulate(system, case.input, 1.0, [0.1, 0.11, 0.5, 0.77, 1.0])
+    late = epp.simulate(system, case.input, 1.0, np.linspace(0.5, 1.0, 51))
+    single = epp.simulate(system, case.input, 1.0, 0.5)
+    theta = even.signals["theta"]
+    np.testing.assert_allclose(uneven.signals["theta"], theta[[10, 11, 50, 77, 100]], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(late.signals["theta"], theta[50:], rtol=0, atol=1e-11)
+    assert single.signals["theta"] == pytest.approx(theta[50], abs=1e-11)
+    assert epp.simulate(system, case.input, 1.0).t.size == 6001
+
+
+def test_results_do_not_depend_on_the_internal_step() -> None:
+    case = epp.case("fig6a_original_pulley")
+    runs = [epp.simulate(case.to_system(), case.input, 1.0, [1.0], step=h) for h in (1e-2, 1e-3, 1.7e-4)]
+    np.testing.assert_allclose([r.signals["theta"][0] for r in runs], runs[0].signals["theta"][0], rtol=0, atol=1e-11)
+    assert len({len(r.events) for r in runs}) == 1
+
+
+@pytest.mark.parametrize("t_end", [0.0, -1.0, math.nan, math.inf])
+def test_end_must_be_positive(t_end: float) -> None:
+    with pytest.raises(EppError, match="expected a positive number of seconds"):
+        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation()), t_end=t_end)
+
+
+@pytest.mark.parametrize("t_eval", [[0.2, 0.1], [0.1, 0.1], [0.0, math.nan], [0.0, 2.0], [-0.1, 0.5]])
+def test_sample_times_must_increase_within_the_run(t_eval: list[float]) -> None:
+    with pytest.raises(EppError, match="t_eval"):
+        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation()), t_end=1.0, t_eval=t_eval)
+
+
+def test_an_unknown_input_and_a_motion_without_input_are_refused() -> None:
+    with pytest.raises(ModelError, match="no input 'harnes'; expected one of: harness_position"):
+        epp.simulate(epp.case("fig8a_original").to_system(), {"harnes": Step(0.02)}, 1.0)
+    with pytest.raises(ModelError, match="0 inputs"):
+        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Saturation()), Step(1.0), 1.0)
+
+
+# Motions of the input -------------------------------------------------------------------------------------------------
+MOTIONS: dict[str, Motion] = {
+    "constant": Constant(0.4),
+    "step": Step(1.5, time=0.7),
+    "ramp": Ramp(0.8, start=0.5, stop=2.5),
+    "endless ramp": Ramp(0.5),
+    "sine": Sine(1.2, 0.4, 0.3),
+    "recorded": Recorded([0.3, 1.0, 1.4, 3.0], [0.0, 2.0, -1.0, 0.5]),
+}
+#: Where each of them is not smooth, read off above.
+KINKS = {"step": [0.7], "ramp": [0.5, 2.5], "recorded": [0.3, 1.0, 1.4, 3.0]}
+#: The same motions written once more, as plain functions of time behind 0.
+FORMULAS: dict[str, Callable[[float], float]] = {
+    "constant": lambda t: 0.4,
+    "step": lambda t: 1.5 if t >= 0.7 else 0.0,
+    "ramp": lambda t: 0.8 * min(max(t - 0.5, 0.0), 2.0),
+    "endless ramp": lambda t: 0.5 * t,
+    "sine": lambda t: 1.2 * math.sin(2 * math.pi * 0.4 * t + 0.3),
+    "recorded": lambda t: 0.0 if t < 0.3 else float(np.interp(t, [0.3, 1.0, 1.4, 3.0], [0.0, 2.0, -1.0, 0.5])),
+}
+
+
+def _driven() -> epp.LureSystem:
+    """Mass on a saturating spring: v' = v0 + u - 0.3 v - 4 sat(x), with x and u = 0.2 at the start."""
+    return epp.LureSystem.build(
+        [[0.0, 1.0], [0.0, -0.3]],
+        [[0.0], [-4.0]],
+        [[1.0, 0.0]],
+        [epp.Saturation()],
+        B_input=[[0.0], [1.0]],
+        input_names=("push",),
+        v0=[0.2],
+        x0=[0.05, 0.0],
+    )
+
+
+@pytest.mark.parametrize("kind", MOTIONS)
+def test_motions_against_scipy(kind: str) -> None:
+    """Restarted at the kinks of the motion; the spring's corner costs the integrator digits, hence 1e-7."""
+    times = np.linspace(0.0, 5.0, 51)
+    found = epp.simulate(replace(_driven(), signals=_states(_driven())), MOTIONS[kind], 5.0, times)
+    force = FORMULAS[kind]
+
+    def rate(t: float, y: Any, before: float) -> list[float]:
+        push = 0.2 + force(min(t, before))
+        return [y[1], push - 0.3 * y[1] - 4.0 * min(max(y[0], -1.0), 1.0)]
+
+    y, edges = np.array([0.05, 0.0]), [0.0, *KINKS.get(kind, []), 5.0]
+    for begin, end in zip(edges, edges[1:], strict=False):
+        inside = times[(times > begin) & (times <= end)]
+        limit = np.nextafter(end, 0.0)
+        part = solve_ivp(rate, (begin, end), y, "DOP853", np.union1d(inside, [end]), args=(limit,), rtol=1e-11,
+                         atol=1e-12, max_step=0.02)  # fmt: skip
+        for t, state in zip(part.t, part.y.T, strict=True):
+            if t in inside:
+                i = int(np.searchsorted(times, t))
+                assert [found.signals["x0"][i], found.signals["x1"][i]] == pytest.approx(list(state), abs=1e-7)
+        y = part.y[:, -1]
+
+
+def test_a_motion_moves_the_elbow_as_far_as_statics_say() -> None:
+    """Behind any motion: F = K (x_h - R theta), and what the band law makes of F is held by the drive's friction."""
+    case = epp.case("fig8b_reduced_backlash")
+    motions = (Step(0.01), Ramp(0.02, start=0.2, stop=0.7), Recorded([0.0, 0.5, 1.0], [0.0, 0.004, 0.01]))
+    for run in (epp.simulate(case.to_system(), motion, 4.0) for motion in motions):
+        assert run.status is Status.SETTLED
+        end = run.settled_at
+        force = 2.5 * LBF + 6705.263 * (0.01 - 0.019 * end["theta"])
+        assert end["sensor_force"] == pytest.approx(force, rel=1e-6)
+        assert abs(10.93 / 16.0 * five_bands(np.array(force)) + 0.019 * force) <= 0.3 * (1 + 1e-9)
+
+
+# Options of the elbow -------------------------------------------------------------------------------------------------
+def five_bands(force: np.ndarray) -> np.ndarray:
+    """The paper's band law with the nominal thresholds, as a table of its corners."""
+    corners = LBF * np.array([1.25, 2.4, 2.6, 3.75])
+    return np.interp(force, corners, [-16.0, 0.0, 0.0, 16.0])
+
+
+def test_voltage_follows_the_band_law() -> None:
+    run = run_case("fig8a_original", 1.0)
+    np.testing.assert_allclose(run.signals["voltage"], five_bands(run.signals["sensor_force"]), atol=1e-9)
+
+
+def test_quantiser_rounds_the_force() -> None:
+    """8 bits over the full scale: the voltage is the law of the rounded force but at samples beside a switch."""
+    case = epp.case("fig8a_original").with_values({"sensor.bits": 8})
+    run = epp.simulate(case.to_system(), case.input, 1.0)
+    step = case.elbow_parameters.sensor.force_step
+    rounded = step * np.round(run.signals["sensor_force"] / step)
+    off = np.abs(run.signals["voltage"] - five_bands(rounded)) > 1e-9
+    assert off.mean() < 0.002
+    assert np.unique(np.round(run.signals["voltage"], 9)).size < 200
+
+
+def test_sample_period_holds_the_voltage() -> None:
+    """The voltage is the law of the force at the last multiple of 4 ms."""
+    case = epp.case("fig8a_original").with_values({"controller.sample_period": "4 ms"})
+    times = np.arange(0, 1000) * 1e-3 + 5e-4
+    run = epp.simulate(case.to_system(), case.input, 1.0, times)
+    at_clock = epp.simulate(case.to_system(), case.input, 1.0, np.arange(0, 251) * 4e-3)
+    held = five_bands(at_clock.signals["sensor_force"])[np.arange(1000) // 4]
+    np.testing.assert_allclose(run.signals["voltage"], held, atol=1e-6)
+
+
+def test_offset_voltage_jumps_at_the_inner_edges() -> None:
+    run = run_case("fig8a_original", 2.0, bands__offset_voltage="2 V")
+    voltage = run.signals["voltage"][1:]
+    moving = np.abs(voltage) > 1e-9
+    assert moving.any() and not moving.all()
+    assert np.abs(voltage[moving]).min() >= 2.0 - 1e-9
+
+
+def test_sensor_filter_is_a_first_order_lag() -> None:
+    """The voltage is the law of the force behind 1/(1 + s T), which scipy computes from the run's own samples."""
+    case = epp.case("fig8b_reduced_backlash").with_values({"sensor.filter": "5 ms"})
+    run = epp.simulate(case.to_system(), case.input, 1.0, np.linspace(0.0, 1.0, 20001))
+    force = run.signals["sensor_force"].copy()
+    _, lagged, _ = lsim(([1.0], [5e-3, 1.0]), force - 2.5 * LBF, run.t)
+    np.testing.assert_allclose(run.signals["voltage"][1:], five_bands(lagged + 2.5 * LBF)[1:], atol=2e-3)
+
+
+def test_parking_logic_ends_the_oscillation_of_the_original_elbow() -> None:
+    """After 5 ms inside the parking band there is no voltage, although the force may leave the band downwards."""
+    case = epp.case("fig8a_original").with_values({"parking.dwell_time": "5 ms"})
+    run = epp.simulate(case.to_system(), case.input, 4.0)
+    assert run.status is Status.SETTLED
+    parked = [e.time for e in run.events if e.element == "bands" and e.mode == "parked"]
+    assert np.all(run.signals["voltage"][run.t > parked[-1]] == 0.0)
+    # The force entered the band exactly the dwell time before, and stayed there.
+    before = epp.simulate(case.to_system(), case.input, 4.0, np.linspace(parked[-1] - 5e-3, parked[-1], 21))
+    force = before.signals["sensor_force"]
+    assert min(abs(force[0] - 2.4 * LBF), abs(force[0] - 2.6 * LBF)) < 1e-9
+    assert np.all((force[1:] > 2.4 * LBF) & (force[1:] < 2.6 * LBF))
+
+
+def test_two_cables_rest_with_equal_tensions() -> None:
+    """The controller sees the difference: at rest it is within the parking band, and friction holds what is left."""
+    low_gain = {"bands.range": "5 lbf", "lock_pin.backlash": "0.1 deg"}
+    case = epp.case("fig8b_reduced_backlash").with_values(
+        {**low_gain, "cable.antagonist": True, "cable.pretension": "3 lbf"}
+    )
+    run = epp.simulate(case.to_system(), case.input, 4.0)
+    assert run.status is Status.SETTLED
+    one, other = run.settled_at["harness_force"], run.settled_at["antagonist_harness_force"]
+    assert one + other == pytest.approx(6.0 * LBF, rel=1e-9)
+    assert abs(one - other) <= 0.1 * LBF
+    assert run.settled_at["pin_torque"] == pytest.approx(0.019 * (other - one), abs=1e-9)
+
+
+def test_a_slack_cable_never_pushes() -> None:
+    """A harness that is let go by 20 mm slackens the cable: no force until the elbow has come down."""
+    case = epp.case("fig8b_reduced_backlash")
+    run = epp.simulate(case.to_system(), Step(-0.02), 4.0)
+    assert run.signals["sensor_force"].min() == 0.0
+    assert np.any(run.signals["sensor_force"][(run.t > 0.01) & (run.t < 0.1)] == 0.0)
+    assert run.settled_at["theta"] == pytest.approx(-0.02 / 0.019, abs=0.005)
+
+
+# Datasets -------------------------------------------------------------------------------------------------------------
+def test_dataset_carries_units_and_the_verdict() -> None:
+    dataset = run_case("fig8a_original", 1.0).to_dataset()
+    assert dataset["theta"].attrs["units"] == "rad" and dataset.sizes["time"] == 6001
+    assert dataset.attrs["status"] in {"limit_cycle", "undecided"}
