@@ -64,12 +64,21 @@ if TYPE_CHECKING:
         Sine as Sine,
         StictionPulley as StictionPulley,
     )
+    from eppanalysis.plots_map import plot_design_map as plot_design_map
     from eppanalysis.results import (
         Event as Event,
         LimitCycle as LimitCycle,
         Prediction as Prediction,
         Status as Status,
         Trajectory as Trajectory,
+    )
+    from eppanalysis.sweep import (
+        LatinHypercube as LatinHypercube,
+        Sobol as Sobol,
+        Tolerances as Tolerances,
+        Zipped as Zipped,
+        open_sweep as open_sweep,
+        sweep as sweep,
     )
 
 __version__ = "0.1.0"
@@ -85,6 +94,8 @@ _NAMES = {
     "methods.knock": ("Knock", "knock"),
     "methods.ladder": ("Ladder", "ladder"),
     "methods.simulate": ("simulate",),
+    "plots_map": ("plot_design_map",),
+    "sweep": ("LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"),
     "models.elbow": ("ElbowParameters", "elbow"),
     "models.linear": ("StateSpace",),
     "models.lure": ("LureSystem",),

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from eppanalysis.cli_cycles import branch, cycles
+from eppanalysis.cli_sweep import sweep
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -158,6 +160,11 @@ def list_cases(as_json: Json = False) -> None:
     from eppanalysis.screen import cases_table
 
     _print(cases_table(found))
+
+
+app.command("cycles")(cycles)
+app.command("branch")(branch)
+app.command("sweep")(sweep)
 
 
 @dataclass(frozen=True)

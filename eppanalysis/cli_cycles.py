@@ -97,9 +97,10 @@ def _show_cycles(case: Case, search: CycleSearch) -> None:
     typer.echo(f"{n or 'no'} limit cycle{'' if n == 1 else 's'}. {search.status.value} Sought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
+        kind = "stable  " if cycle.stable else "unstable"
         typer.echo(
-            f"  {'stable  ' if cycle.stable else 'unstable'}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  "
-            f"{name} {cycle.peak_to_peak[name]:.8g} {cycle.units[name]} peak to peak  {cycle.stability_criterion}"
+            f"  {kind}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  {name} "
+            f"{cycle.peak_to_peak[name]:.8g} {cycle.units[name]} peak to peak  {cycle.stability_criterion}"
         )
 
 

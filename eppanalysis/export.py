@@ -162,9 +162,14 @@ def write_table(table: Table, path: Path) -> None:
 
 
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
-    """Write a dataset as NetCDF (version 4 where h5netcdf or netCDF4 is installed, else version 3)."""
+    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3)."""
+    from importlib.util import find_spec
+
+    # Named, because xarray takes h5netcdf as soon as it is there, with or without the h5py that it needs.
+    complete = {"h5netcdf": ("h5netcdf", "h5py"), "netcdf4": ("netCDF4",)}
+    engines = [name for name, needed in complete.items() if all(find_spec(module) for module in needed)]
     with _atomic(path) as part:
-        dataset.to_netcdf(part)
+        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")  # type: ignore[call-overload]
 
 
 @contextmanager

@@ -403,9 +403,9 @@ def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
         for special in branch.special:
             fold = special.kind == "fold"
             height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
-            look = {"marker": "D", "color": ORANGE} if fold else {"marker": "s", "color": GREY, "markerfacecolor": "none"}
+            colour, face = (ORANGE, ORANGE) if fold else (GREY, "none")
             label = "fold" if fold else "other special point"
-            ax.plot([special.value], [height], linestyle="none", markersize=6 if fold else 4, label=label, **look)
+            ax.plot(special.value, height, "D" if fold else "s", color=colour, markerfacecolor=face, ms=5, label=label)
         if key in branch.simulated:
             ax.plot(branch.simulated["value"], branch.simulated[key], "x", color=GREEN, markersize=5, label="simulated")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else _label(name, branch.units) + "\npeak to peak")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 
 import numpy as np
 import pytest
@@ -46,6 +47,17 @@ def test_netcdf_of_a_run_is_its_dataset(tmp_path):
     with xarray.open_dataset(path) as dataset:
         np.testing.assert_array_equal(dataset["theta"], run.signals["theta"])
         assert dataset["theta"].attrs["units"] == "rad"
+
+
+@pytest.mark.parametrize("missing", ["h5netcdf", "h5py"])
+def test_netcdf_without_an_hdf5_library_is_of_version_3(tmp_path, monkeypatch, missing):
+    """h5netcdf may be there without the h5py that it needs."""
+    there = importlib.util.find_spec
+    away = {missing, "netCDF4"}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in away else there(name))
+    path = tmp_path / "run.nc"
+    export.write_dataset(trajectory().to_dataset(), path)
+    assert path.read_bytes()[:3] == b"CDF"
 
 
 def test_netcdf_of_a_prediction_has_one_row_a_cycle(tmp_path):

@@ -512,9 +512,10 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
                     continue
                 if not turns_over and min(value[k, s], value[k + 1, s]) - reach >= low[s]:
                     continue
+                left, right = slope[k, s], slope[k + 1, s]
                 v = _turning_value(
-                    channels, a, F[a], S[a], smooth[a], Y[a, s], Ys[a, s], node[k], d, slope[k, s], slope[k + 1, s], row, square
-                )  # fmt: skip
+                    channels, a, F[a], S[a], smooth[a], Y[a, s], Ys[a, s], node[k], d, left, right, row, square
+                )
                 low[s], high[s] = min(low[s], v), max(high[s], v)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,6 +20,7 @@ from eppanalysis.methods.continuation_steps import (
     other_sequence,
     signal_ranges,
     step,
+    weights,
 )
 from eppanalysis.methods.cycles import find_limit_cycles, same_orbit, start_of
 from eppanalysis.methods.families import Family
@@ -42,9 +43,17 @@ Array = NDArray[np.float64]
 class CaseLike(Protocol):
     """What a branch needs of a case (the case layer stands above the methods)."""
 
-    name: str
-    input: Motion | Mapping[str, Motion] | None
-    t_end: float
+    @property
+    def name(self) -> str:
+        """What results call it."""
+
+    @property
+    def input(self) -> Motion | Mapping[str, Motion] | None:
+        """Motion of the external input."""
+
+    @property
+    def t_end(self) -> float:
+        """Length of a run [s]."""
 
     def to_system(self) -> LureSystem:
         """The system."""
@@ -196,7 +205,9 @@ def continue_branch(
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     seed = _seed(case, parameter, family, (first, last), cycle)
     branch = _Walk(case, parameter, family, limits, n_points, max_step).run(seed)
-    return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated))) if n_simulated else branch
+    if n_simulated == 0:
+        return branch
+    return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
 
 
 def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array]:
@@ -242,9 +253,9 @@ def _seed(
         status, found = judge(hybrid, run, case.t_end)
         if status is Status.LIMIT_CYCLE:
             for guess in recurrences(hybrid, run, (0.99 * found[1], 1.01 * found[1]), 3):
-                orbit = close_orbit(family.at(value), guess)
-                if orbit is not None:
-                    return value, orbit
+                closed = close_orbit(family.at(value), guess)
+                if closed is not None:
+                    return value, closed
     for value in ends[::-1]:
         hybrid = family.at(value)
         system = case.with_values({parameter: value}).to_system()
@@ -371,7 +382,8 @@ class _Walk:
         }
         data |= {name: sizes[:, i] for i, name in enumerate(names)}
         special = tuple(
-            SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p) for kind, p, note, i in self.special
+            SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p)
+            for kind, p, note, i in self.special
         )
         failed = any(s.kind == "end" for s in special)
         return Branch(
@@ -389,8 +401,6 @@ class _Walk:
 
 def _bend(old: Point, new: Point) -> float:
     """How much the direction turns between two points: one less the cosine of the angle."""
-    from eppanalysis.methods.continuation_steps import weights
-
     w = weights(new.orbit, new.family.width)
     size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
     return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
@@ -408,7 +418,7 @@ def _same_motion(points: list[Point], new: Point) -> bool:
     return it == points[-1].orbit.arcs.itinerary.key
 
 
-def _crossing(old: Point, new: Point):
+def _crossing(old: Point, new: Point) -> tuple[str, Callable[[Point], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
     values = unstable.multipliers
@@ -426,7 +436,7 @@ def _determinant(point: Point, sign: float) -> float:
     return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
 
 
-def _nearest(values, leading) -> float:
+def _nearest(values: NDArray[np.complex128], leading: complex) -> float:
     return float(np.abs(values[np.argmin(np.abs(values - leading))]))
 
 

@@ -218,9 +218,9 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
         for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             value = point.value + way * share * width
             found = _close_at(family, value, point.orbit.guess)
-            if found is not None and found.arcs.itinerary.guards.size != point.orbit.arcs.itinerary.guards.size:
-                if _near(found, point.orbit):
-                    return make_point(family, value, found, None, way), turns_back
+            if found is None or found.arcs.n_arcs == point.orbit.arcs.n_arcs or not _near(found, point.orbit):
+                continue
+            return make_point(family, value, found, None, way), turns_back
     return None, False
 
 

@@ -1,4 +1,4 @@
-"""All limit cycles of a loop, exactly: seeds from describing functions and simulations, edges between basins by bisection.
+"""All limit cycles of a loop, exactly: seeds from describing functions and runs, edges between basins by bisection.
 
 Stable cycles are where runs end. A cycle with one unstable direction lies on the edge between two outcomes: along a
 line of starts the edge is bisected, and the run that starts on it stays near the unstable cycle for a while, long

@@ -30,7 +30,7 @@ class _Interpolant:
 
     base: HybridSystem
     names: tuple[str, ...]
-    places: tuple[Array, ...]
+    places: tuple[NDArray[np.intp], ...]
     coefficients: tuple[Array, ...]
     middle: float
     half: float
@@ -43,8 +43,8 @@ class _Interpolant:
             array = _array(self.base, name).copy()
             array.ravel()[places] = row @ c
             changed[name] = array
-        own = {k: changed.pop(k) for k in ("x0", "H0") if k in changed}
-        return replace(self.base, model=self.base.model._replace(**changed), **own)
+        x0, H0 = changed.pop("x0", self.base.x0), changed.pop("H0", self.base.H0)
+        return replace(self.base, model=self.base.model._replace(**changed), x0=x0, H0=H0)
 
 
 @dataclass(eq=False)

@@ -181,4 +181,3 @@ def _fold_near(point: Point) -> Point | None:
             break
         s0, s1, f0 = s1, float(np.clip(s1 - f1 * (s1 - s0) / (f1 - f0), -0.3, 0.3)), f1
     return best if abs(best.turn) < 1e-9 else None
-

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class Knock:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units."""
-        return {"name": self.name, "size": self.size, "settles": self.settles, "starts": self.starts, "tried": self.tried}
+        return asdict(self)
 
 
 def knock(
@@ -157,7 +157,8 @@ def _directions(
     wanted = states or ([n for n in _FOREARM if n in system.state_names] or system.state_names)
     for name in wanted:
         if name not in system.state_names:
-            raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {', '.join(system.state_names)}.")
+            known = ", ".join(system.state_names)
+            raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")
         place = system.state_names.index(name)
         if hybrid.compared[place]:
             yield name, moved(place), float(swing[place]) or 1.0

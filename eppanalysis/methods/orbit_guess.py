@@ -34,9 +34,7 @@ class Guess:
         return float(self.tau.sum())
 
 
-def first_return(
-    hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guard: int, period: float
-) -> Guess | None:
+def first_return(hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guard: int, period: float) -> Guess | None:
     """From a run that began at y behind an event: the stretch to that event's best return after about a period."""
     order = run.order
     if run.held == 0 or run.count > run.held:
@@ -51,10 +49,9 @@ def first_return(
     away = np.abs(run.state[order[places]] - y[:n])[:, hybrid.compared] / np.where(span > 0, span, np.inf)
     last = int(places[np.argmin(np.max(away, axis=1))])
     before = order[:last]
-    starts = np.vstack([np.concatenate([y[:n], y[n : n + hybrid.H0.size]]), np.hstack([run.state[before], run.held_values[before]])])
-    return make_guess(
-        hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, np.diff(time[: last + 1], prepend=0.0)
-    )
+    starts = np.vstack([y[: n + hybrid.H0.size], np.hstack([run.state[before], run.held_values[before]])])
+    tau = np.diff(time[: last + 1], prepend=0.0)
+    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau)
 
 
 def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> Guess | None:
@@ -125,8 +122,8 @@ def _delayed_guess(hybrid: HybridSystem, it: Itinerary, y: Array, tau: Array) ->
     modes = np.concatenate([it.modes, it.modes[np.minimum(place, p - 1)]])[at]
     guards = np.concatenate([it.guards, np.full(len(rows), -1)])[at]
     source = np.full((p + len(rows), 3), -1)
-    for i, (_, k, line, turns) in enumerate(rows):
-        source[new_place[p + i]] = new_place[k], line, turns
+    for i, (_, origin, channel, turns) in enumerate(rows):
+        source[new_place[p + i]] = new_place[origin], channel, turns
     times = np.concatenate([t, arrivals])[at]
     new_tau = np.diff(times, prepend=0.0)
     full = Itinerary(modes, guards, source, np.zeros(guards.size, np.int64))
@@ -138,7 +135,7 @@ def _delayed_guess(hybrid: HybridSystem, it: Itinerary, y: Array, tau: Array) ->
 
 
 def with_history(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Array:
-    """y with the timers and delayed values that belong to the start of a periodic motion."""
+    """The vector y with the timers and delayed values that belong to the start of a periodic motion."""
     y, t, T = y.copy(), np.cumsum(tau), float(tau.sum())
     source, model = arcs.itinerary.source, hybrid.model
     lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)

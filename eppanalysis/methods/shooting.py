@@ -285,15 +285,13 @@ def next_guess(orbit: Orbit) -> Guess | None:
 
 
 def middle(orbit: Orbit, arc: int) -> Array:
-    """y half-way along an arc."""
+    """The vector y half-way along an arc."""
     from eppanalysis.kernels.orbits import states_at
 
     arcs, one = orbit.arcs, slice(arc, arc + 1)
     y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])
     channels = arcs.channels._replace(sense=arcs.channels.sense[one])
-    states_at(
-        channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y
-    )
+    states_at(channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y)
     return y[0]
 
 
@@ -336,8 +334,6 @@ def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
             break
         guess = found
     return best
-
-
 
 
 def orbits_near(hybrid: HybridSystem, x: Array, held: Array, period: float) -> Iterator[Orbit]:

@@ -1,9 +1,9 @@
 """Floquet multipliers of an exact orbit, from the derivative of its return map.
 
-The derivative of a chain of arcs is the product of flows and saltation matrices: at an event with guard row g, map J and
-rates f before and f+ behind it, a disturbance is carried over by ``J + (f+ - J f) g / (g f)``. Here the same product
-comes out of Newton's equations by eliminating the dwell times; it maps the disturbances on the section of the first
-event onto themselves, so the multiplier 1 of a shift along the orbit is not among its eigenvalues.
+The derivative of a chain of arcs is the product of flows and saltation matrices: at an event with guard row g, map J
+and rates f before and f+ behind it, a disturbance is carried over by ``J + (f+ - J f) g / (g f)``. Here the same
+product comes out of Newton's equations by eliminating the dwell times; it maps the disturbances on the section of the
+first event onto themselves, so the multiplier 1 of a shift along the orbit is not among its eigenvalues.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ def return_map(A: Array, n_free: int) -> Array:
 def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
     """Floquet multipliers, largest first; those that vanish are exactly zero.
 
-    The eigenvalues of a rank-deficient matrix that should vanish come out of a QR iteration as roots of rounding errors,
-    so the null directions are taken off first: with ``P = U R`` (R of full row rank) the others are those of ``R U``.
+    The eigenvalues of a rank-deficient matrix that should vanish come out of a QR iteration as roots of rounding
+    errors, so the null directions are taken off first: with ``P = U R`` (R of full row rank) the others are those of
+    ``R U``.
 
     Parameters
     ----------

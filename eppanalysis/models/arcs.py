@@ -19,6 +19,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
+    from eppanalysis.kernels.modes import Model
     from eppanalysis.kernels.orbits import Channels
 
 Array = NDArray[np.float64]
@@ -153,7 +154,7 @@ class Arcs:
         renewed = np.any(self.J[:, self.n_state :] != own, axis=(0, 2))
         return np.concatenate([np.flatnonzero(hybrid.compared), self.n_state + np.flatnonzero(renewed)])
 
-    def _with_delays(self, model) -> Arcs:
+    def _with_delays(self, model: Model) -> Arcs:
         """The same arcs with timers and delayed values in y."""
         lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
         value = _constant_outputs(self.W, model.smooth_w[lines])

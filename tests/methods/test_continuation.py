@@ -1,4 +1,4 @@
-"""Branches through folds and changes of sequence, against searches at single values and against both sides of a fold."""
+"""Branches through folds and changes of sequence: both sides of a fold, and searches at single values."""
 
 from __future__ import annotations
 
@@ -78,7 +78,8 @@ def test_curve_of_folds():
     )
     assert curve.values[0, 0] == pytest.approx(math.radians(0.978586853), rel=1e-8)
     assert np.all(np.abs(curve.multiplier - 1.0) < 1e-6)
-    single = epp.continue_branch(case.with_values({"bands.range": "2.4 lbf"}), "lock_pin.backlash", "2.5 deg", "0.6 deg")
+    other = case.with_values({"bands.range": "2.4 lbf"})
+    single = epp.continue_branch(other, "lock_pin.backlash", "2.5 deg", "0.6 deg")
     assert curve.values[1, 0] == pytest.approx(single.folds[0].value, rel=1e-9)
 
 

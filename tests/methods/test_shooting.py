@@ -31,7 +31,7 @@ def exact_of(name):
 
 
 def relay_half_period(num, den, hysteresis, guess):
-    """Half period h from C (1 + e^{Ah})^{-1} (e^{Ah} - 1) A^{-1} B = -hysteresis, with the integral by an augmented exponential."""
+    """Half period h from C (1 + e^{Ah})^{-1} int e^{As} ds B = hysteresis (Astrom), by an augmented exponential."""
     n = len(den) - 1
     A = np.vstack([-np.array(den[1:], float), np.eye(n - 1, n)])
     B = np.eye(n, 1)

@@ -29,7 +29,7 @@ def orbit_of(name):
 
 @pytest.mark.parametrize(
     "name",
-    ["relay_ideal_khalil79", "relay_hyst_goncalves6", "sat_am165", "backlash_servo", "stiction_level_S5J2", "pid_hunting"],
+    ["relay_ideal_khalil79", "relay_hyst_goncalves6", "sat_am165", "backlash_servo", "stiction_level_S5J2"],
 )
 def test_largest_multiplier_is_that_of_the_independent_code(name):
     case, orbit = orbit_of(name)

@@ -1,0 +1,186 @@
+"""Sweeps: any verb over any grid or sample of a case, on one core, on all, or on a cluster, with the same numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.case import Case
+from eppanalysis.errors import EppError
+from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
+
+if TYPE_CHECKING:
+    import xarray
+
+    from eppanalysis.sweep.axes import Design
+    from eppanalysis.sweep.verbs import Task
+
+__all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"]
+
+#: Cells of a block: few enough that all cores have work and a kill costs little, enough that files stay few.
+_QUICK, _SLOW, _MOST_BLOCKS = 250, 8, 2000
+
+
+def sweep(
+    case: Case,
+    axes: Axes,
+    run: str | Sequence[str] = "simulate",
+    *,
+    signals: str | Sequence[str] | None = None,
+    scheduler: str = "threads",
+    workers: int | None = None,
+    chunk: int | None = None,
+    store: str | Path | None = None,
+    resume: bool = True,
+    progress: bool = True,
+) -> xarray.Dataset:
+    """Run verbs in every cell of a grid or sample of a case.
+
+    The numbers depend on case, axes and verbs alone: they are the same to the last bit from threads, processes and a
+    cluster, and for any size of chunks.
+
+    Parameters
+    ----------
+    case : Case
+    axes : mapping of str to axis, Zipped, LatinHypercube, Sobol or Tolerances
+        An axis is a list of quantities (["1 deg", "2 deg"]; plain numbers are in SI units) or "start:stop:count:unit".
+        A mapping is a grid, each axis a dimension of its own.
+    run : {"simulate", "predict", "cycles"} or several of them
+        Runs in time from the case's start until ``case.t_end``; describing functions; exact orbits. With "simulate" and
+        "predict" together the first-order error is reported.
+    signals : str or sequence of str, optional
+        Signals whose amplitude and mean are reported, the first one under plain names; by default the case's own one.
+        "all" for every signal.
+    scheduler : str
+        "threads" (the kernels release the interpreter's lock), "processes", or the address of an existing
+        ``dask.distributed`` scheduler such as "tcp://host:8786".
+    workers : int, optional
+        Threads or processes; by default one for each core. A cluster has its own.
+    chunk : int, optional
+        Cells computed and stored together; chosen from the number of cells by default. A store keeps its own.
+    store : str or Path, optional
+        Zarr folder that results are written to, chunk by chunk as they are finished. By default they are in memory.
+    resume : bool
+        Whether a store of the same sweep that is there already goes on where it was; else it is refused.
+    progress : bool
+        Show cells, rate and time left (on a terminal or in a notebook).
+
+    Returns
+    -------
+    xarray.Dataset
+        One variable for each result over the dimensions of the sweep, in SI units; ``status`` of every cell with its
+        sentences as attribute, ``message`` of those that failed. Read lazily where there is a store.
+
+    Raises
+    ------
+    EppError
+        If an axis, verb, signal, scheduler or number is not valid, the store is of another sweep or cannot be written.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> from eppanalysis.sweep import sweep
+    >>> found = sweep(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:2:deg"}, progress=False)
+    >>> found["outcome"].values.tolist(), found["outcome"].attrs["flag_meanings"]
+    ([1, 2], 'unknown settles oscillates diverges')
+    >>> [round(float(f), 2) for f in found["frequency"]]
+    [nan, 5.87]
+    """
+    from eppanalysis.sweep.schedule import run_blocks
+    from eppanalysis.sweep.store import MemoryStore, ZarrStore
+    from eppanalysis.sweep.verbs import make_task
+
+    design = make_design(case, axes)
+    task = make_task(case, axes, run, signals)
+    size = _chunk(design, task, chunk)
+    attributes = _attributes(task, design)
+    kept: MemoryStore | ZarrStore
+    if store is None:
+        kept = MemoryStore(task, design, attributes, size)
+    else:
+        kept = ZarrStore(Path(store), task, design, attributes, size, resume)
+    with _progress(design.n_cells, progress) as report:
+        run_blocks(task, kept, scheduler, workers, report)
+    return kept.dataset()
+
+
+def open_sweep(path: str | Path) -> xarray.Dataset:
+    """The results in a store, finished or not; numbers are read when they are used.
+
+    Parameters
+    ----------
+    path : str or Path
+        Zarr folder that :func:`sweep` has written.
+
+    Raises
+    ------
+    EppError
+        If there is no store of a sweep.
+    """
+    from eppanalysis.sweep import store
+
+    return store.open_sweep(path)
+
+
+def _chunk(design: Design, task: Task, chunk: int | None) -> int:
+    if chunk is not None:
+        if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
+            raise EppError(f"sweep: chunk is {chunk!r}; expected a whole number of cells, 1 or more.")
+        return chunk
+    n = design.n_cells
+    usual = _QUICK if task.verbs == ("simulate",) else _SLOW
+    return max(1, min(usual, -(-n // 64)), -(-n // _MOST_BLOCKS))
+
+
+def _attributes(task: Task, design: Design) -> dict[str, Any]:
+    """Where the results come from."""
+    from eppanalysis.provenance import provenance
+
+    case = task.case
+    names = [name for d in design.dimensions for name in d.values]
+    settings = {
+        "run": list(task.verbs),
+        "signals": list(task.signals),
+        "t_end": case.t_end,
+        "axes": repr(task.axes)[:500],
+    }
+    return {
+        "title": case.title,
+        "case": case.name,
+        "signal": task.main_signal,
+        "cells": design.n_cells,
+        "provenance": {**provenance("sweep", settings), "case": case.provenance()},
+        "case_file": case.to_toml(),
+        "units_of_axes": {name: (*case.unit(name), _per_readable(*case.unit(name))) for name in names},
+    }
+
+
+def _per_readable(unit: str, readable: str) -> float:
+    """SI value of one readable unit."""
+    from eppanalysis.units import parse_quantity
+
+    return parse_quantity(f"1 {readable}", unit) if readable and readable != unit else 1.0
+
+
+@contextmanager
+def _progress(n_cells: int, wanted: bool) -> Iterator[Callable[[int], None]]:
+    """Bar with cells, rate and time left; nothing where nobody looks."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    console = Console(stderr=True)
+    if not (wanted and (console.is_terminal or console.is_jupyter)):
+        yield lambda n: None
+        return
+
+    class _Rate(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(f"{task.speed:.0f} cells/s" if task.speed else "")
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as bar:
+        job = bar.add_task("cells", total=n_cells)
+        yield lambda n: bar.advance(job, n)

@@ -1,0 +1,295 @@
+"""What a sweep runs over: grids, zipped axes, samples of ranges and of tolerances, all in SI units.
+
+Whatever the user asks for becomes a :class:`Design`: named dimensions, each of which moves one or several parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.case import Case
+from eppanalysis.errors import EppError
+
+Array = NDArray[np.float64]
+Axis = str | Sequence[Any]
+Limits = str | tuple[Any, Any]
+
+#: More values than these on one axis, or cells in all, are a slip of the pen.
+_MOST_VALUES, _MOST_CELLS = 10_000_000, 10**9
+
+
+@dataclass(frozen=True)
+class Zipped:
+    """Axes of equal length that move together, along one dimension "point".
+
+    Attributes
+    ----------
+    axes : mapping of str to axis
+        By parameter: a list of quantities, or "start:stop:count:unit".
+    """
+
+    axes: Mapping[str, Axis]
+
+
+@dataclass(frozen=True)
+class LatinHypercube:
+    """Latin hypercube sample of ranges, along one dimension "sample" (scipy.stats.qmc.LatinHypercube).
+
+    Attributes
+    ----------
+    ranges : mapping of str to (low, high) or "low:high:unit"
+    n : int
+        Number of cells.
+    seed : int
+    """
+
+    ranges: Mapping[str, Limits]
+    n: int
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Sobol:
+    """Scrambled Sobol sample of ranges, along one dimension "sample" (scipy.stats.qmc.Sobol).
+
+    Attributes
+    ----------
+    ranges : mapping of str to (low, high) or "low:high:unit"
+    n : int
+        Number of cells, a power of two.
+    seed : int
+    """
+
+    ranges: Mapping[str, Limits]
+    n: int
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Latin hypercube sample of the tolerances in the case, along one dimension "sample".
+
+    Attributes
+    ----------
+    n : int
+        Number of cells.
+    seed : int
+    names : sequence of str, optional
+        Parameters; by default all that have a tolerance.
+    distribution : {"uniform", "normal"}
+        Within value +- tolerance: even, or normal with a third of the tolerance as standard deviation, cut at its ends.
+    """
+
+    n: int
+    seed: int = 0
+    names: Sequence[str] | None = None
+    distribution: Literal["uniform", "normal"] = "uniform"
+
+
+Axes = Mapping[str, Axis] | Zipped | LatinHypercube | Sobol | Tolerances
+
+
+@dataclass(frozen=True, eq=False)
+class Dimension:
+    """One dimension of a sweep.
+
+    Attributes
+    ----------
+    name : str
+    values : dict of str to array, shape (n,)
+        By parameter, in SI units (counts and flags as numbers).
+    given : dict of str to tuple
+        The same as a case takes them: whole numbers and flags stay what they are.
+    """
+
+    name: str
+    values: dict[str, Array]
+    given: dict[str, tuple[Any, ...]]
+
+    @property
+    def n(self) -> int:
+        """Number of places along the dimension."""
+        return len(next(iter(self.values.values())))
+
+    def at(self, i: int) -> dict[str, Any]:
+        """What a case is given at one place."""
+        return {name: values[i] for name, values in self.given.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Dimensions of a sweep; its cells are numbered with the last dimension fastest."""
+
+    dimensions: tuple[Dimension, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of places along each dimension."""
+        return tuple(d.n for d in self.dimensions)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return prod(self.shape)
+
+    def at(self, place: Sequence[int]) -> dict[str, Any]:
+        """What a case is given in one cell."""
+        return {k: v for d, i in zip(self.dimensions, place, strict=True) for k, v in d.at(int(i)).items()}
+
+
+def make_design(case: Case, axes: Axes) -> Design:
+    """The dimensions that `axes` describe, in SI units.
+
+    Raises
+    ------
+    EppError
+        If an axis is empty, has a wrong unit or is not understood, or a parameter is unknown or given twice.
+    """
+    if isinstance(axes, Zipped):
+        return _zipped(case, axes)
+    if isinstance(axes, LatinHypercube | Sobol):
+        return _sampled(case, axes)
+    if isinstance(axes, Tolerances):
+        return _tolerances(case, axes)
+    if not isinstance(axes, Mapping):
+        raise EppError(f"sweep: the axes are {_shown(axes)}; expected axes by parameter, or a sample.")
+    if not axes:
+        raise EppError("sweep: there is no axis; expected at least one.")
+    design = Design(tuple(_dimension(name, {name: _given(case, name, axis)}) for name, axis in axes.items()))
+    if design.n_cells > _MOST_CELLS:
+        raise EppError(f"sweep: the grid has {design.n_cells} cells; expected at most {_MOST_CELLS}.")
+    return design
+
+
+def _dimension(name: str, given: dict[str, tuple[Any, ...]]) -> Dimension:
+    return Dimension(name, {k: np.array([float(x) for x in v]) for k, v in given.items()}, given)
+
+
+def _given(case: Case, name: str, axis: Axis) -> tuple[Any, ...]:
+    """Values of one axis as the case takes them."""
+    case.unit(name)  # refuses a parameter that is not known, in its own words
+    values = _range(case, name, axis) if isinstance(axis, str) else _listed(case, name, axis)
+    if not values:
+        raise EppError(f"sweep: axis {name} is empty; expected at least one value.")
+    return values
+
+
+def _listed(case: Case, name: str, axis: Any) -> tuple[Any, ...]:
+    if isinstance(axis, np.ndarray):
+        axis = axis.tolist()
+    if not isinstance(axis, Sequence):
+        axis = [axis]
+    return tuple(_value(case, name, value) for value in axis)
+
+
+def _value(case: Case, name: str, value: Any) -> Any:
+    """One value in SI units; a flag stays one."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str) and value.strip().lower() in ("true", "false"):
+        value = value.strip().lower() == "true"
+    if isinstance(value, bool):
+        case.with_values({name: value})
+        return value
+    number = case.si(name, value)
+    # A whole number of a field without unit may be a count, which takes no fraction.
+    return int(number) if number.is_integer() and case.unit(name) == ("", "") else number
+
+
+def _range(case: Case, name: str, text: str) -> tuple[Any, ...]:
+    """Values of "start:stop:count:unit"."""
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) == 1:
+        return (_value(case, name, text),)
+    expected = "start:stop:count:unit, as in 1:5:41:lbf"
+    if len(parts) not in (3, 4) or not parts[2].isdigit() or len(parts[2]) > 9:
+        raise EppError(f"sweep: axis {name} is {_shown(text)}; expected {expected}.")
+    count = int(parts[2])
+    if count > _MOST_VALUES:
+        raise EppError(f"sweep: axis {name} has {count} values; expected at most {_MOST_VALUES}.")
+    unit = parts[3] if len(parts) == 4 else ""
+    start, stop = (case.si(name, f"{part} {unit}".strip()) for part in parts[:2])
+    return tuple(_value(case, name, x) for x in np.linspace(start, stop, count))
+
+
+def _zipped(case: Case, axes: Zipped) -> Design:
+    given = {name: _given(case, name, axis) for name, axis in axes.axes.items()}
+    lengths = {len(v) for v in given.values()}
+    if len(lengths) != 1:
+        found = ", ".join(f"{k} has {len(v)}" for k, v in given.items()) or "there is none"
+        raise EppError(f"sweep: zipped axes must be of one length ({found}); expected as many values on each.")
+    return Design((_dimension("point", given),))
+
+
+def _limits(case: Case, name: str, limits: Limits) -> tuple[float, float]:
+    if isinstance(limits, str):
+        parts = [part.strip() for part in limits.split(":")]
+        unit = parts.pop() if len(parts) == 3 else ""
+        limits = tuple(f"{part} {unit}".strip() for part in parts)  # type: ignore[assignment]
+    if len(limits) != 2:
+        raise EppError(f"sweep: the range of {name} is {_shown(limits)}; expected low:high:unit, as in 1:5:lbf.")
+    low, high = (case.si(name, value) for value in limits)
+    if not low < high:
+        shown = f"{case.text(name, low)} to {case.text(name, high)}"
+        raise EppError(f"sweep: the range of {name} is {shown}; expected its lower end first.")
+    return low, high
+
+
+def _points(kind: str, dimensions: int, n: int, seed: int) -> Array:
+    """Points of the unit cube, shape (n, dimensions)."""
+    from scipy.stats import qmc
+
+    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= _MOST_VALUES:
+        raise EppError(f"sweep: the sample has {n} cells; expected 1 to {_MOST_VALUES}.")
+    if dimensions == 0:
+        raise EppError("sweep: the sample has no parameter; expected at least one.")
+    if kind == "latin":
+        return qmc.LatinHypercube(d=dimensions, rng=np.random.default_rng(seed)).random(n)
+    if n & (n - 1):
+        near = 1 << n.bit_length()
+        raise EppError(f"sweep: a Sobol sample has {n} cells; expected a power of two, such as {near}.")
+    return qmc.Sobol(d=dimensions, rng=np.random.default_rng(seed)).random(n)
+
+
+def _sampled(case: Case, axes: LatinHypercube | Sobol) -> Design:
+    limits = np.array([_limits(case, name, r) for name, r in axes.ranges.items()]).reshape(-1, 2)
+    kind = "sobol" if isinstance(axes, Sobol) else "latin"
+    points = _points(kind, len(limits), axes.n, axes.seed)
+    values = limits[:, 0] + points * (limits[:, 1] - limits[:, 0])
+    return _sample(list(axes.ranges), values)
+
+
+def _tolerances(case: Case, axes: Tolerances) -> Design:
+    from scipy.stats import truncnorm
+
+    if axes.distribution not in ("uniform", "normal"):
+        raise EppError(f"sweep: the distribution is {_shown(axes.distribution)}; expected 'uniform' or 'normal'.")
+    found = {k: p for k, p in case.parameters.items() if p.tolerance}
+    names = list(found) if axes.names is None else list(axes.names)
+    for name in names:
+        if name not in found:
+            case.unit(name)
+            raise EppError(f"sweep: {name} has no tolerance in {case.source}; expected a parameter that has one.")
+    if not names:
+        raise EppError(f"sweep: no parameter of {case.source} has a tolerance; expected at least one.")
+    share = _points("latin", len(names), axes.n, axes.seed)
+    spread = 2.0 * share - 1.0 if axes.distribution == "uniform" else truncnorm(-3.0, 3.0).ppf(share) / 3.0
+    centre = np.array([float(found[k].value) for k in names])
+    half = np.array([float(found[k].tolerance or 0.0) for k in names])
+    return _sample(names, centre + spread * half)
+
+
+def _sample(names: list[str], values: Array) -> Design:
+    given = {name: tuple(values[:, i].tolist()) for i, name in enumerate(names)}
+    return Design((_dimension("sample", given),))
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,173 @@
+"""Runs the blocks of a sweep with Dask: on threads, on processes, or on a cluster that is there.
+
+Only a few blocks are under way at a time, so that memory stays flat however many there are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.errors import EppError
+from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore
+from eppanalysis.sweep.verbs import Columns, Task, Work
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Store = MemoryStore | ZarrStore
+Report = Callable[[int], None]
+
+#: Blocks under way for each thread of a cluster, and how often one is tried again whose workers were lost.
+_AHEAD, _TRIES = 2, 20
+
+
+def run_blocks(task: Task, store: Store, scheduler: str, workers: int | None, report: Report) -> None:
+    """Compute and keep all blocks that the store misses.
+
+    Parameters
+    ----------
+    task : Task
+    store : MemoryStore or ZarrStore
+    scheduler : str
+        "threads", "processes", or the address of a Dask scheduler ("tcp://host:8786").
+    workers : int, optional
+        Threads or processes; by default as many as there are cores.
+    report : callable
+        Is told the number of cells of each block that is done.
+
+    Raises
+    ------
+    EppError
+        If there is no such scheduler, or blocks could not be computed because their workers were lost.
+    """
+    if workers is not None and workers < 1:
+        raise EppError(f"sweep: workers is {workers}; expected 1 or more.")
+    blocks = store.pending()
+    if scheduler == "threads":
+        _on_threads(Work.of(task), blocks, store, workers or _cores(), report)
+        return
+    with _client(scheduler, workers) as client:
+        _on_cluster(client, task, blocks, store, report)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _size(bounds: Bounds) -> int:
+    n = 1
+    for start, stop in bounds:
+        n *= stop - start
+    return n
+
+
+def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int, report: Report) -> None:
+    """All blocks as one Dask graph; a thread keeps what it has computed before it takes the next block."""
+    from dask.threaded import get
+
+    def compute(bounds: Bounds) -> None:
+        store.write(bounds, work.block(bounds))
+        report(_size(bounds))
+
+    graph = {("block", i): (compute, bounds) for i, bounds in enumerate(blocks)}
+    get(graph, list(graph), num_workers=workers)
+
+
+@contextmanager
+def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
+    """A client of local processes, or of the cluster at an address."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected it installed.") from error
+
+    if scheduler == "processes":
+        with (
+            LocalCluster(
+                n_workers=workers or _cores(),
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                silence_logs=50,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    if "://" not in scheduler:
+        expected = "'threads', 'processes' or the address of a Dask scheduler such as tcp://host:8786"
+        raise EppError(f"sweep: scheduler is {scheduler!r}; expected {expected}.")
+    try:
+        client = Client(scheduler, timeout="10s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise EppError(f"sweep: no Dask scheduler answers at {scheduler}; expected the address of one.") from error
+    with client:
+        yield client
+
+
+def _block(work: Work, bounds: Bounds) -> Columns:
+    return work.block(bounds)
+
+
+class _Window:
+    """The blocks under way on a cluster."""
+
+    def __init__(self, client: Client, task: Task, ahead: int) -> None:
+        from distributed import as_completed
+
+        self.client, self.ahead = client, ahead
+        # Made by a worker, so that it can be made again when the worker is lost.
+        self.work = client.submit(Work.of, task, pure=False)
+        self.running: Any = as_completed(loop=client.loop, with_results=False)
+        self.bounds: dict[Any, Bounds] = {}
+        self.tries: dict[Bounds, int] = {}
+
+    def submit(self, bounds: Bounds) -> None:
+        future = self.client.submit(_block, self.work, bounds, pure=False)
+        self.bounds[future.key] = bounds
+        self.tries[bounds] = self.tries.get(bounds, 0) + 1
+        self.running.add(future)
+
+    def results(self, blocks: Iterator[Bounds]) -> Iterator[tuple[Bounds, Any]]:
+        """Blocks as they finish; for each a new one is begun."""
+        for _, bounds in zip(range(self.ahead), blocks, strict=False):
+            self.submit(bounds)
+        for future in self.running:
+            bounds = self.bounds.pop(future.key)
+            yield bounds, future
+            following = next(blocks, None)
+            if following is not None:
+                self.submit(following)
+
+
+def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Store, report: Report) -> None:
+    if not blocks:
+        return
+    threads = sum(client.nthreads().values()) or 1
+    window = _Window(client, task, _AHEAD * threads)
+    lost = 0
+    for bounds, future in window.results(iter(blocks)):
+        if future.status == "finished":
+            store.write(bounds, future.result())
+            del window.tries[bounds]
+            report(_size(bounds))
+        elif not _is_loss(future):
+            future.result()  # raises what went wrong
+        elif window.tries[bounds] < _TRIES:
+            window.submit(bounds)
+        else:
+            lost += _size(bounds)
+    if lost:
+        raise EppError(
+            f"sweep: {lost} cells were lost with their workers {_TRIES} times; expected workers that stay alive "
+            "(more memory, or smaller chunks); all other cells are kept."
+        )
+
+
+def _is_loss(future: Any) -> bool:
+    from distributed import KilledWorker
+
+    return future.status in ("cancelled", "lost") or isinstance(future.exception(), KilledWorker)

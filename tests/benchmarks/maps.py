@@ -1,0 +1,69 @@
+"""The map of job B by the batch engine, apart from the rivals, so that a process for memory stays small."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import eppanalysis as epp
+from eppanalysis.methods.batch import BatchResult, HybridStack, simulate_batch
+from eppanalysis.models.hybrid import HybridSystem
+
+Array = NDArray[np.float64]
+
+RANGES, BACKLASHES = (1.0, 5.0), (0.0, 3.0)
+T_END = 6.0
+
+
+def axes(side: int) -> tuple[Array, Array]:
+    """Profile ranges [lbf] and backlashes [deg]."""
+    return np.linspace(*RANGES, side), np.linspace(*BACKLASHES, side)
+
+
+def make_stack(side: int) -> HybridStack:
+    """The map's cells, from the case file on."""
+    case = epp.case("fig8a_original")
+    ranges, backlashes = axes(side)
+    names = case.to_system().signals.names
+
+    def make(values: Any) -> HybridSystem:
+        changed = case.with_values(
+            {"bands.range": f"{values['range']} lbf", "lock_pin.backlash": f"{values['backlash']} deg"}
+        )
+        system = changed.to_system()
+        return HybridSystem.from_lure(system, {system.input_names[0]: changed.input})
+
+    return HybridStack.grid(make, {"range": ranges, "backlash": backlashes}, names)
+
+
+def solve_map(side: int, threads: int) -> BatchResult:
+    """The whole job: make the cells and run them."""
+    return simulate_batch(make_stack(side), T_END, threads=threads)
+
+
+def peak_memory(side: int) -> dict[str, float]:
+    """Largest resident memory [MB] while this process solves the map, looked at every 2 ms, and that before it."""
+    import psutil
+
+    process, peak, done = psutil.Process(), 0, threading.Event()
+    solve_map(2, 2)
+    before = process.memory_info().rss
+
+    def watch() -> None:
+        nonlocal peak
+        while not done.is_set():
+            peak = max(peak, process.memory_info().rss)
+            time.sleep(2e-3)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    begin = time.perf_counter()
+    solve_map(side, 2)
+    seconds = time.perf_counter() - begin
+    done.set()
+    watcher.join()
+    return {"cells": side * side, "seconds": seconds, "before": before / 1e6, "peak": peak / 1e6}

@@ -1,0 +1,144 @@
+"""Tables of a benchmark's result, as Markdown: printed by the benchmark, included by the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+Results = dict[str, Any]
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose columns line up."""
+    lines = [list(header), *(list(r) for r in rows)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
+    lines.insert(1, ["-" * w for w in widths])
+    padded = (" | ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)) for line in lines)
+    return "\n".join(f"| {line} |" for line in padded) + "\n"
+
+
+def duration(seconds: float | None) -> str:
+    """With a unit that suits."""
+    if seconds is None or not math.isfinite(seconds):
+        return "–"
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def ratio(value: float | None) -> str:
+    """Three digits."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.3g}"
+
+
+def small(value: float | None) -> str:
+    """An error."""
+    return "–" if value is None or not math.isfinite(value) else f"{abs(value):.0e}"
+
+
+def verdict(row: dict[str, Any]) -> tuple[str, str]:
+    """Target and whether it is met."""
+    if row.get("target") is None:
+        return "", ""
+    return f"{row['target']:g}", "met" if row["met"] else "MISSED"
+
+
+def job_a(found: Results) -> str:
+    """Step response."""
+    rows = []
+    for r in found["rows"]:
+        cells = [duration(r["seconds"]), ratio(r["ratio"]), ratio(r["ratio_simulate"])]
+        rows.append([r["name"], *cells, small(r["error"]), small(r["amplitude_error"]), *verdict(r), r["note"]])
+    header = ["who", "time", "engine is faster by", "simulate() is faster by", "error of theta [rad]"]
+    return markdown([*header, "error of amplitude", "target", "", "note"], rows)
+
+
+def job_b(found: Results) -> str:
+    """Map."""
+    rows = []
+    for r in found["rows"]:
+        errors = [f"{r['other_outcomes']} of {r['cells_checked']}", small(r["amplitude_error"])]
+        rows.append([r["name"], duration(r["seconds"]), ratio(r["ratio"]), *errors, *verdict(r)])
+    t = found["threads"]
+    same = "no bit differs" if t["same"] else "RESULTS DIFFER"
+    who = f"two threads against one (load {t['load']:.1f}; by processor time {t['possible']:.2f})"
+    rows.append([who, "", ratio(t["speedup"]), same, "", *verdict(t)])
+    header = ["who", "time for the map", "ours is faster by", "other outcomes", "error of amplitude", "target", ""]
+    return markdown(header, rows)
+
+
+def job_c(found: Results) -> str:
+    """Describing functions."""
+    rows = [
+        [r["name"], duration(r["seconds_per_evaluation"]), ratio(r["ratio"]), small(r["error"]), *verdict(r)]
+        for r in found["rows"]
+    ]
+    return markdown(["who", "time of an evaluation", "ours is faster by", "error", "target", ""], rows)
+
+
+def start(found: Results) -> str:
+    """Fresh processes and memory."""
+
+    def limit(row: dict[str, Any], unit: str) -> list[str]:
+        return [f"under {row['target']:g} {unit}", "met" if row["met"] else "MISSED"]
+
+    rows = [
+        ["first simulation on a machine, all compiled", duration(found["cold"]["seconds"]), *limit(found["cold"], "s")],
+        ["import and first simulation, cached", duration(found["warm"]["seconds"]), *limit(found["warm"], "s")],
+        ["import alone", duration(found["import"]["seconds"]), "", ""],
+    ]
+    for m in found["memory"]["cells"]:
+        what = f"peak memory of a map of {m['cells']} cells ({m['before']:.0f} MB before it)"
+        rows.append([what, f"{m['peak']:.0f} MB", *limit(found["memory"], "MB")])
+    return markdown(["a fresh process", "", "target", ""], rows)
+
+
+def states(found: Results) -> str:
+    """Growth with the number of states."""
+    rows = [
+        [str(r["states"]), str(r["events"]), duration(r["seconds"]), ratio(r["ratio"]), small(r["scipy_error"])]
+        for r in found["states"]
+    ]
+    return markdown(["states", "events", "engine", "scipy DOP853, rtol 1e-06, takes times", "its error"], rows)
+
+
+def events(found: Results) -> str:
+    """Growth with the rate of events."""
+    rows = [[f"{r['events_per_second']:.4g}", duration(r["seconds"])] for r in found["events"]]
+    return markdown(["events per second", "engine"], rows)
+
+
+def cells(found: Results) -> str:
+    """Growth with the number of cells and threads."""
+    rows = [
+        [str(r["cells"]), duration(r["seconds"]), duration(r["seconds_per_cell"]), ratio(r["speedup_two_threads"])]
+        for r in found["cells"]
+    ]
+    return markdown(["cells", "one thread", "per cell", "two threads are faster by"], rows)
+
+
+#: Tables by name: title, part of the results, maker.
+TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
+    "job_a": ("Job A: 6 s step response of the original elbow, sampled every millisecond", "job_a", job_a),
+    "job_b": ("Job B: 10 x 10 map of profile range and backlash, 6 s each", "job_b", job_b),
+    "job_c": ("Job C: describing function of the five-band law", "job_c", job_c),
+    "start": ("Fresh processes", "start", start),
+    "states": ("Growth with states: 6 s of a chain of masses, sampled every millisecond", "growth", states),
+    "events": ("Growth with events: 6 s of a relay loop, sampled every millisecond", "growth", events),
+    "cells": ("Growth with cells and threads", "growth", cells),
+}
+
+
+def tables(results: Results) -> dict[str, str]:
+    """Markdown of every table whose part of the results is there."""
+    return {name: make(results[part]) for name, (_, part, make) in TABLES.items() if part in results}
+
+
+def text(results: Results) -> str:
+    """Everything, to be printed."""
+    about = ", ".join(f"{k} {v}" for k, v in results["versions"].items())
+    m = results["machine"]
+    head = f"{m['processor']}, {m['cores']} cores, load {m['load']:.1f}, {results['clock']} clock\n{about}\n"
+    return head + "".join(f"\n{TABLES[name][0]}\n\n{table}" for name, table in tables(results).items())

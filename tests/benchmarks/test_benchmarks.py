@@ -1,0 +1,57 @@
+"""The benchmark runs, and what it prints is complete; times are never tested."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.benchmarks import fixed_step, job_a, job_c, libraries, mode_steps, report
+from tests.benchmarks.timing import Contender, alternate
+from tests.reference.elbow_reference import Elbow, row
+
+
+def test_contenders_take_turns_and_failures_are_kept() -> None:
+    """Each turn of a contender follows one of the base."""
+    calls: list[str] = []
+    base, other = (Contender(n, lambda n=n: calls.append(n)) for n in ("base", "other"))
+    broken = Contender("broken", lambda: 1 / 0)
+    found = alternate(base, [other, broken], turns=2)
+    assert calls.index("other") > calls.index("base")
+    assert found["other"].turns == 2
+    assert math.isnan(found["broken"].seconds)
+    assert found["broken"].failure.startswith("ZeroDivisionError")
+
+
+def test_hand_written_rivals_do_the_same_work(tmp_path: Path) -> None:
+    """A rival that is wrong would be no rival: all of them follow the reference."""
+    job = libraries.Job(row(1), 0.3)
+    exact = job_a.exact_theta(job, tmp_path)
+    coarse = np.abs(fixed_step.runge_kutta_theta(job.p, 1e-4, 0.3) - exact).max()
+    fine = np.abs(fixed_step.runge_kutta_theta(job.p, 1e-5, 0.3) - exact).max()
+    # The jumps of the friction make it first order.
+    assert fine < 0.3 * coarse < 3e-4
+    states = np.empty((exact.size, mode_steps.N))
+    mode_steps.bisect_modes(mode_steps.tables(Elbow(job.p), 2.5e-4), exact.size, 4, states)
+    np.testing.assert_allclose(states[:, 0], exact, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_job_a_and_its_table(tmp_path: Path) -> None:
+    """A short step response against two event machines and the hand-written loops."""
+    found = job_a.run(tmp_path, t_end=0.3, turns=1, libraries=False)
+    rows = {r["name"]: r for r in found["rows"]}
+    assert rows[job_a.ENGINE]["error"] < 1e-9
+    assert rows[job_a.SIMULATE]["error"] < 1e-9
+    assert "scipy event machine, DOP853, rtol 1e-06" in report.job_a(json.loads(json.dumps(found)))
+
+
+def test_job_c_and_its_table() -> None:
+    """Ours is a closed form, python-control's is sampled."""
+    found = job_c.run(n=1000, turns=1)
+    ours, theirs = found["rows"]
+    assert ours["error"] < 1e-12 < theirs["error"] < 1e-3
+    assert "python-control" in report.job_c(found)

@@ -1,0 +1,238 @@
+"""Stores: killed at any moment a sweep goes on where it was, loses nothing and computes nothing twice."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.sweep import open_sweep, sweep
+from eppanalysis.sweep.store import ZarrStore, block_shape
+from eppanalysis.sweep.verbs import NOT_RUN, Work
+
+CASE = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
+AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}
+PROGRAM = """
+import sys
+import eppanalysis as epp
+from eppanalysis.sweep import sweep
+
+if __name__ == "__main__":
+    case = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
+    axes = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}
+    print("ready", flush=True)
+    sweep(case, axes, store=sys.argv[1], chunk=1, scheduler=sys.argv[2], workers=2, progress=False)
+"""
+
+
+@pytest.fixture(scope="module")
+def wanted() -> xarray.Dataset:
+    return sweep(CASE, AXES, progress=False)
+
+
+def done(path: Path) -> int:
+    """Blocks that are marked as done; each mark is a file of its own."""
+    return sum(1 for f in (path / "progress" / "done" / "c").rglob("*") if f.is_file() and f.suffix != ".partial")
+
+
+@pytest.mark.parametrize("chunk", [1, 5, 48, 1000])
+def test_a_store_holds_the_same_bits(wanted, tmp_path, chunk) -> None:
+    found = sweep(CASE, AXES, store=tmp_path / "map.zarr", chunk=chunk, progress=False)
+    assert wanted.identical(found.load())
+    assert wanted.identical(open_sweep(tmp_path / "map.zarr").load())
+
+
+def test_anyone_can_read_a_store(wanted, tmp_path) -> None:
+    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
+    found = xarray.open_zarr(tmp_path / "map.zarr", chunks=None, consolidated=False)
+    assert found["amplitude"].equals(wanted["amplitude"])
+    assert found["status"].dtype == np.int8
+
+
+def test_a_finished_store_computes_nothing(tmp_path, monkeypatch) -> None:
+    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
+    monkeypatch.setattr(Work, "block", lambda *_: pytest.fail("computed again"))
+    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
+
+
+def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> None:
+    """The worst moment: all numbers of a block are there but its mark is not; only this block is computed again."""
+    path, computed = tmp_path / "map.zarr", []
+    block, write = Work.block, ZarrStore.write
+
+    class Broken:
+        def __setitem__(self, *_):
+            raise KeyboardInterrupt
+
+    def write_half(store, bounds, columns):
+        if len(computed) == 10:
+            store.done = Broken()
+            columns = {k: v[::-1] for k, v in columns.items()}  # what a torn write leaves is wrong
+        write(store, bounds, columns)
+
+    def counted(work, bounds):
+        computed.append(tuple(bounds))
+        return block(work, bounds)
+
+    monkeypatch.setattr(Work, "block", counted)
+    monkeypatch.setattr(ZarrStore, "write", write_half)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(CASE, AXES, store=path, chunk=1, workers=1, progress=False)
+    assert done(path) == 9
+    assert int(np.sum(open_sweep(path)["status"].values == NOT_RUN)) == 48 - 10
+    monkeypatch.setattr(ZarrStore, "write", write)
+    found = sweep(CASE, AXES, store=path, workers=1, progress=False)
+    assert wanted.identical(found.load())
+    assert len(computed) == 48 + 1
+    assert [b for b in set(computed) if computed.count(b) > 1] == [computed[9]]
+
+
+@pytest.mark.parametrize("scheduler", ["threads", pytest.param("processes", marks=pytest.mark.slow)])
+def test_killed_at_random_moments(wanted, tmp_path, scheduler) -> None:
+    path, program = tmp_path / "map.zarr", tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    draw = np.random.default_rng(7)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    counts = [0]
+    for kill in (*range(5), None):
+        process = subprocess.Popen(
+            [sys.executable, str(program), str(path), scheduler], env=environment, stdout=subprocess.PIPE
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        if kill is not None:
+            # Wait for a random number of further blocks, then for a random part of the next one.
+            goal, end = counts[-1] + int(draw.integers(0, 8)), time.monotonic() + 60
+            while (not path.exists() or done(path) < goal) and process.poll() is None and time.monotonic() < end:
+                time.sleep(0.002)
+            time.sleep(float(draw.uniform(0, 0.05)))
+            process.send_signal(signal.SIGKILL)
+        code = process.wait(timeout=120)
+        process.stdout.close()
+        counts.append(done(path) if path.exists() else 0)
+        assert code == (0 if kill is None else code)
+    assert counts == sorted(counts)
+    assert counts[-1] == 48
+    assert wanted.identical(open_sweep(path).load())
+    assert not list(path.rglob("*.partial"))
+    assert [p.name for p in tmp_path.iterdir() if p.name.endswith(".part")] == []
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_killed_at_random_moments_lose_no_cell(wanted, tmp_path) -> None:
+    """A cluster of several worker processes that are killed in turn, all of them at least once."""
+    import threading
+
+    from distributed import LocalCluster
+
+    path = tmp_path / "map.zarr"
+    killed: list[int] = []
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+
+        def kill() -> None:
+            draw = np.random.default_rng(3)
+            for goal in (2, 12, 25):
+                end = time.monotonic() + 60
+                while (not path.exists() or done(path) < goal) and time.monotonic() < end:
+                    time.sleep(0.005)
+                pids = [nanny.pid for nanny in cluster.workers.values() if nanny.pid]
+                for pid in pids if goal == 12 else pids[:1]:
+                    time.sleep(float(draw.uniform(0, 0.03)))
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
+
+        thread = threading.Thread(target=kill)
+        thread.start()
+        found = sweep(CASE, AXES, store=path, chunk=1, scheduler=cluster.scheduler_address, progress=False)
+        thread.join()
+    assert len(killed) >= 3
+    assert wanted.identical(found.load())
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_bits(wanted) -> None:
+    assert wanted.identical(sweep(CASE, AXES, scheduler="processes", workers=2, chunk=10, progress=False))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"axes": AXES | {"bands.range": "1:5:6:N"}}, "other axes (bands.range)"),
+        ({"axes": {"bands.range": "1:5:6:lbf"}}, "other axes (lock_pin.backlash)"),
+        ({"case": CASE.with_values({"forearm.inertia": 0.04})}, "another case"),
+        ({"case": CASE.with_values({"run.t_end": 2.0})}, "another case"),
+        ({"run": "predict"}, "another run (simulate)"),
+        ({"signals": "all"}, "other variables"),
+        ({"resume": False}, "results already"),
+    ],
+)
+def test_another_sweep_is_refused_and_nothing_is_lost(wanted, tmp_path, change, words) -> None:
+    path = tmp_path / "map.zarr"
+    sweep(CASE, AXES, store=path, progress=False)
+    arguments = {"case": CASE, "axes": AXES, "store": path, "progress": False} | change
+    with pytest.raises(EppError) as caught:
+        sweep(**arguments)
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert wanted.identical(open_sweep(path).load())
+
+
+def test_a_folder_that_is_something_else_is_left_alone(tmp_path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(EppError, match=r"is no store of a sweep"):
+        sweep(CASE, AXES, store=tmp_path, progress=False)
+    with pytest.raises(EppError, match=r"is no store of a sweep"):
+        sweep(CASE, AXES, store=tmp_path / "notes.txt", progress=False)
+    with pytest.raises(EppError, match=r"is no store of a sweep"):
+        open_sweep(tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_an_empty_folder_is_a_place_to_write_to(wanted, tmp_path) -> None:
+    (tmp_path / "map.zarr").mkdir()
+    assert wanted.identical(sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False).load())
+
+
+def test_a_read_only_place_is_one_sentence() -> None:
+    with pytest.raises(EppError, match=r"cannot be written .*expected a place to write to"):
+        sweep(CASE, AXES, store="/proc/map.zarr", progress=False)
+
+
+def test_a_full_disk_loses_nothing(wanted, tmp_path, monkeypatch) -> None:
+    import zarr.storage._local as local
+
+    path, put, room = tmp_path / "map.zarr", local._put, [200]
+
+    def put_while_there_is_room(*arguments, **more):
+        room[0] -= 1
+        if room[0] < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return put(*arguments, **more)
+
+    monkeypatch.setattr(local, "_put", put_while_there_is_room)
+    with pytest.raises(EppError, match="No space left on device"):
+        sweep(CASE, AXES, store=path, chunk=1, progress=False)
+    kept = done(path)
+    assert 0 < kept < 48
+    room[0] = 10**9
+    assert wanted.identical(sweep(CASE, AXES, store=path, progress=False).load())
+
+
+@pytest.mark.parametrize(
+    ("shape", "chunk"), [((100, 100), 100), ((7,), 3), ((1, 1000), 64), ((3, 5, 7), 1), ((2, 2), 99)]
+)
+def test_blocks_are_no_larger_than_asked_for(shape, chunk) -> None:
+    blocks = block_shape(shape, chunk)
+    assert len(blocks) == len(shape)
+    assert 1 <= np.prod(blocks) <= chunk
