@@ -25,7 +25,8 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
 ]
-exclude_patterns = ["_build", "_generated/*.md"]
+# The benchmark page is built where its measurements are (see the command on it).
+exclude_patterns = ["_build", "_generated/*.md", "benchmarks.md"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]
