@@ -127,8 +127,12 @@ def _reciprocal_term(j, k, scale, Sg, arg, aux):
         Sg[0, j] = scale / (1.0 + abs(arg[0, j]))
         aux[0, j] = 1.0 if arg[0, j] >= 0 else -1.0
         return
-    if k == 1 and abs(arg[0, j]) <= 1e-13 * abs(arg[1, j]):
-        aux[0, j] = 1.0 if arg[1, j] > 0 else -1.0
+    # From rest the sign is that of the first coefficient that does not vanish: a speed and its rate may start at zero.
+    before = 0.0
+    for i in range(k):
+        before = max(before, abs(arg[i, j]))
+    if before <= 1e-9 * abs(arg[k, j]):
+        aux[0, j] = 1.0 if arg[k, j] > 0 else -1.0
     v = 0.0
     for i in range(1, k + 1):
         v -= aux[0, j] * arg[i, j] * Sg[k - i, j]

@@ -86,7 +86,7 @@ def sweep(
     >>> found["outcome"].values.tolist(), found["outcome"].attrs["flag_meanings"]
     ([1, 2], 'unknown settles oscillates diverges')
     >>> [round(float(f), 2) for f in found["frequency"]]
-    [nan, 5.87]
+    [nan, 8.97]
     """
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import MemoryStore, ZarrStore

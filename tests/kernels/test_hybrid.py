@@ -111,3 +111,29 @@ def test_results_do_not_depend_on_the_step() -> None:
     a, b = (epp.simulate(case.to_system(), case.input, 3.0, times, step=h) for h in (1e-2, 7e-5))
     assert np.abs(a.signals["theta"] - b.signals["theta"]).max() < 1e-12
     assert [e.name for e in a.events] == [e.name for e in b.events]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_stribeck_friction_breaks_away_alike_in_both_directions(way: float) -> None:
+    """A push that grows slowly breaks the block away either way; the two motions are mirror images."""
+
+    def moved(sign: float) -> np.ndarray:
+        A, B, C = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [[-1.0], [0.0], [0.0]], [[1.0, 0.0, 0.0]]
+        loop = LureSystem.build(
+            A,
+            B,
+            C,
+            [epp.Friction(1.0, 1.0, 3.0)],
+            B_input=[[1.0], [0.0], [0.0]],
+            input_names=("push",),
+        )
+        run = epp.simulate(loop, Ramp(sign * 1.0), t_end=2.0)
+        return run.signals["friction_input"]
+
+    forward = moved(1.0)
+    assert np.allclose(moved(way), way * forward, rtol=1e-12, atol=1e-12)
+    # After breaking away at t = 1 the block obeys dv/dt = t - 1/(1 + 3 v); scipy is the witness.
+    from scipy.integrate import solve_ivp
+
+    witness = solve_ivp(lambda t, v: t - 1.0 / (1.0 + 3.0 * v), (1.0, 2.0), [0.0], rtol=1e-11, atol=1e-13)
+    assert forward[-1] == pytest.approx(witness.y[0, -1], rel=1e-8)
