@@ -25,8 +25,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
 ]
-# The benchmark page is built where its measurements are (see the command on it).
-exclude_patterns = ["_build", "_generated/*.md", "benchmarks.md"]
+exclude_patterns = ["_build", "_generated/*.md"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]

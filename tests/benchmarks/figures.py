@@ -1,6 +1,6 @@
 """Tables and pictures of the page on benchmarks, from the result of ``python -m tests.benchmarks``.
 
-Made by the Sphinx build, or by ``python docs/figures_benchmarks.py``.
+Made by ``python -m tests.benchmarks.figures``.
 """
 
 from __future__ import annotations
