@@ -1,12 +1,11 @@
 """Tables and pictures of the page on benchmarks, from the result of ``python -m tests.benchmarks``.
 
-Made by ``python -m tests.benchmarks.figures``.
+Made by the Sphinx build, or by ``python -m tests.benchmarks.figures``.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.plots import BLUE, GREEN, GREY, VERMILLION
+from tests.benchmarks import report
 
-HERE = Path(__file__).parent
-RESULT = HERE / "_static" / "benchmarks.json"
-sys.path.insert(0, str(HERE.parent))
-
-from tests.benchmarks import report  # noqa: E402
+DOCS = Path(__file__).parents[2] / "docs"
+RESULT = DOCS / "_static" / "benchmarks.json"
 
 Results = dict[str, Any]
 
@@ -109,6 +106,6 @@ def make_all(folder: Path, result: Path = RESULT) -> None:
 
 
 if __name__ == "__main__":
-    generated = HERE / "_generated"
+    generated = DOCS / "_generated"
     generated.mkdir(exist_ok=True)
     make_all(generated)
