@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from eppanalysis.cli_common import NOTHING, Json, Settings, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
 from eppanalysis.cli_sweep import sweep
 from eppanalysis.errors import EppError
@@ -58,16 +59,6 @@ Cases = Annotated[
         show_default=False,
     ),
 ]
-Settings = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="FIELD=VALUE",
-        help='Override a field of every case, as in lock_pin.backlash="0.5 deg"; repeatable.',
-    ),
-]
-NO_SETTINGS: list[str] = []
-Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
 Output = Annotated[
     Path | None,
     typer.Option(
@@ -90,18 +81,18 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 
 @app.command()
-def check(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False) -> None:
+def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
     """Check case files: every field, its unit and its range."""
     from eppanalysis.screen import parameters_table
 
     valid, texts = [], _expanded(cases)
     for text in texts:
         try:
-            valid.append(_load(text, settings))
+            valid.append(load_case(text, settings))
         except EppError as error:
             typer.echo(str(error), err=True)
     if as_json:
-        _print_json("check", {case.name: {"valid": True, **case.provenance()} for case in valid}, valid, settings)
+        print_json("check", [(case, {"valid": True, **case.provenance()}) for case in valid], settings)
     else:
         for case in valid:
             typer.echo(f"{case.name}: valid ({case.kind}): {case.title}")
@@ -112,7 +103,7 @@ def check(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False)
 
 
 @app.command()
-def predict(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False, output: Output = None) -> None:
+def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Predict all limit cycles with describing functions, stable and unstable."""
     from eppanalysis.export import prediction_table
     from eppanalysis.methods.describing import predict_limit_cycles
@@ -124,7 +115,7 @@ def predict(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = Fals
 
 
 @app.command()
-def simulate(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False, output: Output = None) -> None:
+def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Simulate with every switch located, and say whether the motion settles or repeats itself."""
     from eppanalysis.export import trajectory_table
     from eppanalysis.methods.simulate import simulate as run_simulation
@@ -136,7 +127,7 @@ def simulate(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = Fal
 
 
 @app.command()
-def validate(cases: Cases, settings: Settings = NO_SETTINGS, as_json: Json = False, output: Output = None) -> None:
+def validate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Put prediction and simulation side by side, signal by signal, with their differences in per cent.
 
     Several cases give one table of findings and verdicts: "eppanalysis validate truth-table".
@@ -155,7 +146,7 @@ def list_cases(as_json: Json = False) -> None:
 
     found = [shipped(name) for name in shipped_cases()]
     if as_json:
-        _print_json("cases", {case.name: None for case in found}, found, ())
+        print_json("cases", [(case, None) for case in found], ())
         return
     from eppanalysis.screen import cases_table
 
@@ -185,7 +176,7 @@ def _carry_out(
     texts = _expanded(texts)
     if output is not None:
         _check_output(output, len(texts))
-    cases = [_load(text, settings) for text in texts]
+    cases = [load_case(text, settings) for text in texts]
     together = verb.show_all if len(cases) > 1 else None
     results = []
     for case in cases:
@@ -196,11 +187,11 @@ def _carry_out(
     if not as_json and together is not None:
         together(cases, results)
     if as_json:
-        found = {
-            case.name: {**result.to_dict(), **(verb.beside(case, result) if verb.beside else {})}
+        found = [
+            (case, {**result.to_dict(), **(verb.beside(case, result) if verb.beside else {})})
             for case, result in zip(cases, results, strict=True)
-        }
-        _print_json(command, found, cases, settings)
+        ]
+        print_json(command, found, settings)
     if output is not None:
         _write(output, cases, results, verb)
 
@@ -210,29 +201,6 @@ def _expanded(texts: Sequence[str]) -> list[str]:
     from eppanalysis.case import GROUPS
 
     return [name for text in texts for name in GROUPS.get(text, (text,))]
-
-
-def _load(text: str, settings: Sequence[str]) -> Case:
-    """The case of a file or of a shipped name, with the fields of ``--set`` in place."""
-    from eppanalysis.case import case, read_case
-
-    is_file = text.endswith(".toml") or Path(text).is_file()
-    found = read_case(text) if is_file else case(text)
-    values = dict(_setting(item) for item in settings)
-    return found.with_values(values, "--set") if values else found
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    """Field and value of ``FIELD=VALUE``; what is not a TOML value ("0.5 deg") is a text."""
-    import tomllib
-
-    field, separator, value = text.partition("=")
-    if not separator or not field.strip():
-        raise EppError(f"--set {text}: has no field and value; expected FIELD=VALUE.")
-    try:
-        return field.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return field.strip(), value.strip()
 
 
 def _check_output(output: Path, n_cases: int) -> None:
@@ -254,37 +222,6 @@ def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], verb: _V
     for case, result in zip(cases, results, strict=True):
         name = output.name.replace("{case}", case.name)
         write_result(result, verb.to_table, output.with_name(name))
-
-
-def _print_json(command: str, results: Mapping[str, Any], cases: Iterable[Case], settings: Sequence[str]) -> None:
-    import json
-
-    from eppanalysis import __version__
-
-    document = {
-        "eppanalysis": __version__,
-        "command": command,
-        "set": dict(_setting(item) for item in settings),
-        "cases": [
-            {"name": case.name, "title": case.title, "kind": case.kind, "result": results[case.name]} for case in cases
-        ],
-    }
-    sys.stdout.write(json.dumps(_json_value(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def _json_value(value: Any) -> Any:
-    """Plain JSON: arrays as lists, complex numbers as [real, imaginary], what is not finite as null."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _json_value(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set):
-        return [_json_value(item) for item in value]
-    if isinstance(value, complex):
-        return [_json_value(value.real), _json_value(value.imag)]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 def _show_prediction(case: Case, prediction: Prediction) -> None:

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from eppanalysis.cli_common import NOTHING, CaseName, Settings, load_case, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
     import xarray
 
-    from eppanalysis.case import Case
     from eppanalysis.sweep.axes import Axes
 
-_NONE: list[str] = []
 _FILES = (".zarr", ".nc", ".png", ".svg", ".pdf")
 
 AxesOption = Annotated[
@@ -28,7 +27,6 @@ AxesOption = Annotated[
         "of a sample low:high:unit. Repeatable.",
     ),
 ]
-Settings = Annotated[list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")]
 RunOption = Annotated[
     list[str], typer.Option("--run", metavar="VERB", help="simulate, predict or cycles; repeatable. [simulate]")
 ]
@@ -55,11 +53,11 @@ Target = Annotated[
 
 
 def sweep(
-    case: Annotated[str, typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.")],
-    axes: AxesOption = _NONE,
-    settings: Settings = _NONE,
-    run: RunOption = _NONE,
-    signals: SignalsOption = _NONE,
+    case: CaseName,
+    axes: AxesOption = NOTHING,
+    settings: Settings = NOTHING,
+    run: RunOption = NOTHING,
+    signals: SignalsOption = NOTHING,
     design: Design = "grid",
     n: Annotated[int, typer.Option("--n", help="Cells of a sample.")] = 1024,
     seed: Annotated[int, typer.Option("--seed", help="Seed of a sample.")] = 0,
@@ -77,7 +75,7 @@ def sweep(
     from eppanalysis.sweep import sweep as run_sweep
 
     _check_output(output)
-    found = _load(case, settings)
+    found = load_case(case, settings)
     wanted: Any = signals or None
     store = output if output is not None and output.suffix == ".zarr" else None
     try:
@@ -101,27 +99,11 @@ def sweep(
     _report(dataset, output, as_json)
 
 
-def _load(text: str, settings: Sequence[str]) -> Case:
-    """The case of a file or of a shipped name, with the fields of ``--set`` in place."""
-    from eppanalysis.case import case, read_case
-
-    found = read_case(text) if text.endswith(".toml") or Path(text).is_file() else case(text)
-    values = dict(_pair(item, "--set", "FIELD=VALUE") for item in settings)
-    return found.with_values(values, "--set") if values else found
-
-
-def _pair(text: str, option: str, expected: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip():
-        raise EppError(f"{option} {text}: has no field and value; expected {expected}.")
-    return name.strip(), value.strip()
-
-
 def _axes(texts: Sequence[str], design: str, n: int, seed: int) -> Axes:
     """Axes of the command line: "start:stop:count:unit" and "low:high:unit" as they are, lists at their commas."""
     from eppanalysis.sweep import LatinHypercube, Sobol, Tolerances, Zipped
 
-    pairs = [_pair(item, "--axis", "FIELD=start:stop:count:unit") for item in texts]
+    pairs = [split_pair(item, "--axis", "FIELD=start:stop:count:unit") for item in texts]
     if len({name for name, _ in pairs}) < len(pairs):
         raise EppError("--axis: a field is given twice; expected each once.")
     ranges = dict(pairs)

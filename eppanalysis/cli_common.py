@@ -1,0 +1,128 @@
+"""What all commands share: the case with its settings, and the JSON document that ``--json`` prints."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+
+#: Default of options that may be repeated.
+NOTHING: list[str] = []
+
+CaseName = Annotated[
+    str,
+    typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
+]
+Settings = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="FIELD=VALUE",
+        help='Override a field of every case, as in lock_pin.backlash="0.5 deg"; repeatable.',
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
+
+
+def load_case(text: str, settings: Sequence[str]) -> Case:
+    """The case of a file or of a shipped name, with the fields of ``--set`` in place.
+
+    Raises
+    ------
+    EppError
+        If there is no such case, or a setting is not FIELD=VALUE or not valid.
+    """
+    from eppanalysis.case import case, read_case
+
+    is_file = text.endswith(".toml") or Path(text).is_file()
+    found = read_case(text) if is_file else case(text)
+    values = given_values(settings)
+    return found.with_values(values, "--set") if values else found
+
+
+def given_values(settings: Sequence[str]) -> dict[str, Any]:
+    """Fields and values of ``--set FIELD=VALUE``; what is not a TOML value ("0.5 deg") is a text."""
+    import tomllib
+
+    found: dict[str, Any] = {}
+    for text in settings:
+        name, value = split_pair(text, "--set", "FIELD=VALUE")
+        try:
+            found[name] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[name] = value
+    return found
+
+
+def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
+    """Name and value of an option that takes NAME=VALUE.
+
+    Raises
+    ------
+    EppError
+        If there is no name or no equals sign.
+
+    Examples
+    --------
+    >>> split_pair("bands.range = 1:5:41:lbf", "--axis", "FIELD=start:stop:count:unit")
+    ('bands.range', '1:5:41:lbf')
+    """
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise EppError(f"{option} {text}: has no field and value; expected {expected}.")
+    return name.strip(), value.strip()
+
+
+def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:
+    """One document on the standard output: what was asked for, and the result of every case.
+
+    Parameters
+    ----------
+    command : str
+    results : sequence of (Case, plain data)
+    settings : sequence of str
+        As ``--set`` takes them.
+    """
+    import json
+
+    from eppanalysis import __version__
+
+    document = {
+        "eppanalysis": __version__,
+        "command": command,
+        "set": given_values(settings),
+        "cases": [
+            {"name": case.name, "title": case.title, "kind": case.kind, "result": result} for case, result in results
+        ],
+    }
+    sys.stdout.write(json.dumps(json_value(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def json_value(value: Any) -> Any:
+    """Plain JSON: arrays as lists, complex numbers as [real, imaginary], what is not finite as null.
+
+    Examples
+    --------
+    >>> json_value({"multipliers": (1 + 2j,), "error": float("nan")})
+    {'multipliers': [[1.0, 2.0]], 'error': None}
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): json_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [json_value(item) for item in value]
+    if isinstance(value, complex):
+        return [json_value(value.real), json_value(value.imag)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
