@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from eppanalysis.errors import EppError
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 TABLES = (".csv", ".nc")
+_Engine = Literal["h5netcdf", "netcdf4"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,10 +167,13 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
     from importlib.util import find_spec
 
     # Named, because xarray takes h5netcdf as soon as it is there, with or without the h5py that it needs.
-    complete = {"h5netcdf": ("h5netcdf", "h5py"), "netcdf4": ("netCDF4",)}
-    engines = [name for name, needed in complete.items() if all(find_spec(module) for module in needed)]
+    complete: tuple[tuple[_Engine, tuple[str, ...]], ...] = (
+        ("h5netcdf", ("h5netcdf", "h5py")),
+        ("netcdf4", ("netCDF4",)),
+    )
+    engines = [name for name, needed in complete if all(find_spec(module) for module in needed)]
     with _atomic(path) as part:
-        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")  # type: ignore[call-overload]
+        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
@@ -137,8 +138,7 @@ def plot_ladder(ladder: Ladder) -> Figure:
     second = "sensor_force" if "sensor_force" in others else others[0] if others else None
     names = [ladder.signal] if second is None else [ladder.signal, second]
     n = len(names)
-    figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.08)  # type: ignore[union-attr, call-arg]
+    figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout=ConstrainedLayoutEngine(wspace=0.08))
     grid = figure.add_gridspec(2 * n, 2, height_ratios=[1.0] * n + [2.6 / n] * n)
     runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
     close = [figure.add_subplot(grid[n + i, 0]) for i in range(n)]
@@ -265,8 +265,15 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         text = (
             f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {name} {factor * cycle.amplitude(name):.3g} {unit}"
         )
-        style = {"mfc": face, "mec": GREEN, "mew": 1.5, "markersize": size, "linestyle": "none", "zorder": 5}
-        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text.strip()}", **style)  # type: ignore[arg-type]
+        style: dict[str, Any] = {
+            "mfc": face,
+            "mec": GREEN,
+            "mew": 1.5,
+            "markersize": size,
+            "linestyle": "none",
+            "zorder": 5,
+        }
+        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text.strip()}", **style)
         share = to_share.transform((point.real, point.imag))
         # Cycles at one point share their numbers.
         places.setdefault((round(50 * share[0]), round(50 * share[1])), []).append(i)
@@ -348,11 +355,10 @@ def _panels(n: int, height: float = _PANEL_HEIGHT) -> tuple[Figure, list[Axes]]:
 
 def _label_time(panels: Sequence[Axes], text: str) -> None:
     """The lowest panel of each column carries the label of the time axis, and all share its range."""
-    last_row = max(ax.get_subplotspec().rowspan.stop for ax in panels if ax.get_subplotspec())  # type: ignore[union-attr]
+    placed = [(ax, spec) for ax in panels if (spec := ax.get_subplotspec()) is not None]
+    last_row = max(spec.rowspan.stop for _, spec in placed)
     columns: dict[int, Axes] = {}
-    for ax in panels:
-        spec = ax.get_subplotspec()
-        assert spec is not None
+    for ax, spec in placed:
         columns[spec.colspan.start] = ax
         ax.margins(x=0.0)
         ax.tick_params(labelbottom=spec.rowspan.stop == last_row)

@@ -7,6 +7,8 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
+
 from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.case.schema import RampInput, RecordedInput, SineInput, StepInput
@@ -95,7 +97,7 @@ def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
             raise CaseError(str(path), f"line {number}, time", row[0], "a time that is not negative")
         times.append(time * factors[0])
         values.append(value * factors[1])
-    return Recorded(times, values)  # type: ignore[arg-type]
+    return Recorded(np.array(times), np.array(values))
 
 
 def _factors(header: list[str], unit: str, source: str) -> tuple[float, float]:

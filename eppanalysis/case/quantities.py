@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
@@ -86,15 +87,16 @@ def _tolerance(raw: Any, value: float, unit: str) -> float | None:
     return tolerance
 
 
-class _Field:
+class _Field(ABC):
     """Base of the field types: how pydantic calls them."""
 
+    @abstractmethod
     def read(self, raw: Any) -> Any:
-        raise NotImplementedError
+        """The value of a field, from what the file holds."""
 
+    @abstractmethod
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""
-        raise NotImplementedError
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Validate with :meth:`read`."""

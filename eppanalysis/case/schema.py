@@ -276,7 +276,7 @@ class LoopFile(_Model):
     expected: ExpectedSection = ExpectedSection()
 
 
-FILES: dict[str, type[_Model]] = {"elbow": ElbowFile, "loop": LoopFile}
+FILES: dict[str, type[ElbowFile] | type[LoopFile]] = {"elbow": ElbowFile, "loop": LoopFile}
 
 _SENTENCES = {
     "string_type": "a text",
@@ -306,7 +306,7 @@ def validate(raw: RawCase) -> ElbowFile | LoopFile:
     if model is None:
         raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in FILES))
     try:
-        return model.model_validate(raw.data)  # type: ignore[return-value]
+        return model.model_validate(raw.data)
     except ValidationError as error:
         found = error.errors(include_url=False)
         first = min(found, key=lambda e: (e["type"] != "extra_forbidden", e["type"] == "missing"))

@@ -38,14 +38,14 @@ class Zipped:
 
 
 @dataclass(frozen=True)
-class LatinHypercube:
-    """Latin hypercube sample of ranges, along one dimension "sample" (scipy.stats.qmc.LatinHypercube).
+class _Ranges:
+    """Ranges that are sampled along one dimension "sample".
 
     Attributes
     ----------
     ranges : mapping of str to (low, high) or "low:high:unit"
     n : int
-        Number of cells.
+        Number of cells; of a Sobol sample a power of two.
     seed : int
     """
 
@@ -54,21 +54,12 @@ class LatinHypercube:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Sobol:
-    """Scrambled Sobol sample of ranges, along one dimension "sample" (scipy.stats.qmc.Sobol).
+class LatinHypercube(_Ranges):
+    """Latin hypercube sample of `n` cells in `ranges`, along "sample" (scipy.stats.qmc.LatinHypercube)."""
 
-    Attributes
-    ----------
-    ranges : mapping of str to (low, high) or "low:high:unit"
-    n : int
-        Number of cells, a power of two.
-    seed : int
-    """
 
-    ranges: Mapping[str, Limits]
-    n: int
-    seed: int = 0
+class Sobol(_Ranges):
+    """Scrambled Sobol sample of `n` cells (a power of two) in `ranges`, along "sample" (scipy.stats.qmc.Sobol)."""
 
 
 @dataclass(frozen=True)
@@ -228,13 +219,14 @@ def _zipped(case: Case, axes: Zipped) -> Design:
 
 
 def _limits(case: Case, name: str, limits: Limits) -> tuple[float, float]:
+    ends: Sequence[Any] = limits
     if isinstance(limits, str):
         parts = [part.strip() for part in limits.split(":")]
         unit = parts.pop() if len(parts) == 3 else ""
-        limits = tuple(f"{part} {unit}".strip() for part in parts)  # type: ignore[assignment]
-    if len(limits) != 2:
+        ends = [f"{part} {unit}".strip() for part in parts]
+    if len(ends) != 2:
         raise EppError(f"sweep: the range of {name} is {_shown(limits)}; expected low:high:unit, as in 1:5:lbf.")
-    low, high = (case.si(name, value) for value in limits)
+    low, high = (case.si(name, value) for value in ends)
     if not low < high:
         shown = f"{case.text(name, low)} to {case.text(name, high)}"
         raise EppError(f"sweep: the range of {name} is {shown}; expected its lower end first.")

@@ -109,7 +109,7 @@ class ZarrStore:
 
         try:
             self.group: zarr.Group = zarr.open_group(str(self.path), mode="r+")
-            held: dict[str, Any] = dict(self.group.attrs.asdict())[_MARK]  # type: ignore[assignment]
+            held: Any = self.group.attrs.asdict()[_MARK]
             self.blocks = tuple(int(b) for b in held["blocks"])
             self.done = self.group[_DONE]
         except (KeyError, ValueError, TypeError, FileNotFoundError, NotADirectoryError) as error:
