@@ -18,7 +18,7 @@ from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_
 from eppanalysis.case.loops import build_loop, read_blocks
 from eppanalysis.case.motions import make_motion
 from eppanalysis.case.quantities import Parameter
-from eppanalysis.case.schema import FILES, ElbowFile, LoopFile, find_quantity, section_fields, validate
+from eppanalysis.case.schema import FILES, INPUTS, ElbowFile, LoopFile, find_quantity, section_fields, validate
 from eppanalysis.case.toml import write_toml
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.elbow import elbow
@@ -29,6 +29,9 @@ from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantit
 
 #: Fields whose change leaves the case's expected answers true.
 _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
+#: SI unit of the external input by the kind of case, and the units in which people read lengths.
+_INPUT_UNIT = {"elbow": "m", "loop": ""}
+_FRIENDLY = {"m": "mm", "m/s": "mm/s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,11 @@ class Case:
             raise CaseError(self.source, "kind", self.kind, "a case of the elbow")
         return self._elbow
 
+    @property
+    def input_unit(self) -> str:
+        """SI unit of the external input; empty where it has none."""
+        return _INPUT_UNIT[self.kind]
+
     def value(self, name: str) -> float:
         """A parameter in SI units; of the elbow also those that follow from others or are left at their default.
 
@@ -111,7 +119,9 @@ class Case:
         if name in self.parameters:
             return float(self.parameters[name].value)
         self._check_known(name, self.source)
-        found = _implied(self._elbow, name) if self._elbow is not None else None
+        if name == "run.t_end":
+            return self.t_end
+        found = _implied(self._elbow, name) if self._elbow is not None and not name.startswith("run.") else None
         if found is None:
             raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
         return found
@@ -146,7 +156,19 @@ class Case:
         self._check_known(name, self.source)
         if name in self.parameters:
             return self.parameters[name].unit, self.parameters[name].friendly
-        quantity = find_quantity(FILES["elbow"], name.split("."))
+        if name.startswith("run.input."):
+            return self._unit_of_input(name.removeprefix("run.input."))
+        quantity = find_quantity(FILES[self.kind], name.split("."))
+        return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
+
+    def _unit_of_input(self, name: str) -> tuple[str, str]:
+        """Units of a field of the input motion."""
+        if name in ("size", "amplitude"):
+            return self.input_unit, _FRIENDLY.get(self.input_unit, self.input_unit)
+        if name == "rate":
+            unit = f"{self.input_unit}/s" if self.input_unit else "Hz"
+            return unit, _FRIENDLY.get(unit, unit)
+        quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
     def text(self, name: str, value: float, digits: int = 6) -> str:
@@ -217,9 +239,12 @@ class Case:
         }
 
     def _known(self) -> list[str]:
+        given = (self._raw.data.get("run") or {}).get("input") or {}
+        motion = INPUTS[given["kind"]].model_fields if "kind" in given else {}
+        run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in ("kind", "file"))]
         if self.kind == "elbow":
-            return section_fields(ElbowFile, SECTIONS)
-        return [*self.parameters, "loop.gain", "loop.delay", "loop.time_step"]
+            return [*section_fields(ElbowFile, SECTIONS), *run]
+        return [*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]
 
     def _check_known(self, name: str, source: str, shown: object = None) -> None:
         known = self._known()
@@ -272,7 +297,7 @@ def _load_elbow(file: ElbowFile, raw: RawCase) -> Case:
     parameters = elbow_parameters(fields, raw)
     motion: Motion = Step(parameters.harness.step)
     if file.run.input is not None:
-        motion = make_motion(file.run.input, "m", raw)
+        motion = make_motion(file.run.input, _INPUT_UNIT["elbow"], raw)
     return Case(
         raw.name,
         file.title,
@@ -310,7 +335,7 @@ def _load_loop(file: LoopFile, raw: RawCase) -> Case:
     if file.run.input is not None:
         if not loop.inputs:
             raise CaseError(raw.origin("run.input"), "run.input", file.run.input.kind, "no input: the loop has none")
-        motion = make_motion(file.run.input, "", raw)
+        motion = make_motion(file.run.input, _INPUT_UNIT["loop"], raw)
     t_end, expected = float(file.run.t_end.value), make_expected(file.expected)
     if expected.signal is not None and expected.signal not in system.signals.names:
         wanted = f"one of {', '.join(system.signals.names)}"

@@ -168,6 +168,10 @@ class RecordedInput(_Model):
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
 
 
+#: Motions by their kind.
+INPUTS: dict[str, type[_Model]] = {"step": StepInput, "ramp": RampInput, "sine": SineInput, "recorded": RecordedInput}
+
+
 class RunSection(_Model):
     """How the case is simulated."""
 
