@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -51,6 +51,18 @@ class HybridStack:
     def n_cells(self) -> int:
         """Number of cells."""
         return len(self.x0)
+
+    def take(self, rows: IntArray) -> HybridStack:
+        """Some of the cells."""
+        model = type(self.model)(*(a[rows] for a in self.model))
+        return replace(
+            self,
+            model=model,
+            x0=self.x0[rows],
+            modes0=self.modes0[rows],
+            H0=self.H0[rows],
+            time_scale=self.time_scale[rows],
+        )
 
     @classmethod
     def of(cls, systems: Sequence[HybridSystem], signal_names: Sequence[str]) -> HybridStack:

@@ -25,6 +25,10 @@ _DIGITS = 1e-7
 _FOREARM = ("theta", "theta_dot")
 
 
+class NoRest(EppError):
+    """The loop has no resting state that its start leads to, so there is nothing to knock."""
+
+
 @dataclass(frozen=True)
 class Knock:
     """A disturbance of the resting loop that just starts a limit cycle.
@@ -68,7 +72,8 @@ def knock(
     input_value : mapping of str to float, optional
         Steady values of external inputs at which the loop rests [SI].
     states : sequence of str, optional
-        States that are knocked; by default the forearm's angle and velocity of an elbow, all states of another loop.
+        States that are knocked besides the inputs; by default the forearm's angle and velocity of an elbow, all states
+        of another loop.
     cycles : CycleSearch, optional
         From an earlier search, for the sizes to be tried.
 
@@ -79,10 +84,13 @@ def knock(
 
     Raises
     ------
+    NoRest
+        If the loop has no resting state that a run from its start reaches.
     EppError
-        If the loop has no resting state that a run from its start reaches, or there is no such state.
+        If there is no such state.
     """
-    found = cycles or find_limit_cycles(system, input_value)
+    # A search that found nothing is empty, and is a search all the same.
+    found = find_limit_cycles(system, input_value) if cycles is None else cycles
     if not found.stable:
         return ()
     hybrid = steady_hybrid(system, input_value)
@@ -130,7 +138,7 @@ def _rest(hybrid: HybridSystem, system: LureSystem, to: _Judge) -> HybridSystem:
             modes = start.modes0 if last is None else run.modes[last]
             held = start.H0 if last is None else run.held_values[last]
             return replace(start, x0=run.x_end, H0=held.copy(), modes0=modes.copy())
-    raise EppError(f"{system.name}: no resting state was reached from the start, so there is nothing to knock.")
+    raise NoRest(f"{system.name}: no resting state was reached from the start, so there is nothing to knock.")
 
 
 Direction = tuple[str, Callable[[float], HybridSystem], float]
@@ -154,8 +162,8 @@ def _directions(
         on = np.abs(system.D_input[:, i])
         reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
         yield name, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
-    wanted = states or ([n for n in _FOREARM if n in system.state_names] or system.state_names)
-    for name in wanted:
+    usual = [n for n in _FOREARM if n in system.state_names] or system.state_names
+    for name in usual if states is None else states:
         if name not in system.state_names:
             known = ", ".join(system.state_names)
             raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore
-from eppanalysis.sweep.verbs import Columns, Task, Work
+from eppanalysis.sweep.verbs import Columns, Task
+from eppanalysis.sweep.work import Work
 
 if TYPE_CHECKING:
     from distributed import Client

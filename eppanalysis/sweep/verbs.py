@@ -1,4 +1,4 @@
-"""What a sweep computes in a cell: columns of numbers by verb, a status for every cell, a sentence where it failed."""
+"""What a sweep reports of a cell: columns of numbers by verb, a status for every cell, a sentence where it failed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
-from eppanalysis.methods.batch import HybridStack, simulate_batch
-from eppanalysis.results import LimitCycle, Status
-from eppanalysis.sweep.axes import Axes, Design, make_design
-from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
+from eppanalysis.results import Status
+from eppanalysis.sweep.axes import Axes
 
 IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
-VERBS = ("simulate", "predict", "cycles")
+VERBS = ("simulate", "predict", "cycles", "knock")
 #: Prefix of a verb's variables; the run in time has the plain names.
 PREFIX = {"simulate": "", "predict": "predicted_", "cycles": "exact_"}
 #: Statuses by their code; 0 marks a cell that has not been computed, the last one a cell that could not be.
@@ -33,7 +31,8 @@ STATUS_SENTENCES = (
     "The cell could not be computed; its message says why.",
 )
 OUTCOMES = ("unknown", "settles", "oscillates", "diverges")
-_OUTCOME_OF = {Status.SETTLED: 1, Status.LIMIT_CYCLE: 2, Status.DIVERGED: 3}
+STABILITIES = ("unknown", "no_cycle", "stable", "unstable")
+KNOCKS = ("unknown", "no_cycle", "starts", "holds", "no_rest")
 
 
 @dataclass(frozen=True)
@@ -82,16 +81,43 @@ class Task:
         """The signal whose results have the plain names."""
         return self.signals[0]
 
+    def named_signals(self) -> list[tuple[str, str]]:
+        """Tail of the variables' names, and signal; the main one has none."""
+        return [(f"_{name}" if i else "", name) for i, name in enumerate(self.signals)]
+
+    @property
+    def judge(self) -> str | None:
+        """The verb by which predictions are judged: the run in time, or the exact cycle where there is no run."""
+        if "predict" not in self.verbs:
+            return None
+        return next((verb for verb in ("simulate", "cycles") if verb in self.verbs), None)
+
+    @property
+    def knocked(self) -> str:
+        """The external input that is knocked; the first state where there is none."""
+        system = self.case.to_system()
+        return (*system.input_names, *system.state_names)[0]
+
+    def _knock_variables(self) -> dict[str, Variable]:
+        unit = self.case.input_unit if self.case.to_system().input_names else ""
+        name = self.knocked
+        found = {"knock_outcome": Variable("i1", "", f"what a knock of {name} at rest does", KNOCKS)}
+        for tail, way in (("", "either way"), ("_up", "upwards"), ("_down", "downwards")):
+            text = f"smallest step of {name} {way} that starts a limit cycle from rest"
+            found[f"knock{tail}"] = Variable("f8", unit, text)
+        return found
+
     def variables(self) -> dict[str, Variable]:
         """All results, in order."""
         system = self.case.to_system()
         units = dict(zip(system.signals.names, system.signals.units or ("",) * len(system.signals.names), strict=True))
         found: dict[str, Variable] = {}
         for verb in self.verbs:
-            found |= _verb_variables(verb, self.signals, units)
-        if {"simulate", "predict"} <= set(self.verbs):
+            found |= self._knock_variables() if verb == "knock" else _verb_variables(verb, self.signals, units)
+        if self.judge is not None:
+            whom = "run" if self.judge == "simulate" else "exact cycle"
             for name in ("amplitude", "frequency"):
-                text = f"relative error of the first-order {name} against the run: predicted / simulated - 1"
+                text = f"relative error of the first-order {name} against the {whom}: predicted / true - 1"
                 found[f"first_order_error_{name}"] = Variable("f8", "1", text)
         found["status"] = Variable("i1", "", "how the computation of the cell ended", STATUS_NAMES)
         found["message"] = Variable("text", "", "why a cell failed")
@@ -106,7 +132,7 @@ def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | S
     EppError
         If there is no such verb or signal.
     """
-    verbs = (run,) if isinstance(run, str) else tuple(run)
+    verbs = VERBS if run == "all" else (run,) if isinstance(run, str) else tuple(run)
     for verb in verbs:
         if verb not in VERBS:
             raise EppError(f"sweep: run is {verb!r}; expected one or several of {', '.join(VERBS)}.")
@@ -143,144 +169,10 @@ def _verb_variables(verb: str, signals: Sequence[str], units: Mapping[str, str])
         found[f"{prefix}stable_cycles"] = Variable("i4", "", f"number of {words}stable limit cycles")
         found[f"{prefix}unstable_cycles"] = Variable("i4", "", f"number of {words}limit cycles not known to be stable")
         found[f"{prefix}error"] = Variable("f8", "1", f"estimated relative error of the {words}cycle")
+    if verb == "cycles":
+        found["exact_stability"] = Variable(
+            "i1", "", "whether an exact cycle is stable, or all are not", STABILITIES
+        )
+        text = "largest Floquet multiplier of the stable cycle: the share of a disturbance that is left a period on"
+        found["exact_multiplier"] = Variable("f8", "1", text)
     return found
-
-
-@dataclass(frozen=True, eq=False)
-class Work:
-    """A task made ready to compute blocks of cells; equal for equal tasks, wherever it is made."""
-
-    task: Task
-    design: Design
-    builder: Builder
-
-    @classmethod
-    def of(cls, task: Task) -> Work:
-        """Make ready."""
-        design = make_design(task.case, task.axes)
-        fast = "simulate" in task.verbs and not task.case.to_system().time_step
-        return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
-
-    def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
-        """Results of a block of cells, the last axis fastest; never raises for a cell.
-
-        Parameters
-        ----------
-        bounds : sequence of (first, last + 1)
-            By dimension.
-        """
-        places = np.indices([stop - start for start, stop in bounds]).reshape(len(bounds), -1).T
-        places = places + np.array([start for start, _ in bounds])
-        out = {name: variable.empty(len(places)) for name, variable in self.task.variables().items()}
-        for verb in self.task.verbs:
-            if verb == "simulate":
-                self._simulate(places, out)
-            else:
-                self._search(verb, places, out)
-        if "first_order_error_amplitude" in out:
-            with np.errstate(all="ignore"):
-                for name in ("amplitude", "frequency"):
-                    both = (out["outcome"] == 2) & (out["predicted_outcome"] == 2)
-                    ratio = out[f"predicted_{name}"] / out[name] - 1.0
-                    out[f"first_order_error_{name}"] = np.where(both & np.isfinite(ratio), ratio, np.nan)
-        return out
-
-    def _simulate(self, places: IntArray, out: Columns) -> None:
-        if self.task.case.to_system().time_step:
-            for row in range(len(places)):
-                self._guarded(row, places, out, self._iterate)
-            return
-        stacks, wrong = self.builder.stacks(places)
-        for row, text in wrong.items():
-            _fail(out, row, text)
-        for rows, stack in stacks:
-            self._run_stack(rows, stack, out)
-
-    def _run_stack(self, rows: IntArray, stack: HybridStack, out: Columns) -> None:
-        try:
-            result = simulate_batch(stack, self.task.case.t_end)
-        except Exception as error:
-            for row in rows.tolist():
-                _fail(out, row, sentence(error))
-            return
-        for name, values in (
-            ("frequency", 1.0 / result.period),
-            ("events", result.events),
-            ("last_event", result.last_event),
-            ("change", result.change),
-        ):
-            out[name][rows] = values
-        for i, signal in enumerate(self.task.signals):
-            tail = f"_{signal}" if i else ""
-            out[f"amplitude{tail}"][rows] = 0.5 * result.peak_to_peak[signal]
-            out[f"mean{tail}"][rows] = result.mean[signal]
-        out["status"][rows] = [STATUS_CODE[s] for s in result.status]
-        out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
-
-    def _iterate(self, row: int, case: Case, out: Columns) -> None:
-        """A loop in discrete time, one by one."""
-        from eppanalysis.methods.simulate import simulate
-
-        run = simulate(case.to_system(), case.input, case.t_end)
-        out["status"][row], out["outcome"][row] = STATUS_CODE[run.status], _OUTCOME_OF.get(run.status, 0)
-        out["events"][row] = len(run.events)
-        if run.events:
-            out["last_event"][row] = run.events[-1].time
-        cycle = run.limit_cycle
-        for i, signal in enumerate(self.task.signals):
-            tail = f"_{signal}" if i else ""
-            if cycle is not None:
-                out[f"amplitude{tail}"][row] = 0.5 * cycle.peak_to_peak[signal]
-                out[f"mean{tail}"][row] = cycle.mean[signal]
-            elif signal in run.settled_at:
-                out[f"amplitude{tail}"][row], out[f"mean{tail}"][row] = 0.0, run.settled_at[signal]
-        if cycle is not None:
-            out["frequency"][row], out["change"][row] = cycle.frequency, cycle.error_estimate
-
-    def _search(self, verb: str, places: IntArray, out: Columns) -> None:
-        search = self._predict if verb == "predict" else self._cycles
-        for row in range(len(places)):
-            if out["status"][row] != FAILED:
-                self._guarded(row, places, out, search)
-
-    def _guarded(self, row: int, places: IntArray, out: Columns, compute: Any) -> None:
-        try:
-            compute(row, case_of(self.task.case, self.design, places[row]), out)
-        except Exception as error:
-            _fail(out, row, sentence(error))
-
-    def _predict(self, row: int, case: Case, out: Columns) -> None:
-        from eppanalysis.methods.describing import predict_limit_cycles
-
-        found = predict_limit_cycles(case.to_system(), case.final_input())
-        self._fill(PREFIX["predict"], row, found.cycles, out)
-        if out["status"][row] == NOT_RUN:
-            out["status"][row] = STATUS_CODE[found.status]
-
-    def _cycles(self, row: int, case: Case, out: Columns) -> None:
-        from eppanalysis.methods.cycles import find_limit_cycles
-
-        found = find_limit_cycles(case.to_system(), case.final_input())
-        self._fill(PREFIX["cycles"], row, found.cycles, out)
-        if out["status"][row] == NOT_RUN:
-            out["status"][row] = STATUS_CODE[found.status]
-
-    def _fill(self, prefix: str, row: int, cycles: Sequence[LimitCycle], out: Columns) -> None:
-        """Counts, and the largest stable cycle."""
-        stable = [c for c in cycles if c.stable]
-        out[f"{prefix}stable_cycles"][row] = len(stable)
-        out[f"{prefix}unstable_cycles"][row] = len(cycles) - len(stable)
-        out[f"{prefix}outcome"][row] = 2 if stable else 1
-        if not stable:
-            return
-        cycle = max(stable, key=lambda c: c.peak_to_peak[self.task.main_signal])
-        out[f"{prefix}frequency"][row], out[f"{prefix}error"][row] = cycle.frequency, cycle.error_estimate
-        for i, signal in enumerate(self.task.signals):
-            tail = f"_{signal}" if i else ""
-            out[f"{prefix}amplitude{tail}"][row] = 0.5 * cycle.peak_to_peak[signal]
-            out[f"{prefix}mean{tail}"][row] = cycle.mean[signal]
-
-
-def _fail(out: Columns, row: int, text: str) -> None:
-    """A cell that could not be computed, and why."""
-    out["status"][row], out["message"][row] = FAILED, text

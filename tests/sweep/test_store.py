@@ -18,7 +18,8 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.sweep import open_sweep, sweep
 from eppanalysis.sweep.store import ZarrStore, block_shape
-from eppanalysis.sweep.verbs import NOT_RUN, Work
+from eppanalysis.sweep.verbs import NOT_RUN
+from eppanalysis.sweep.work import Work
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})
 AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}

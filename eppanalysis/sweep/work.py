@@ -1,0 +1,246 @@
+"""Computes the cells of a sweep, block by block; a cell that cannot be computed gets a status and a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eppanalysis.case import Case
+from eppanalysis.methods.batch import HybridStack, simulate_batch
+from eppanalysis.results import LimitCycle, Status
+from eppanalysis.sweep.axes import Design, make_design
+from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
+from eppanalysis.sweep.verbs import (
+    FAILED,
+    KNOCKS,
+    NOT_RUN,
+    OUTCOMES,
+    PREFIX,
+    STABILITIES,
+    STATUS_CODE,
+    Columns,
+    IntArray,
+    Task,
+)
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.cycles import CycleSearch
+
+_OUTCOME_OF = {
+    Status.SETTLED: OUTCOMES.index("settles"),
+    Status.LIMIT_CYCLE: OUTCOMES.index("oscillates"),
+    Status.DIVERGED: OUTCOMES.index("diverges"),
+}
+_SETTLES, _OSCILLATES, _DIVERGES = (OUTCOMES.index(name) for name in ("settles", "oscillates", "diverges"))
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A task made ready to compute blocks of cells; equal for equal tasks, wherever it is made."""
+
+    task: Task
+    design: Design
+    builder: Builder
+
+    @classmethod
+    def of(cls, task: Task) -> Work:
+        """Make ready."""
+        design = make_design(task.case, task.axes)
+        fast = "simulate" in task.verbs and not task.case.to_system().time_step
+        return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
+
+    def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
+        """Results of a block of cells, the last axis fastest; never raises for a cell.
+
+        Parameters
+        ----------
+        bounds : sequence of (first, last + 1)
+            By dimension.
+        """
+        places = np.indices([stop - start for start, stop in bounds]).reshape(len(bounds), -1).T
+        places = places + np.array([start for start, _ in bounds])
+        out = {name: variable.empty(len(places)) for name, variable in self.task.variables().items()}
+        one_by_one = [verb for verb in self.task.verbs if verb != "simulate"]
+        if "simulate" in self.task.verbs:
+            if self.task.case.to_system().time_step:
+                one_by_one.insert(0, "simulate")
+            else:
+                self._simulate(places, out)
+        if one_by_one:
+            self._each(places, one_by_one, out)
+        if self.task.judge is not None:
+            _judge(PREFIX[self.task.judge], out)
+        return out
+
+    def _simulate(self, places: IntArray, out: Columns) -> None:
+        stacks, wrong = self.builder.stacks(places)
+        for row, text in wrong.items():
+            _fail(out, row, text)
+        ends = self._ends(places)
+        for rows, stack in stacks:
+            for t_end in np.unique(ends[rows]):
+                chosen = ends[rows] == t_end
+                part = stack if chosen.all() else stack.take(np.flatnonzero(chosen))
+                self._run_stack(rows[chosen], part, float(t_end), out)
+
+    def _ends(self, places: IntArray) -> np.ndarray:
+        """How long the run of each cell is [s], shape (cells,)."""
+        for axis, dimension in enumerate(self.design.dimensions):
+            if "run.t_end" in dimension.values:
+                return dimension.values["run.t_end"][places[:, axis]]
+        return np.full(len(places), self.task.case.t_end)
+
+    def _run_stack(self, rows: IntArray, stack: HybridStack, t_end: float, out: Columns) -> None:
+        try:
+            result = simulate_batch(stack, t_end)
+        except Exception as error:
+            for row in rows.tolist():
+                _fail(out, row, sentence(error))
+            return
+        for name, values in (
+            ("frequency", 1.0 / result.period),
+            ("events", result.events),
+            ("last_event", result.last_event),
+            ("change", result.change),
+        ):
+            out[name][rows] = values
+        for tail, signal in self.task.named_signals():
+            out[f"amplitude{tail}"][rows] = 0.5 * result.peak_to_peak[signal]
+            out[f"mean{tail}"][rows] = result.mean[signal]
+        out["status"][rows] = [STATUS_CODE[s] for s in result.status]
+        out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
+
+    def _each(self, places: IntArray, verbs: Sequence[str], out: Columns) -> None:
+        """Verbs that take one cell at a time."""
+        for row in range(len(places)):
+            if out["status"][row] == FAILED:
+                continue
+            try:
+                cell = _Cell(self.task, case_of(self.task.case, self.design, places[row]), row, out)
+                for verb in verbs:
+                    getattr(cell, verb)()
+            except Exception as error:
+                _fail(out, row, sentence(error))
+
+
+@dataclass(eq=False)
+class _Cell:
+    """One cell under way: its verbs share what they need of each other."""
+
+    task: Task
+    case: Case
+    row: int
+    out: Columns
+
+    @cached_property
+    def search(self) -> CycleSearch:
+        """All exact limit cycles."""
+        from eppanalysis.methods.cycles import find_limit_cycles
+
+        return find_limit_cycles(self.case.to_system(), self.case.final_input())
+
+    def put(self, name: str, value: float) -> None:
+        """Keep a result."""
+        self.out[name][self.row] = value
+
+    def end(self, status: Status) -> None:
+        """The status of the cell is that of its first verb."""
+        if self.out["status"][self.row] == NOT_RUN:
+            self.put("status", STATUS_CODE[status])
+
+    def simulate(self) -> None:
+        """A loop in discrete time."""
+        from eppanalysis.methods.simulate import simulate
+
+        run = simulate(self.case.to_system(), self.case.input, self.case.t_end)
+        self.end(run.status)
+        self.put("outcome", _OUTCOME_OF.get(run.status, 0))
+        self.put("events", len(run.events))
+        if run.events:
+            self.put("last_event", run.events[-1].time)
+        cycle = run.limit_cycle
+        if cycle is not None:
+            self.put("frequency", cycle.frequency)
+            self.put("change", cycle.error_estimate)
+        for tail, signal in self.task.named_signals():
+            if cycle is not None:
+                self.put(f"amplitude{tail}", 0.5 * cycle.peak_to_peak[signal])
+                self.put(f"mean{tail}", cycle.mean[signal])
+            elif signal in run.settled_at:
+                self.put(f"amplitude{tail}", 0.0)
+                self.put(f"mean{tail}", run.settled_at[signal])
+
+    def predict(self) -> None:
+        """Describing functions."""
+        from eppanalysis.methods.describing import predict_limit_cycles
+
+        found = predict_limit_cycles(self.case.to_system(), self.case.final_input())
+        stable = self._cycles("predict", found.cycles)
+        self.put("predicted_outcome", _SETTLES if stable is None else _OSCILLATES)
+        self.end(found.status)
+
+    def cycles(self) -> None:
+        """Exact orbits."""
+        found = self.search
+        stable = self._cycles("cycles", found.cycles)
+        where = _SETTLES if found.rests else _DIVERGES if found.diverges else 0
+        self.put("exact_outcome", where if stable is None else _OSCILLATES)
+        kind = "no_cycle" if not len(found) else "unstable" if stable is None else "stable"
+        self.put("exact_stability", STABILITIES.index(kind))
+        if stable is not None and stable.multipliers is not None and stable.multipliers.size:
+            self.put("exact_multiplier", float(np.max(np.abs(stable.multipliers))))
+        self.end(found.status)
+
+    def knock(self) -> None:
+        """The smallest step that starts a cycle which coexists with rest."""
+        from eppanalysis.methods.knock import NoRest, knock
+
+        system = self.case.to_system()
+        kind = "no_cycle"
+        if self.search.stable:
+            states = () if system.input_names else (self.task.knocked,)
+            try:
+                found = [k for k in knock(system, cycles=self.search, states=states) if k.name == self.task.knocked]
+                starts = [k.size for k in found if np.isfinite(k.size)]
+                kind = "starts" if starts else "holds" if found else "unknown"
+                for size in starts:
+                    self.put("knock_up" if size > 0 else "knock_down", abs(size))
+                if starts:
+                    self.put("knock", min(map(abs, starts)))
+            except NoRest:
+                kind = "no_rest"
+        self.put("knock_outcome", KNOCKS.index(kind))
+        self.end(self.search.status)
+
+    def _cycles(self, verb: str, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
+        """Counts, and the largest stable cycle, which is returned."""
+        prefix, stable = PREFIX[verb], [c for c in cycles if c.stable]
+        self.put(f"{prefix}stable_cycles", len(stable))
+        self.put(f"{prefix}unstable_cycles", len(cycles) - len(stable))
+        if not stable:
+            return None
+        cycle = max(stable, key=lambda c: c.peak_to_peak[self.task.main_signal])
+        self.put(f"{prefix}frequency", cycle.frequency)
+        self.put(f"{prefix}error", cycle.error_estimate)
+        for tail, signal in self.task.named_signals():
+            self.put(f"{prefix}amplitude{tail}", 0.5 * cycle.peak_to_peak[signal])
+            self.put(f"{prefix}mean{tail}", cycle.mean[signal])
+        return cycle
+
+
+def _judge(truth: str, out: Columns) -> None:
+    """Errors of the first-order cycle where both it and the true one are there."""
+    both = (out[f"{truth}outcome"] == _OSCILLATES) & (out["predicted_outcome"] == _OSCILLATES)
+    with np.errstate(all="ignore"):
+        for name in ("amplitude", "frequency"):
+            ratio = out[f"predicted_{name}"] / out[f"{truth}{name}"] - 1.0
+            out[f"first_order_error_{name}"] = np.where(both & np.isfinite(ratio), ratio, np.nan)
+
+
+def _fail(out: Columns, row: int, text: str) -> None:
+    """A cell that could not be computed, and why."""
+    out["status"][row], out["message"][row] = FAILED, text
