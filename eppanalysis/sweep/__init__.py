@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,8 +87,9 @@ def sweep(
     >>> [round(float(f), 2) for f in found["frequency"]]
     [nan, 8.97]
     """
+    from eppanalysis.sweep.progress import progress as show_progress
     from eppanalysis.sweep.schedule import run_blocks
-    from eppanalysis.sweep.store import MemoryStore, ZarrStore
+    from eppanalysis.sweep.store import MemoryStore, ZarrStore, cells_in
     from eppanalysis.sweep.verbs import make_task
 
     design = make_design(case, axes)
@@ -101,8 +101,10 @@ def sweep(
         kept = MemoryStore(task, design, attributes, size)
     else:
         kept = ZarrStore(Path(store), task, design, attributes, size, resume)
-    with _progress(design.n_cells, progress) as report:
-        run_blocks(task, kept, scheduler, workers, report)
+    blocks = kept.pending()
+    missing = sum(map(cells_in, blocks))
+    with show_progress(design.n_cells, design.n_cells - missing, progress) as report:
+        run_blocks(task, blocks, kept, scheduler, workers, report)
     return kept.dataset()
 
 
@@ -162,25 +164,3 @@ def _per_readable(unit: str, readable: str) -> float:
     from eppanalysis.units import parse_quantity
 
     return parse_quantity(f"1 {readable}", unit) if readable and readable != unit else 1.0
-
-
-@contextmanager
-def _progress(n_cells: int, wanted: bool) -> Iterator[Callable[[int], None]]:
-    """Bar with cells, rate and time left; nothing where nobody looks."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.text import Text
-
-    console = Console(stderr=True)
-    if not (wanted and (console.is_terminal or console.is_jupyter)):
-        yield lambda n: None
-        return
-
-    class _Rate(ProgressColumn):
-        def render(self, task: Any) -> Text:
-            return Text(f"{task.speed:.0f} cells/s" if task.speed else "")
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bar:
-        job = bar.add_task("cells", total=n_cells)
-        yield lambda n: bar.advance(job, n)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
-from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore
+from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.verbs import Columns, Task
 from eppanalysis.sweep.work import Work
 
@@ -25,12 +25,16 @@ Report = Callable[[int], None]
 _AHEAD, _TRIES = 2, 20
 
 
-def run_blocks(task: Task, store: Store, scheduler: str, workers: int | None, report: Report) -> None:
-    """Compute and keep all blocks that the store misses.
+def run_blocks(
+    task: Task, blocks: Sequence[Bounds], store: Store, scheduler: str, workers: int | None, report: Report
+) -> None:
+    """Compute and keep blocks of cells.
 
     Parameters
     ----------
     task : Task
+    blocks : sequence of Bounds
+        Those that the store misses.
     store : MemoryStore or ZarrStore
     scheduler : str
         "threads", "processes", or the address of a Dask scheduler ("tcp://host:8786").
@@ -46,7 +50,6 @@ def run_blocks(task: Task, store: Store, scheduler: str, workers: int | None, re
     """
     if workers is not None and workers < 1:
         raise EppError(f"sweep: workers is {workers}; expected 1 or more.")
-    blocks = store.pending()
     if scheduler == "threads":
         _on_threads(Work.of(task), blocks, store, workers or _cores(), report)
         return
@@ -58,20 +61,13 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _size(bounds: Bounds) -> int:
-    n = 1
-    for start, stop in bounds:
-        n *= stop - start
-    return n
-
-
 def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int, report: Report) -> None:
     """All blocks as one Dask graph; a thread keeps what it has computed before it takes the next block."""
     from dask.threaded import get
 
     def compute(bounds: Bounds) -> None:
         store.write(bounds, work.block(bounds))
-        report(_size(bounds))
+        report(cells_in(bounds))
 
     graph = {("block", i): (compute, bounds) for i, bounds in enumerate(blocks)}
     get(graph, list(graph), num_workers=workers)
@@ -154,13 +150,13 @@ def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Sto
         if future.status == "finished":
             store.write(bounds, future.result())
             del window.tries[bounds]
-            report(_size(bounds))
+            report(cells_in(bounds))
         elif not _is_loss(future):
             future.result()  # raises what went wrong
         elif window.tries[bounds] < _TRIES:
             window.submit(bounds)
         else:
-            lost += _size(bounds)
+            lost += cells_in(bounds)
     if lost:
         raise EppError(
             f"sweep: {lost} cells were lost with their workers {_TRIES} times; expected workers that stay alive "

@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -230,6 +231,11 @@ def block_shape(shape: Sequence[int], chunk: int) -> tuple[int, ...]:
 
     cut = normalize_chunks("auto", shape=tuple(shape), limit=8 * max(1, chunk), dtype=np.dtype("f8"))
     return tuple(int(max(sizes)) for sizes in cut)
+
+
+def cells_in(bounds: Bounds) -> int:
+    """Number of cells of a block."""
+    return prod(stop - start for start, stop in bounds)
 
 
 def _all_bounds(shape: Sequence[int], blocks: Sequence[int]) -> Iterator[Bounds]:

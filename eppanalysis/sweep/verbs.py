@@ -170,9 +170,7 @@ def _verb_variables(verb: str, signals: Sequence[str], units: Mapping[str, str])
         found[f"{prefix}unstable_cycles"] = Variable("i4", "", f"number of {words}limit cycles not known to be stable")
         found[f"{prefix}error"] = Variable("f8", "1", f"estimated relative error of the {words}cycle")
     if verb == "cycles":
-        found["exact_stability"] = Variable(
-            "i1", "", "whether an exact cycle is stable, or all are not", STABILITIES
-        )
+        found["exact_stability"] = Variable("i1", "", "whether an exact cycle is stable, or all are not", STABILITIES)
         text = "largest Floquet multiplier of the stable cycle: the share of a disturbance that is left a period on"
         found["exact_multiplier"] = Variable("f8", "1", text)
     return found
