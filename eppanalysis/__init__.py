@@ -64,7 +64,12 @@ if TYPE_CHECKING:
         Sine as Sine,
         StictionPulley as StictionPulley,
     )
-    from eppanalysis.plots_map import plot_design_map as plot_design_map
+    from eppanalysis.plots_map import (
+        plot_design_map as plot_design_map,
+        plot_parallel as plot_parallel,
+        plot_slices as plot_slices,
+        plot_sweep as plot_sweep,
+    )
     from eppanalysis.results import (
         Event as Event,
         LimitCycle as LimitCycle,
@@ -80,6 +85,11 @@ if TYPE_CHECKING:
         open_sweep as open_sweep,
         sweep as sweep,
     )
+    from eppanalysis.sweep.boundary import (
+        Boundary as Boundary,
+        fold_boundary as fold_boundary,
+        outcome_boundary as outcome_boundary,
+    )
 
 __version__ = "0.1.0"
 
@@ -94,8 +104,9 @@ _NAMES = {
     "methods.knock": ("Knock", "knock"),
     "methods.ladder": ("Ladder", "ladder"),
     "methods.simulate": ("simulate",),
-    "plots_map": ("plot_design_map",),
+    "plots_map": ("plot_design_map", "plot_parallel", "plot_slices", "plot_sweep"),
     "sweep": ("LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"),
+    "sweep.boundary": ("Boundary", "fold_boundary", "outcome_boundary"),
     "models.elbow": ("ElbowParameters", "elbow"),
     "models.linear": ("StateSpace",),
     "models.lure": ("LureSystem",),

@@ -8,15 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Settings, load_case, split_pair
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
     import xarray
 
+    from eppanalysis.case import Case
     from eppanalysis.sweep.axes import Axes
+    from eppanalysis.sweep.boundary import Boundary
 
-_FILES = (".zarr", ".nc", ".png", ".svg", ".pdf")
+_PICTURES = (".png", ".svg", ".pdf")
+_BOUNDARIES = ("folds", "predict", "cycles", "simulate")
+#: Values along each axis of the grid from which a boundary is refined.
+_COARSE = 11
 
 AxesOption = Annotated[
     list[str],
@@ -28,7 +33,8 @@ AxesOption = Annotated[
     ),
 ]
 RunOption = Annotated[
-    list[str], typer.Option("--run", metavar="VERB", help="simulate, predict or cycles; repeatable. [simulate]")
+    list[str],
+    typer.Option("--run", metavar="VERB", help="simulate, predict, cycles, knock, or all; repeatable. [simulate]"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
@@ -50,6 +56,19 @@ Target = Annotated[
         show_default=False,
     ),
 ]
+Picture = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="FILE", help="Also a picture (.png, .svg, .pdf).", show_default=False),
+]
+Boundaries = Annotated[
+    list[str],
+    typer.Option(
+        "--boundary",
+        metavar="KIND",
+        help="Draw a boundary on the map: folds (exact), predict (describing functions), cycles (exact orbits) or "
+        "simulate; takes minutes. Repeatable.",
+    ),
+]
 
 
 def sweep(
@@ -65,8 +84,10 @@ def sweep(
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with a store that is there.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
+    as_json: Json = False,
     output: Target = None,
+    picture: Picture = None,
+    boundaries: Boundaries = NOTHING,
 ) -> None:
     """Sweep a grid or a sample of a case: outcome, amplitude and frequency of every cell.
 
@@ -74,29 +95,38 @@ def sweep(
     """
     from eppanalysis.sweep import sweep as run_sweep
 
-    _check_output(output)
-    found = load_case(case, settings)
-    wanted: Any = signals or None
+    if output is not None and output.suffix.lower() in _PICTURES:
+        output, picture = None, picture or output
+    _check_output(output, picture)
+    found, over = load_case(case, settings), _axes(axes, design, n, seed)
+    _check_boundaries(boundaries, over, picture)
     store = output if output is not None and output.suffix == ".zarr" else None
     try:
         dataset = run_sweep(
             found,
-            _axes(axes, design, n, seed),
-            run or "simulate",
-            signals="all" if wanted == ["all"] else wanted,
+            over,
+            _one_or_more(run) or "simulate",
+            signals=_one_or_more(signals),
             scheduler=scheduler,
             workers=workers,
             chunk=chunk,
             store=store,
             resume=resume,
         )
+        curves = [_boundary(found, over, name, scheduler, workers) for name in boundaries]
     except KeyboardInterrupt:
         where = "what is done is kept; the same command goes on." if store else "nothing is kept without -o FILE.zarr."
         typer.echo(f"Interrupted: {where}", err=True)
         raise typer.Exit(130) from None
-    if output is not None and store is None:
-        _write(dataset, output)
-    _report(dataset, output, as_json)
+    _write(dataset, None if store else output, picture, curves)
+    counts = _counts(dataset)
+    if as_json:
+        files = {"output": output, "picture": picture}
+        shown = {name: None if path is None else str(path) for name, path in files.items()}
+        summary = {**counts, **shown, "boundaries": [curve.to_dict() for curve in curves]}
+        print_json("sweep", [(found, summary)], settings)
+        return
+    _report(dataset, counts, curves)
 
 
 def _axes(texts: Sequence[str], design: str, n: int, seed: int) -> Axes:
@@ -123,49 +153,79 @@ def _axes(texts: Sequence[str], design: str, n: int, seed: int) -> Axes:
     raise EppError(f"--design {design}: is not known; expected grid, zip, latin, sobol or tolerances.")
 
 
-def _check_output(output: Path | None) -> None:
+def _one_or_more(names: Sequence[str]) -> Any:
+    """Names as a sweep takes them: "all" stands alone."""
+    return names[0] if len(names) == 1 else tuple(names) or None
+
+
+def _check_output(output: Path | None, picture: Path | None) -> None:
     from eppanalysis.export import check_target
 
-    if output is None:
-        return
-    if output.suffix == ".zarr":
+    if output is not None and output.suffix == ".zarr":
         if not output.absolute().parent.is_dir():
             raise EppError(f"{output}: the folder {str(output.parent)!r} does not exist; expected an existing one.")
-        return
-    check_target(output, _FILES)
+    elif output is not None:
+        check_target(output, (".zarr", ".nc", *_PICTURES))
+    if picture is not None:
+        check_target(picture, _PICTURES)
 
 
-def _write(dataset: xarray.Dataset, output: Path) -> None:
-    from eppanalysis.export import write_dataset, write_figure
-
-    if output.suffix.lower() == ".nc":
-        write_dataset(dataset.assign(message=dataset["message"].astype(object)), output)
-    else:
-        from eppanalysis.plots_map import plot_design_map
-
-        write_figure(plot_design_map(dataset), output)
+def _check_boundaries(names: Sequence[str], axes: Axes, picture: Path | None) -> None:
+    for name in names:
+        if name not in _BOUNDARIES:
+            raise EppError(f"--boundary {name}: is not known; expected one of {', '.join(_BOUNDARIES)}.")
+    if names and not (isinstance(axes, dict) and len(axes) == 2 and picture is not None):
+        raise EppError("--boundary: is drawn on a map of a grid of two axes; expected two --axis and a picture.")
 
 
-def _report(dataset: xarray.Dataset, output: Path | None, as_json: bool) -> None:
-    """How many cells ended how, and the first sentence of those that failed."""
-    import json
-
+def _boundary(case: Case, axes: Axes, name: str, scheduler: str, workers: int | None) -> Boundary:
+    """A boundary over the map's axes, from a grid of its own that is coarse."""
     import numpy as np
 
-    counts = {}
-    for name in ("outcome", "predicted_outcome", "exact_outcome", "status"):
+    from eppanalysis.sweep.axes import make_design
+    from eppanalysis.sweep.boundary import fold_boundary, outcome_boundary
+
+    given = {k: v for d in make_design(case, axes).dimensions for k, v in d.values.items()}
+    coarse = {k: np.linspace(v.min(), v.max(), _COARSE).tolist() for k, v in given.items()}
+    if name == "folds":
+        return fold_boundary(case, coarse)
+    return outcome_boundary(case, coarse, name, scheduler=scheduler, workers=workers)
+
+
+def _write(dataset: xarray.Dataset, table: Path | None, picture: Path | None, curves: Sequence[Boundary]) -> None:
+    from eppanalysis.export import write_dataset, write_figure
+
+    if table is not None:
+        write_dataset(dataset.assign(message=dataset["message"].astype(object)), table)
+    if picture is not None:
+        from eppanalysis.plots_map import plot_sweep
+
+        write_figure(plot_sweep(dataset, curves), picture)
+
+
+def _counts(dataset: xarray.Dataset) -> dict[str, Any]:
+    """How many cells there are, and how many of them ended how."""
+    import numpy as np
+
+    counts: dict[str, Any] = {"cells": int(dataset["status"].size)}
+    for name in ("outcome", "predicted_outcome", "exact_outcome", "exact_stability", "knock_outcome", "status"):
         if name in dataset:
             words = dataset[name].attrs["flag_meanings"].split()
             codes, numbers = np.unique(dataset[name].values, return_counts=True)
             counts[name] = {words[int(c)]: int(k) for c, k in zip(codes, numbers, strict=True)}
-    cells = int(dataset["status"].size)
-    if as_json:
-        typer.echo(json.dumps({"cells": cells, **counts, "output": None if output is None else str(output)}, indent=2))
-        return
+    return counts
+
+
+def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Boundary]) -> None:
+    """How the cells ended, what the boundaries are, and the first sentence of the cells that failed."""
+    import numpy as np
+
     for name, found in counts.items():
-        parts = ", ".join(f"{number} {word.replace('_', ' ')}" for word, number in found.items())
-        typer.echo(f"{name.replace('_', ' ')} of {cells} cells: {parts}")
-    messages = dataset["message"].values
-    failed = np.flatnonzero(messages.ravel() != "")
-    if failed.size:
-        typer.echo(f"first failure: {messages.ravel()[failed[0]]}")
+        if name != "cells":
+            parts = ", ".join(f"{number} {word.replace('_', ' ')}" for word, number in found.items())
+            typer.echo(f"{name.replace('_', ' ')} of {counts['cells']} cells: {parts}")
+    for curve in curves:
+        typer.echo(f"boundary by {curve.label}: {curve.message}")
+    if "failed" in counts["status"]:
+        messages = dataset["message"].values.ravel()
+        typer.echo(f"first failure: {messages[np.flatnonzero(messages != '')[0]]}")

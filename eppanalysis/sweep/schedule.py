@@ -105,6 +105,19 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         yield client
 
 
+@contextmanager
+def address(scheduler: str, workers: int | None) -> Iterator[str]:
+    """Where several sweeps in a row find their workers, which are started once.
+
+    Parameters
+    ----------
+    scheduler, workers
+        As :func:`run_blocks` takes them, but for "threads", which need no address.
+    """
+    with _client(scheduler, workers) as client:
+        yield str(client.scheduler_info()["address"])
+
+
 def _block(work: Work, bounds: Bounds) -> Columns:
     return work.block(bounds)
 

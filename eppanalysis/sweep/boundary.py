@@ -1,0 +1,247 @@
+"""Boundaries in the plane of two parameters: where an outcome changes, and where exact cycles are born in folds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.results import Status
+from eppanalysis.sweep.axes import Axis, Zipped, make_design
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+
+Array = NDArray[np.float64]
+
+#: The variable by which each verb says whether a cell oscillates, and what that is called.
+_OUTCOMES = {"simulate": "outcome", "predict": "predicted_outcome", "cycles": "exact_outcome"}
+_WORDS = {"simulate": "run in time", "predict": "describing function", "cycles": "exact orbits"}
+_OSCILLATES = 2
+_NO_POINT = np.full((1, 2), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """A curve in the plane of two parameters, in one or several pieces.
+
+    Attributes
+    ----------
+    axes : (str, str)
+        Dotted names of the parameters.
+    points : array, shape (k, 2)
+        Points along the curve [SI]; rows of nan part its pieces.
+    label : str
+        What it is the boundary of, for a legend.
+    status : Status
+        CONVERGED, or NOT_CONVERGED when parts of it were not found.
+    message : str
+        How it was found.
+    provenance : dict
+    """
+
+    axes: tuple[str, str]
+    points: Array
+    label: str
+    status: Status
+    message: str
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def over(self, x: str, y: str) -> tuple[Array, Array]:
+        """Values of `x` and of `y` along the curve.
+
+        Raises
+        ------
+        EppError
+            If the curve is over other parameters.
+        """
+        if {x, y} != set(self.axes):
+            raise EppError(f"The boundary is over {' and '.join(self.axes)}; expected a map of the same axes.")
+        first = self.axes.index(x)
+        return self.points[:, first], self.points[:, 1 - first]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {
+            "axes": list(self.axes),
+            "points": self.points.tolist(),
+            "label": self.label,
+            "status": self.status.name.lower(),
+            "message": self.message,
+            "provenance": dict(self.provenance),
+        }
+
+
+def outcome_boundary(
+    case: Case,
+    axes: Mapping[str, Axis],
+    run: str = "predict",
+    *,
+    halvings: int = 5,
+    scheduler: str = "threads",
+    workers: int | None = None,
+    progress: bool = True,
+) -> Boundary:
+    """Where a verb's outcome changes between oscillation and rest, over two axes.
+
+    A coarse grid is swept first; then every edge between two cells that differ is halved again and again. All of this
+    are sweeps, so it runs where a sweep runs. What is smaller than a cell of the coarse grid may be missed.
+
+    Parameters
+    ----------
+    case : Case
+    axes : mapping of str to axis
+        Two axes as for a grid, coarse: ten values or so each.
+    run : {"predict", "simulate", "cycles"}
+        Whose outcome: describing functions, runs in time, or exact orbits.
+    halvings : int
+        How often an edge is halved; the boundary lies within 2**-(halvings + 1) of an edge.
+    scheduler, workers, progress
+        As :func:`eppanalysis.sweep.sweep` takes them.
+
+    Returns
+    -------
+    Boundary
+
+    Raises
+    ------
+    EppError
+        If there are not two axes, or one of them or the verb is not valid.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> axes = {"relay_dead_zone.threshold": "0.5:3:4", "loop.gain": "1:5:3"}
+    >>> found = outcome_boundary(epp.case("relay_deadzone"), axes, "predict", halvings=2, progress=False)
+    >>> found.axes, found.status.name
+    (('relay_dead_zone.threshold', 'loop.gain'), 'CONVERGED')
+    """
+    from eppanalysis.sweep import schedule, sweep
+
+    if run not in _OUTCOMES:
+        raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
+    x, y = _two(axes)
+    where = nullcontext(scheduler) if scheduler == "threads" else schedule.address(scheduler, workers)
+    with where as place:
+        coarse = sweep(case, axes, run, scheduler=place, workers=workers, progress=progress)
+        inside = coarse[_OUTCOMES[run]].values == _OSCILLATES
+        grid = np.stack(np.meshgrid(coarse[x].values, coarse[y].values, indexing="ij"), axis=-1)
+        edges = _edges(inside)
+        ends = np.array([[grid[a], grid[b]] if inside[a] else [grid[b], grid[a]] for a, b in edges]).reshape(-1, 2, 2)
+        for _ in range(halvings if len(edges) else 0):
+            middle = ends.mean(axis=1)
+            points = Zipped({x: middle[:, 0].tolist(), y: middle[:, 1].tolist()})
+            found = sweep(case, points, run, scheduler=place, workers=workers, progress=progress)
+            within = found[_OUTCOMES[run]].values == _OSCILLATES
+            ends[np.arange(len(ends)), np.where(within, 0, 1)] = middle
+    crossings = dict(zip(edges, ends.mean(axis=1), strict=True))
+    return Boundary(
+        axes=(x, y),
+        points=_pieces(inside.shape, crossings),
+        label=_WORDS[run],
+        status=Status.CONVERGED,
+        message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
+        provenance={"case": case.name, "run": run},
+    )
+
+
+def fold_boundary(case: Case, axes: Mapping[str, Axis]) -> Boundary:
+    """The exact fold curve: for every value of the first axis, the value of the second at which cycles are born.
+
+    Parameters
+    ----------
+    case : Case
+    axes : mapping of str to axis
+        Two axes: how many values folds are looked for at, evenly from the least to the largest (ten or so), and the
+        range in which they are.
+
+    Returns
+    -------
+    Boundary
+        With status NOT_CONVERGED, and a gap, where a value of the first axis has no fold in the range.
+
+    Raises
+    ------
+    EppError
+        If there are not two axes, one of them is not valid, or no value of the first axis has a fold.
+    """
+    from eppanalysis.methods.folds import continue_folds
+
+    x, y = _two(axes)
+    design = make_design(case, axes)
+    given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))
+    rows, limits = np.linspace(given.min(), given.max(), given.size), (float(reach.max()), float(reach.min()))
+    found = np.full((rows.size, 2), np.nan)
+    i = 0
+    while i < rows.size:
+        # From one value to the next as far as the curve goes, and afresh from where it ends.
+        try:
+            curve = continue_folds(case, y, x, limits, (rows[i], rows[-1]), n_points=rows.size - i)
+        except EppError:
+            i += 1
+            continue
+        found[i : i + len(curve.values)] = curve.values[:, ::-1]
+        i += len(curve.values)
+    missing = int(np.sum(np.isnan(found[:, 0])))
+    if missing == rows.size:
+        raise EppError(f"fold_boundary: no fold in {y} was found at any value of {x}; expected a range that holds one.")
+    return Boundary(
+        axes=(x, y),
+        points=found,
+        label="exact fold",
+        status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
+        message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
+        provenance={"case": case.name, "limits": limits},
+    )
+
+
+def _two(axes: Mapping[str, Axis]) -> tuple[str, str]:
+    if not isinstance(axes, Mapping) or len(axes) != 2:
+        raise EppError("A boundary lies in the plane of two axes; expected axes by parameter, two of them.")
+    x, y = axes
+    return x, y
+
+
+Node = tuple[int, int]
+
+
+def _edges(inside: NDArray[np.bool_]) -> list[tuple[Node, Node]]:
+    """Pairs of neighbouring nodes of a grid that differ."""
+    across = [((i, j), (i + 1, j)) for i, j in np.argwhere(inside[1:] != inside[:-1]).tolist()]
+    up = [((i, j), (i, j + 1)) for i, j in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
+    return across + up
+
+
+def _pieces(shape: tuple[int, ...], crossings: Mapping[tuple[Node, Node], Array]) -> Array:
+    """Crossings joined within every square of the grid (marching squares), and the squares to curves."""
+    joined: dict[tuple[Node, Node], list[tuple[Node, Node]]] = {edge: [] for edge in crossings}
+    for i in range(shape[0] - 1):
+        for j in range(shape[1] - 1):
+            a, b, c, d = (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)
+            # In a square with four crossings, neighbouring ones round the corners a and c belong together.
+            cut = [edge for edge in ((a, d), (a, b), (b, c), (d, c)) if edge in joined]
+            for one, other in zip(cut[::2], cut[1::2], strict=False):
+                joined[one].append(other)
+                joined[other].append(one)
+    pieces = []
+    # Open curves from their ends, then what is left: closed ones.
+    for start in sorted(joined, key=lambda edge: (len(joined[edge]), edge)):
+        curve = _walk(start, joined)
+        if len(curve) > 1:
+            pieces += [np.array([crossings[edge] for edge in curve]), _NO_POINT]
+    return np.concatenate(pieces[:-1]) if pieces else np.zeros((0, 2))
+
+
+def _walk(start: tuple[Node, Node], joined: dict[tuple[Node, Node], list[tuple[Node, Node]]]) -> list[Any]:
+    """The curve that begins at an edge; its links are used up."""
+    curve = [start]
+    while joined[curve[-1]]:
+        following = joined[curve[-1]].pop()
+        joined[following].remove(curve[-1])
+        curve.append(following)
+    return curve

@@ -1,0 +1,118 @@
+"""The command ``sweep``: files, summaries, pictures with boundaries; what is wrong is one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import xarray
+
+from eppanalysis.sweep import open_sweep
+from tests.test_cli import one_sentence, run
+
+ELBOW = ("sweep", "fig8a_original", "--axis", "bands.range=2:3:2:lbf", "--axis", "lock_pin.backlash=0.5:2.5:2:deg")
+SHORT = (*ELBOW, "--set", "run.t_end=0.5 s")
+RELAY = ("sweep", "relay_deadzone", "--axis", "relay_dead_zone.threshold=0.5,1,4")
+
+
+def summary(*arguments: str) -> dict:
+    (case,) = json.loads(run(*arguments, "--json").stdout)["cases"]
+    return case["result"]
+
+
+def test_a_map_is_summarised_stored_and_drawn(tmp_path) -> None:
+    store, picture = tmp_path / "map.zarr", tmp_path / "map.png"
+    found = summary(*ELBOW, "-o", str(store), "--picture", str(picture))
+    assert found["cells"] == 4
+    assert found["outcome"] == {"settles": 2, "oscillates": 2}
+    assert found["output"] == str(store)
+    assert picture.stat().st_size > 1000
+    assert open_sweep(store)["outcome"].values.tolist() == [[1, 2], [1, 2]]
+    # The same command again finds all of it done.
+    assert "outcome of 4 cells: 2 settles, 2 oscillates" in run(*ELBOW, "-o", str(store)).stdout
+
+
+def test_settings_hold_in_every_cell(tmp_path) -> None:
+    run(*SHORT, "-o", str(tmp_path / "map.nc"))
+    with xarray.open_dataset(tmp_path / "map.nc") as found:
+        assert json.loads(found.attrs["provenance"])["settings"]["t_end"] == 0.5
+        assert found["amplitude"].dims == ("bands.range", "lock_pin.backlash")
+
+
+@pytest.mark.parametrize(
+    ("design", "axes"),
+    [
+        ("zip", ("bands.range=2:3:2:lbf", "lock_pin.backlash=1 deg,2 deg")),
+        ("latin", ("bands.range=2:3:lbf", "lock_pin.backlash=1:2:deg")),
+        ("sobol", ("bands.range=2:3:lbf", "lock_pin.backlash=1:2:deg")),
+        ("tolerances", ()),
+    ],
+)
+def test_designs_and_their_pictures(tmp_path, design, axes) -> None:
+    case = tmp_path / "case.toml"
+    case.write_text(
+        'base = "fig8a_original"\n[run]\nt_end = "0.5 s"\n[bands]\nrange = {value="2 lbf", tolerance="5 %"}'
+    )
+    options = [text for axis in axes for text in ("--axis", axis)]
+    picture = tmp_path / "sample.svg"
+    found = summary("sweep", str(case), *options, "--design", design, "--n", "2", "-o", str(picture))
+    assert found["cells"] == 2
+    assert "bands range" in picture.read_text(encoding="utf-8")
+
+
+def test_one_axis_is_drawn_as_slices_with_every_verb(tmp_path) -> None:
+    picture = tmp_path / "slices.svg"
+    found = summary(*RELAY, "--run", "all", "-o", str(picture))
+    assert found["exact_stability"] == {"no_cycle": 1, "stable": 2}
+    assert found["knock_outcome"] == {"no_cycle": 1, "starts": 2}
+    text = picture.read_text(encoding="utf-8")
+    assert "predicted" in text and "exact" in text and "frequency [Hz]" in text
+
+
+def test_boundaries_are_drawn_on_a_map(tmp_path) -> None:
+    picture = tmp_path / "map.svg"
+    arguments = (*RELAY[:2], "--axis", "relay_dead_zone.threshold=1:4:2", "--axis", "loop.gain=3:6:2")
+    result = run(*arguments, "--boundary", "simulate", "-o", str(picture))
+    assert result.exit_code == 0, result.output
+    assert "boundary by run in time:" in result.stdout
+    assert "run in time" in picture.read_text(encoding="utf-8")
+
+
+def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
+    axis = ("--axis", "forearm.inertia=0.03,-1", "--set", "run.t_end=0.1 s")
+    result = run("sweep", "fig8a_original", *axis)
+    assert result.exit_code == 0
+    assert "first failure: sweep: forearm.inertia is -1.0; expected a positive number." in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--axis", "bands.range=1:5:4:deg"), "a force"),
+        (("--axis", "bands.range="), "bands.range is empty"),
+        (("--axis", "bands.range"), "FIELD=start:stop:count:unit"),
+        (("--axis", "bands.range=1 lbf", "--axis", "bands.range=2 lbf"), "given twice"),
+        ((), "no axis"),
+        (("--axis", "bands.range=1:2:2:lbf", "--run", "dance"), "one or several of"),
+        (("--axis", "bands.range=1:2:2:lbf", "--design", "magic"), "expected grid, zip"),
+        (("--axis", "bands.range=1:2:2:lbf", "--design", "tolerances"), "no place in a sample of tolerances"),
+        (("--axis", "bands.range=1:2:2:lbf", "-o", "map.docx"), ".zarr"),
+        (("--axis", "bands.range=1:2:2:lbf", "-o", "nowhere/map.zarr"), "does not exist"),
+        (("--axis", "bands.range=1:2:2:lbf", "--picture", "map.zarr"), ".png"),
+        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "folds"), "two --axis and a picture"),
+        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "guess"), "expected one of folds"),
+        (("--axis", "bands.range=1:2:2:lbf", "--scheduler", "magic"), "address of a Dask scheduler"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch, arguments, words) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert words in one_sentence(run("sweep", "fig8a_original", "--set", "run.t_end=0.1 s", *arguments))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_store_of_another_case_is_refused_and_kept(tmp_path) -> None:
+    store = str(tmp_path / "map.zarr")
+    assert run(*SHORT, "-o", store).exit_code == 0
+    sentence = one_sentence(run(*SHORT, "--set", "forearm.inertia=0.03", "-o", store))
+    assert "holds a sweep with another case" in sentence
+    assert run(*SHORT, "-o", store).exit_code == 0
