@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _OUTCOMES = {"simulate": "outcome", "predict": "predicted_outcome", "cycles": "exact_outcome"}
 _WORDS = {"simulate": "run in time", "predict": "describing function", "cycles": "exact orbits"}
 _OSCILLATES = 2
+#: How far from the last fold the next one is looked for, relative to the range.
+_NEAR = (0.15, 0.06)
 _NO_POINT = np.full((1, 2), np.nan)
 
 
@@ -170,23 +172,13 @@ def fold_boundary(case: Case, axes: Mapping[str, Axis]) -> Boundary:
     EppError
         If there are not two axes, one of them is not valid, or no value of the first axis has a fold.
     """
-    from eppanalysis.methods.folds import continue_folds
-
     x, y = _two(axes)
     design = make_design(case, axes)
     given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))
-    rows, limits = np.linspace(given.min(), given.max(), given.size), (float(reach.max()), float(reach.min()))
-    found = np.full((rows.size, 2), np.nan)
-    i = 0
-    while i < rows.size:
-        # From one value to the next as far as the curve goes, and afresh from where it ends.
-        try:
-            curve = continue_folds(case, y, x, limits, (rows[i], rows[-1]), n_points=rows.size - i)
-        except EppError:
-            i += 1
-            continue
-        found[i : i + len(curve.values)] = curve.values[:, ::-1]
-        i += len(curve.values)
+    rows, limits = np.linspace(given.min(), given.max(), given.size), (float(reach.min()), float(reach.max()))
+    search = _FoldSearch(case, x, y, rows, limits)
+    search.run()
+    found = search.found
     missing = int(np.sum(np.isnan(found[:, 0])))
     if missing == rows.size:
         raise EppError(f"fold_boundary: no fold in {y} was found at any value of {x}; expected a range that holds one.")
@@ -198,6 +190,57 @@ def fold_boundary(case: Case, axes: Mapping[str, Axis]) -> Boundary:
         message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
         provenance={"case": case.name, "limits": limits},
     )
+
+
+@dataclass
+class _FoldSearch:
+    """A fold curve under way: a first fold, and from there row by row to both ends; lives for one call."""
+
+    case: Case
+    x: str
+    y: str
+    rows: Array
+    limits: tuple[float, float]
+    found: Array = field(init=False)
+
+    def run(self) -> None:
+        """Fill `found`, shape (rows, 2)."""
+        n = self.rows.size
+        self.found = np.full((n, 2), np.nan)
+        for first in sorted(range(n), key=lambda i: abs(i - n // 2)):
+            if self._follow(first, first, self.limits):
+                self._march(first, 1)
+                self._march(first, -1)
+                return
+
+    def _march(self, first: int, step: int) -> None:
+        """From a fold on; where its curve ends, another one is looked for close by."""
+        last, i, end = first, first + step, self.rows.size - 1 if step > 0 else 0
+        while 0 <= i < self.rows.size:
+            k = 0
+            for share in _NEAR:
+                half = share * (self.limits[1] - self.limits[0]) * abs(i - last)
+                near = self.found[last, 1]
+                window = max(near - half, self.limits[0]), min(near + half, self.limits[1])
+                k = k or self._follow(i, end, window)
+            last = i + (k - 1) * step if k else last
+            i += max(k, 1) * step
+
+    def _follow(self, i: int, end: int, window: tuple[float, float]) -> int:
+        """Folds from row `i` towards row `end`, as far as one curve goes; how many there are."""
+        from eppanalysis.methods.folds import continue_folds
+
+        over, n, step = (self.rows[i], self.rows[end]), abs(end - i) + 1, 1 if end >= i else -1
+        for limits in (window[::-1], window):
+            try:
+                with np.errstate(over="ignore"):  # trial orbits that run away are refused
+                    curve = continue_folds(self.case, self.y, self.x, limits, over, n_points=n)
+            except EppError:
+                continue
+            k = len(curve.values)
+            self.found[i : i + k * step if i + k * step >= 0 else None : step] = curve.values[:, ::-1]
+            return k
+        return 0
 
 
 def _two(axes: Mapping[str, Axis]) -> tuple[str, str]:
