@@ -23,6 +23,8 @@ Report = Callable[[int], None]
 
 #: Blocks under way for each thread of a cluster, and how often one is tried again whose workers were lost.
 _AHEAD, _TRIES = 2, 20
+#: How long a scheduler may take to answer.
+_PATIENCE = "10s"
 
 
 def run_blocks(
@@ -98,7 +100,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         expected = "'threads', 'processes' or the address of a Dask scheduler such as tcp://host:8786"
         raise EppError(f"sweep: scheduler is {scheduler!r}; expected {expected}.")
     try:
-        client = Client(scheduler, timeout="10s", set_as_default=False)
+        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise EppError(f"sweep: no Dask scheduler answers at {scheduler}; expected the address of one.") from error
     with client:

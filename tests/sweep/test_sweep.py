@@ -11,7 +11,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.results import Status
-from eppanalysis.sweep import LatinHypercube, Sobol, sweep
+from eppanalysis.sweep import LatinHypercube, Sobol, schedule, sweep
 from eppanalysis.sweep.axes import make_design
 from eppanalysis.sweep.cells import Builder, hybrid_of, make_builder
 from eppanalysis.sweep.verbs import FAILED, STATUS_CODE, STATUS_NAMES
@@ -128,6 +128,84 @@ def test_predictions_beside_runs() -> None:
     assert np.isnan(found["first_order_error_amplitude"].values[0])
 
 
+RELAY = epp.case("relay_deadzone")
+
+
+@pytest.fixture(scope="module")
+def relays():
+    return sweep(RELAY, {"relay_dead_zone.threshold": [1.0, 4.0]}, run="all", progress=False)
+
+
+def test_every_verb_says_what_its_own_call_says(relays) -> None:
+    """The relay with dead zone 1 has a stable and an unstable cycle beside rest, that with dead zone 4 has none."""
+    search = epp.find_limit_cycles(RELAY.to_system())
+    (stable,) = search.stable
+    assert relays["exact_outcome"].values.tolist() == [2, 1]
+    assert relays["exact_stability"].values.tolist() == [2, 1]
+    assert relays["exact_unstable_cycles"].values.tolist() == [1, 0]
+    assert relays["exact_frequency"].values[0] == stable.frequency
+    assert relays["exact_amplitude"].values[0] == stable.peak_to_peak["x"] / 2
+    assert relays["exact_multiplier"].values[0] == pytest.approx(np.abs(stable.multipliers).max())
+    assert 0 < relays["exact_multiplier"].values[0] < 1
+    assert relays["predicted_outcome"].values.tolist() == [2, 1]
+    for name in ("exact_frequency", "exact_multiplier", "predicted_frequency", "knock", "first_order_error_frequency"):
+        assert np.isnan(relays[name].values[1]), name
+
+
+def test_a_knock_of_the_size_found_starts_the_cycle_and_a_smaller_one_does_not(relays) -> None:
+    assert relays["knock_outcome"].values.tolist() == [2, 1]
+    knock = float(relays["knock"].values[0])
+    assert knock == min(relays["knock_up"].values[0], relays["knock_down"].values[0])
+    for factor, outcome in ((0.999, 1), (1.001, 2)):
+        case = RELAY.with_values({"loop.initial_state": [factor * knock, 0.0, 0.0], "run.t_end": 300.0})
+        found = sweep(case, {"relay_dead_zone.threshold": [1.0]}, progress=False)
+        assert found["outcome"].values.tolist() == [outcome]
+
+
+def test_a_knock_of_the_elbow_is_a_step_of_its_harness() -> None:
+    found = sweep(CASE, {"lock_pin.backlash": ["2.5 deg"]}, run="knock", progress=False)
+    assert found["knock"].attrs["units"] == "m"
+    knock = float(found["knock_up"].values[0])
+    for factor, outcome in ((0.99, 1), (1.01, 2)):
+        step = sweep(CASE, {"harness.step": [factor * knock]}, progress=False)
+        assert step["outcome"].values.tolist() == [outcome]
+
+
+def test_first_order_is_judged_by_exact_cycles_where_there_is_no_run(relays) -> None:
+    found = sweep(RELAY, {"relay_dead_zone.threshold": [1.0]}, run=("predict", "cycles"), progress=False)
+    error = found["predicted_frequency"] / found["exact_frequency"] - 1.0
+    assert float(found["first_order_error_frequency"][0]) == float(error[0])
+    assert "exact cycle" in found["first_order_error_frequency"].attrs["long_name"]
+    assert "the run" in relays["first_order_error_frequency"].attrs["long_name"]
+
+
+def test_the_run_time_is_an_axis_too() -> None:
+    axes = {"run.t_end": ["0.6 s", 6.0], "lock_pin.backlash": "0:3:9:deg"}
+    found = sweep(CASE, axes, chunk=7, progress=False)
+    for i, t_end in enumerate((0.6, 6.0)):
+        alone = sweep(CASE.with_values({"run.t_end": t_end}), {"lock_pin.backlash": "0:3:9:deg"}, progress=False)
+        for name in alone.data_vars:
+            assert found[name].values[i].tobytes() == alone[name].values.tobytes(), name
+    assert found["run.t_end"].attrs["units"] == "s"
+
+
+def test_fields_of_the_input_are_axes() -> None:
+    case = SHORT.with_values({"run.input": {"kind": "ramp", "rate": "20 mm/s", "stop": "1 s"}})
+    found = sweep(case, {"run.input.rate": "10:20:2:mm/s", "run.input.stop": ["0.2 s", "0.4 s"]}, progress=False)
+    assert found["run.input.rate"].attrs["readable_units"] == "mm/s"
+    single = case.with_values({"run.input.rate": 0.02, "run.input.stop": 0.2})
+    run = epp.simulate(single.to_system(), single.input, single.t_end, t_eval=[0.0])
+    assert int(found["events"][1, 0]) == len(run.events)
+
+
+@pytest.mark.slow
+def test_predictions_and_orbits_from_processes_have_the_same_bits() -> None:
+    axes = {"relay_dead_zone.threshold": "0.8:1.2:3"}
+    run = ("predict", "cycles", "knock")
+    here = sweep(RELAY, axes, run=run, chunk=3, progress=False)
+    assert here.identical(sweep(RELAY, axes, run=run, chunk=1, scheduler="processes", workers=2, progress=False))
+
+
 def test_exact_orbits() -> None:
     cases = [c for c in map(epp.case, epp.shipped_cases()) if c.kind == "loop" and c.parameters and c.expected.exact]
     case = next(c for c in cases if len(c.expected.exact) == 1 and not c.to_system().time_step)
@@ -165,10 +243,7 @@ def test_one_cell() -> None:
         ({"chunk": 0}, "chunk is 0"),
     ],
 )
-def test_what_is_wrong_is_one_sentence(arguments, words) -> None:
-    import dask
-    import distributed  # its settings must be there before one of them is changed
-
-    assert distributed.__version__
-    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}), pytest.raises(EppError, match=words):
+def test_what_is_wrong_is_one_sentence(monkeypatch, arguments, words) -> None:
+    monkeypatch.setattr(schedule, "_PATIENCE", "1s")
+    with pytest.raises(EppError, match=words):
         sweep(SHORT, LatinHypercube({"bands.range": "1:5:lbf"}, 2), progress=False, **arguments)
