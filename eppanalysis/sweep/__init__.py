@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"]
 
-#: Cells of a block: few enough that all cores have work and a kill costs little, enough that files stay few.
-_QUICK, _SLOW, _MOST_BLOCKS = 250, 8, 2000
+#: Cells of a block: few enough that all cores have work and a kill costs little (a second or two), enough that files
+#: stay few and storing them costs little.
+_QUICK, _SLOW, _FEWEST_BLOCKS, _MOST_BLOCKS = 500, 8, 32, 2000
 
 
 def sweep(
@@ -133,7 +134,7 @@ def _chunk(design: Design, task: Task, chunk: int | None) -> int:
         return chunk
     n = design.n_cells
     usual = _QUICK if task.verbs == ("simulate",) else _SLOW
-    return max(1, min(usual, -(-n // 64)), -(-n // _MOST_BLOCKS))
+    return max(1, min(usual, -(-n // _FEWEST_BLOCKS)), -(-n // _MOST_BLOCKS))
 
 
 def _attributes(task: Task, design: Design) -> dict[str, Any]:

@@ -187,44 +187,64 @@ def make_builder(case: Case, design: Design) -> Builder:
     sizes = design.shape
     if len(sizes) < 2 or case.to_system().time_step or design.n_cells <= 2 * sum(sizes) + _INNER:
         return Builder(case, design)
-    origins = _origins(case, design)
-    if origins is None:
+    made = _Made(case, design)
+    origin = made.origin()
+    if origin is None:
         return Builder(case, design)
-    classes, within = zip(*(_classes(case, design, axis, origins) for axis in range(len(sizes))), strict=True)
+    classes, within = zip(*(_classes(made, axis, origin) for axis in range(len(sizes))), strict=True)
     plain = Builder(case, design, classes, within)
     parts = {}
     for key in product(*(range(int(c.max()) + 1) for c in classes)):
-        part = _part(plain, key)
+        part = _part(plain, made, key)
         if part is not None:
             parts[key] = part
     return replace(plain, parts=parts)
 
 
-def _origins(case: Case, design: Design) -> tuple[int, ...] | None:
-    """A place where a system can be made: the first one, the middle or the last one."""
-    for share in (0.0, 0.5, 1.0):
-        place = tuple(int(share * (n - 1)) for n in design.shape)
-        try:
-            hybrid_of(case_of(case, design, place))
-        except Exception:
-            continue
-        return place
-    return None
+class _Made:
+    """Systems of cells made in full, each once; None where there is none."""
+
+    def __init__(self, case: Case, design: Design) -> None:
+        self.case, self.design = case, design
+        self.names = case.to_system().signals.names
+        self._found: dict[tuple[int, ...], HybridSystem | None] = {}
+
+    def at(self, *place: int) -> HybridSystem | None:
+        """The system of one cell."""
+        if place not in self._found:
+            try:
+                self._found[place] = hybrid_of(case_of(self.case, self.design, place))
+            except Exception:
+                self._found[place] = None
+        return self._found[place]
+
+    def origin(self) -> tuple[int, ...] | None:
+        """A place where a system can be made: the first one, the middle or the last one."""
+        for share in (0.0, 0.5, 1.0):
+            place = tuple(int(share * (n - 1)) for n in self.design.shape)
+            if self.at(*place) is not None:
+                return place
+        return None
+
+    def stack(self, places: Sequence[tuple[int, ...]]) -> HybridStack | None:
+        """Several cells; None where one of them cannot be made, or their structures differ."""
+        systems = [system for place in places if (system := self.at(*place)) is not None]
+        if len(systems) < len(places) or len({structure(system) for system in systems}) != 1:
+            return None
+        return HybridStack.of(systems, self.names)
 
 
-def _classes(case: Case, design: Design, axis: int, origin: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+def _classes(made: _Made, axis: int, origin: tuple[int, ...]) -> tuple[IntArray, IntArray]:
     """Groups of equal structure along an axis, and the place of each value within its group; wrong values are -1."""
     keys: dict[tuple[Any, ...], int] = {}
     counts: list[int] = []
-    n = design.shape[axis]
+    n = made.design.shape[axis]
     group, within = np.full(n, -1), np.zeros(n, np.int64)
     for i in range(n):
-        place = (*origin[:axis], i, *origin[axis + 1 :])
-        try:
-            key = structure(hybrid_of(case_of(case, design, place)))
-        except Exception:
+        system = made.at(*origin[:axis], i, *origin[axis + 1 :])
+        if system is None:
             continue
-        g = keys.setdefault(key, len(keys))
+        g = keys.setdefault(structure(system), len(keys))
         if g == len(counts):
             counts.append(0)
         group[i], within[i] = g, counts[g]
@@ -232,39 +252,32 @@ def _classes(case: Case, design: Design, axis: int, origin: tuple[int, ...]) -> 
     return group, within
 
 
-def _part(builder: Builder, key: tuple[int, ...]) -> _Part | None:
+def _part(builder: Builder, made: _Made, key: tuple[int, ...]) -> _Part | None:
     """One part of the grid; None where its cells must be made in full."""
-    case, design = builder.case, builder.design
     members = [np.flatnonzero(c == k) for c, k in zip(builder.classes, key, strict=True)]
     first = tuple(int(m[0]) for m in members)
-    names = case.to_system().signals.names
-    try:
-        base_system = hybrid_of(case_of(case, design, first))
-        base = HybridStack.of([base_system], names)
-        lines = tuple(
-            HybridStack.of(
-                [hybrid_of(case_of(case, design, (*first[:k], int(i), *first[k + 1 :]))) for i in places], names
-            )
-            for k, places in enumerate(members)
-        )
-    except Exception:
+    base = made.stack([first])
+    along = [made.stack([(*first[:k], int(i), *first[k + 1 :]) for i in places]) for k, places in enumerate(members)]
+    lines = tuple(line for line in along if line is not None)
+    start = made.at(*first)
+    if base is None or start is None or len(lines) < len(along):
         return None
     changed = tuple(
-        tuple(np.any(line != start, axis=0) for line in along)
-        for start, along in zip(_arrays(base), zip(*map(_arrays, lines), strict=True), strict=True)
+        tuple(np.any(line != one, axis=0) for line in these)
+        for one, these in zip(_arrays(base), zip(*map(_arrays, lines), strict=True), strict=True)
     )
     if any(np.any(np.sum(where, axis=0) > 1) for where in changed):
         return None
-    n = base_system.n_plant
+    n = start.n_plant
     moves = [bool(np.any(line.model.A[:, :n, :n] != base.model.A[:, :n, :n])) for line in lines]
     clock = moves.index(True) if sum(moves) == 1 else -1
     if sum(moves) == 0:
         clock = 0  # all the same along every axis
     part = _Part(base, lines, changed, clock, n)
-    return part if _confirmed(builder, part, members) else None
+    return part if _confirmed(builder, made, part, members) else None
 
 
-def _confirmed(builder: Builder, part: _Part, members: list[IntArray]) -> bool:
+def _confirmed(builder: Builder, made: _Made, part: _Part, members: list[IntArray]) -> bool:
     """Whether the part's corners, and inner cells drawn once and for all, equal those made in full."""
     ends = [sorted({0, len(m) - 1, *_extremes(builder, k, m)}) if len(m) > 1 else [0] for k, m in enumerate(members)]
     corners = [c for c, _ in zip(product(*ends), range(_CORNERS), strict=False)]
@@ -273,10 +286,8 @@ def _confirmed(builder: Builder, part: _Part, members: list[IntArray]) -> bool:
     places = np.array(corners + inner)
     stack = part.stack(places)
     for row, place in enumerate(places):
-        where = [int(m[i]) for m, i in zip(members, place, strict=True)]
-        try:
-            full = hybrid_of(case_of(builder.case, builder.design, where))
-        except Exception:
+        full = made.at(*(int(m[i]) for m, i in zip(members, place, strict=True)))
+        if full is None:
             return False
         arrays = [*full.model, full.x0, full.modes0, full.H0]
         same = all(

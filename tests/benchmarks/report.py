@@ -78,6 +78,26 @@ def job_c(found: Results) -> str:
     return markdown(["who", "time of an evaluation", "ours is faster by", "error", "target", ""], rows)
 
 
+def job_sweep(found: Results) -> str:
+    """Sweeps: overhead, threads, chunks, memory."""
+    rows = []
+    for r in found["rows"]:
+        rate, over = f"{r['cells_per_second']:.0f}", f"{100 * r['overhead']:+.1f} %"
+        bound = "" if r["target"] is None else f"under {100 * r['target']:g} %"
+        rows.append([r["name"], rate, "" if r["target"] is None else over, bound, verdict(r)[1]])
+    t = found["threads"]
+    same = "no bit differs" if t["same"] else "RESULTS DIFFER"
+    who = f"sweep into a store, two threads ({same}; load {t['load']:.1f}; by processor time {t['possible']:.2f})"
+    rows.append([who, f"{t['cells_per_second'][1]:.0f}", f"{t['speedup']:.2f} times one", *verdict(t)])
+    for r in found["chunks"]:
+        rows.append([f"into a store in blocks of {r['chunk']} cells", f"{r['cells_per_second']:.0f}", "", "", ""])
+    for m in found["memory"]:
+        who = f"{m['cells']} runs of 1 ms, {m['scheduler']}: peak memory of the parent ({m['before']:.0f} MB before)"
+        rate = f"{m['cells'] / m['seconds']:.0f}"
+        rows.append([who, rate, f"{m['peak']:.0f} MB", f"under {m['target']:g} MB", verdict(m)[1]])
+    return markdown(["who", "cells/s", "against the bare kernel", "target", ""], rows)
+
+
 def start(found: Results) -> str:
     """Fresh processes and memory."""
 
@@ -124,6 +144,7 @@ TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
     "job_a": ("Job A: 6 s step response of the original elbow, sampled every millisecond", "job_a", job_a),
     "job_b": ("Job B: 10 x 10 map of profile range and backlash, 6 s each", "job_b", job_b),
     "job_c": ("Job C: describing function of the five-band law", "job_c", job_c),
+    "job_sweep": ("Sweeps: 100 x 100 map of profile range and backlash, 6 s each", "job_sweep", job_sweep),
     "start": ("Fresh processes", "start", start),
     "states": ("Growth with states: 6 s of a chain of masses, sampled every millisecond", "growth", states),
     "events": ("Growth with events: 6 s of a relay loop, sampled every millisecond", "growth", events),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import fixed_step, job_a, job_c, libraries, mode_steps, report
+from tests.benchmarks import fixed_step, job_a, job_c, job_sweep, libraries, mode_steps, report
 from tests.benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
@@ -47,6 +47,16 @@ def test_job_a_and_its_table(tmp_path: Path) -> None:
     assert rows[job_a.ENGINE]["error"] < 1e-9
     assert rows[job_a.SIMULATE]["error"] < 1e-9
     assert "scipy event machine, DOP853, rtol 1e-06" in report.job_a(json.loads(json.dumps(found)))
+
+
+@pytest.mark.slow
+def test_job_sweep_and_its_table() -> None:
+    """A small map: threads and chunks give the same bits, and every cell of the run for memory is there."""
+    found = job_sweep.run(4, 1, chunks=(5, 16), million=6)
+    assert found["threads"]["same"]
+    assert [m["cells"] for m in found["memory"]] == [36, 36]
+    assert all(m["met"] for m in found["memory"])
+    assert "36 runs of 1 ms, processes" in report.job_sweep(json.loads(json.dumps(found)))
 
 
 def test_job_c_and_its_table() -> None:
