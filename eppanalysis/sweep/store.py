@@ -75,14 +75,18 @@ class ZarrStore:
             raise EppError(f"{path}: is a file and is no store of a sweep; expected another name.")
         with _writing(path):
             if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-                self._create(attributes, block_shape(design.shape, chunk))
+                part = path.with_name(f".{path.name}.part")
+                try:
+                    self._create(part, attributes, block_shape(design.shape, chunk))
+                except OSError:
+                    shutil.rmtree(part, ignore_errors=True)
+                    raise
             self._open(resume)
 
-    def _create(self, attributes: Mapping[str, Any], blocks: tuple[int, ...]) -> None:
-        """The empty store, made beside its place and moved there in one step."""
+    def _create(self, part: Path, attributes: Mapping[str, Any], blocks: tuple[int, ...]) -> None:
+        """The empty store, made beside its place as `part` and moved there in one step."""
         import zarr
 
-        part = self.path.with_name(f".{self.path.name}.part")
         shutil.rmtree(part, ignore_errors=True)
         names = tuple(d.name for d in self.design.dimensions)
         group = zarr.open_group(str(part), mode="w-", zarr_format=3)
