@@ -10,7 +10,7 @@ import pytest
 
 from eppanalysis.case import Case, case, json_schema, read_case, shipped_cases, shipped_cases_folder
 from eppanalysis.errors import CaseError
-from eppanalysis.models.signals import Ramp, Recorded, Sine, Step
+from eppanalysis.models.signals import Ramp, Recorded, Sine, Step, Steps
 
 BASE = (shipped_cases_folder() / "elbow.toml").read_text(encoding="utf-8")
 LOOP = """kind = "loop"
@@ -91,6 +91,25 @@ def refusal(path: Path) -> CaseError:
         ('[run]\nt_end = "-1 s"', "run.t_end", "-1 s", "a positive number"),
         ('[run]\ninput = { kind = "jump" }', "run.input.kind", "jump", "'step'"),
         ('[run]\ninput = { kind = "step", size = "2 kg" }', "run.input.size", "2 kg", "a quantity in m"),
+        ('[run]\ninput = { kind = "steps", times = ["0 s"], values = [] }', "run.input.values", [], ""),
+        (
+            '[run]\ninput = { kind = "steps", times = ["0 s", "1 s"], values = ["1 mm"] }',
+            "run.input.values",
+            "1 long",
+            "2 values, one for each time",
+        ),
+        (
+            '[run]\ninput = { kind = "steps", times = ["1 s", "1 s"], values = ["1 mm", "0 mm"] }',
+            "run.input.times.1",
+            "1000 ms",
+            "a later time",
+        ),
+        (
+            '[run]\ninput = { kind = "steps", times = ["0 s"], values = ["1 kg"] }',
+            "run.input.values.0",
+            "1 kg",
+            "a quantity in m",
+        ),
         ('[run]\ninput = { kind = "recorded", file = "../x.csv" }', "run.input.file", "../x.csv", "name"),
         ('[run]\ninput = { kind = "recorded", file = "x.csv" }', "run.input.file", "x.csv", "in the case's folder"),
         ('[drive]\ninertia = { value = "1 kg*m^2", mark = "guess" }', "drive.inertia", "guess", "paper, derived"),
@@ -414,6 +433,9 @@ def test_inputs(tmp_path: Path) -> None:
     assert ramp.input == Ramp(0.01, 1.0, 2.0)
     sine = _with_input(tmp_path, '{ kind = "sine", amplitude = "5 mm", frequency = "2 Hz", phase = "90 deg" }')
     assert sine.input == Sine(0.005, 2.0, np.radians(90.0))
+    steps = _with_input(tmp_path, '{ kind = "steps", times = ["0 s", "500 ms"], values = ["20 mm", "0 mm"] }').input
+    assert isinstance(steps, Steps)
+    assert steps.value([0.0, 0.4, 0.5]).tolist() == pytest.approx([0.02, 0.02, 0.0])
     write(tmp_path, "time [ms], position [mm]\n0, 0\n500, 10\n1000, 10\n", "pull.csv")
     recorded = _with_input(tmp_path, '{ kind = "recorded", file = "pull.csv" }').input
     assert isinstance(recorded, Recorded)

@@ -11,15 +11,15 @@ import numpy as np
 
 from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import Parameter
-from eppanalysis.case.schema import RampInput, RecordedInput, SineInput, StepInput
+from eppanalysis.case.schema import RampInput, RecordedInput, SineInput, StepInput, StepsInput
 from eppanalysis.errors import CaseError
-from eppanalysis.models.signals import Motion, Ramp, Recorded, Sine, Step
+from eppanalysis.models.signals import Motion, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.units import QuantityError, parse_quantity
 
 LARGEST_RECORDING = 64_000_000
 _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 
-Input = StepInput | RampInput | SineInput | RecordedInput
+Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
 
 
 def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
@@ -27,7 +27,7 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
 
     Parameters
     ----------
-    given : StepInput, RampInput, SineInput or RecordedInput
+    given : StepInput, StepsInput, RampInput, SineInput or RecordedInput
     unit : str
         SI unit of the system's input.
     raw : RawCase
@@ -42,6 +42,8 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
         return read_recording(raw.folder / given.file, unit, given.file, raw)
     if isinstance(given, StepInput):
         return Step(_value(given.size, "size", unit, raw), _time(given.time))
+    if isinstance(given, StepsInput):
+        return _steps(given, unit, raw)
     if isinstance(given, RampInput):
         start, stop = _time(given.start), None if given.stop is None else float(given.stop.value)
         if stop is not None and stop <= start:
@@ -51,6 +53,20 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
         return Ramp(_value(given.rate, "rate", per_second, raw), start, stop)
     phase = 0.0 if given.phase is None else float(given.phase.value)
     return Sine(_value(given.amplitude, "amplitude", unit, raw), float(given.frequency.value), phase)
+
+
+def _steps(given: StepsInput, unit: str, raw: RawCase) -> Steps:
+    times = [float(t.value) for t in given.times]
+    if len(given.values) != len(times):
+        field = "run.input.values"
+        raise CaseError(
+            raw.origin(field), field, f"{len(given.values)} long", f"{len(times)} values, one for each time"
+        )
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            field = f"run.input.times.{i}"
+            raise CaseError(raw.origin(field), field, str(given.times[i]), "a later time than the one before")
+    return Steps(times, [_value(v, f"values.{i}", unit, raw) for i, v in enumerate(given.values)])  # type: ignore[arg-type]
 
 
 def _time(given: Parameter | None) -> float:

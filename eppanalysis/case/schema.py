@@ -143,6 +143,14 @@ class StepInput(_Model):
     time: Duration | None = None
 
 
+class StepsInput(_Model):
+    """Several jumps one after the other: when, and where it stands behind each."""
+
+    kind: Literal["steps"]
+    times: Annotated[list[Duration], Field(min_length=1, max_length=1000)]
+    values: Annotated[list[Scalar], Field(min_length=1, max_length=1000)]
+
+
 class RampInput(_Model):
     """A motion at constant rate."""
 
@@ -176,7 +184,9 @@ class RunSection(_Model):
     """How the case is simulated."""
 
     t_end: Annotated[Parameter, Quantity("s", above=0)]
-    input: Annotated[StepInput | RampInput | SineInput | RecordedInput, Field(discriminator="kind")] | None = None
+    input: (
+        Annotated[StepInput | StepsInput | RampInput | SineInput | RecordedInput, Field(discriminator="kind")] | None
+    ) = None
 
 
 class CycleAnswer(_Model):
@@ -330,7 +340,7 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
     elif error["type"] == "quantity":
         shown, expected = context["shown"], context["expected"]
     elif error["type"].startswith("union_tag"):
-        field, expected = f"{field}.kind", "'step', 'ramp', 'sine' or 'recorded'"
+        field, expected = f"{field}.kind", "'step', 'steps', 'ramp', 'sine' or 'recorded'"
         shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown
     elif error["type"] == "literal_error":
         expected = context["expected"]

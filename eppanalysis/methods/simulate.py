@@ -126,7 +126,7 @@ def simulate(
         status=status,
         limit_cycle=cycle,
         settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
-        settled_since=_since(run, found) if status.ok else float("nan"),
+        settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )
@@ -243,7 +243,7 @@ def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0)
     return tuple(out)
 
 
-def _since(run: Run, found: Array) -> float:
+def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     """Time of the last switch before rest, or the begin of the first period that already repeats to a thousandth."""
     if run.count == 0:
         return 0.0
@@ -252,7 +252,8 @@ def _since(run: Run, found: Array) -> float:
         return float(run.time[last])
     p = int(found[0])
     scale = np.ptp(run.state[run.order[-p - 1 :]], axis=0)
-    scale = np.where(scale > 0, scale, np.inf)
+    # A clock and the input go on for ever and do not belong to the motion.
+    scale = np.where((scale > 0) & hybrid.compared, scale, np.inf)
     place = run.held - 1 - p
     while place - p >= 0:
         a, b = run.order[place], run.order[place - p]

@@ -203,6 +203,68 @@ class Sine:
 
 
 @dataclass(frozen=True, eq=False)
+class Steps:
+    """Several jumps one after the other, at rest in between.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        When it jumps [s], finite and strictly increasing, the first not negative; before it the offset is 0.
+    values : array_like, shape (n,)
+        Offset behind each jump, in the unit of the input, finite.
+
+    Raises
+    ------
+    ModelError
+        If lengths differ, there is no jump, a number is not finite, or times do not increase.
+
+    Examples
+    --------
+    >>> Steps([0.0, 1.0], [0.02, 0.0]).value([0.5, 1.0, 4.0]).tolist()
+    [0.02, 0.0, 0.0]
+    """
+
+    times: Array
+    values: Array
+
+    def __post_init__(self) -> None:
+        _freeze_samples(self, 1)
+
+    def value(self, t: ArrayLike) -> Array:
+        """Offset at the times `t` [s]."""
+        return _evaluate_knots(self.knots(), t)
+
+    def knots(self) -> Knots:
+        """Times, values behind them and slopes behind them (zero), each of shape (n,) or (n + 1,)."""
+        times, values = self.times, self.values
+        if times[0] > 0:
+            times, values = np.append(0.0, times), np.append(0.0, values)
+        return times, values, np.zeros(times.size)
+
+
+def _freeze_samples(motion: Steps | Recorded, fewest: int) -> None:
+    """Check times and values of a motion and make them arrays that cannot be changed."""
+    name = type(motion).__name__
+    times, values = (np.array(a, float, ndmin=1) for a in (motion.times, motion.values))
+    if times.shape != values.shape or times.ndim != 1 or times.size < fewest:
+        wanted = {1: "one", 2: "two"}[fewest]
+        raise ModelError(f"{name}: times {times.shape} and values {values.shape}; expected {wanted} or more of each.")
+    for field_name, array in (("times", times), ("values", values)):
+        holes = np.flatnonzero(~np.isfinite(array))
+        if holes.size:
+            raise ModelError(f"{name}: {field_name}[{holes[0]}] is {array[holes[0]]}; expected a finite number.")
+    stuck = np.flatnonzero(np.diff(times) <= 0)
+    if stuck.size:
+        i = int(stuck[0]) + 1
+        raise ModelError(f"{name}: times[{i}] is {times[i]}; expected more than the time before it ({times[i - 1]}).")
+    if times[0] < 0:
+        raise ModelError(f"{name}: times[0] is {times[0]}; expected 0 or more.")
+    for field_name, array in (("times", times), ("values", values)):
+        array.flags.writeable = False
+        object.__setattr__(motion, field_name, array)
+
+
+@dataclass(frozen=True, eq=False)
 class Recorded:
     """A recorded motion, linear between its samples and constant behind the last one.
 
@@ -228,24 +290,7 @@ class Recorded:
     values: Array = field(repr=False)
 
     def __post_init__(self) -> None:
-        times, values = (np.array(a, float, ndmin=1) for a in (self.times, self.values))
-        if times.shape != values.shape or times.ndim != 1 or times.size < 2:
-            raise ModelError(f"Recorded: times {times.shape} and values {values.shape}; expected two or more of each.")
-        for name, array in (("times", times), ("values", values)):
-            holes = np.flatnonzero(~np.isfinite(array))
-            if holes.size:
-                raise ModelError(f"Recorded: {name}[{holes[0]}] is {array[holes[0]]}; expected a finite number.")
-        stuck = np.flatnonzero(np.diff(times) <= 0)
-        if stuck.size:
-            i = int(stuck[0]) + 1
-            raise ModelError(
-                f"Recorded: times[{i}] is {times[i]}; expected more than the time before it ({times[i - 1]})."
-            )
-        if times[0] < 0:
-            raise ModelError(f"Recorded: times[0] is {times[0]}; expected 0 or more.")
-        for name, array in (("times", times), ("values", values)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        _freeze_samples(self, 2)
 
     def value(self, t: ArrayLike) -> Array:
         """Offset at the times `t` [s]."""
@@ -261,7 +306,7 @@ class Recorded:
 
 
 #: Every motion that a run accepts.
-Motion = Constant | Step | Ramp | Sine | Recorded
+Motion = Constant | Step | Steps | Ramp | Sine | Recorded
 
 
 def motions_by_name(input_names: Sequence[str], given: Motion | Mapping[str, Motion] | None) -> dict[str, Motion]:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.models.signals import Recorded
+from eppanalysis.models.signals import Recorded, Steps
 from eppanalysis.sweep.axes import Design
 from eppanalysis.sweep.verbs import Columns, Task, Variable
 
@@ -199,7 +199,7 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
     motion = task.case.input
     recorded = (
         hashlib.sha256(np.concatenate([motion.times, motion.values]).tobytes()).hexdigest()
-        if isinstance(motion, Recorded)
+        if isinstance(motion, Recorded | Steps)
         else repr(motion)
     )
     axes = {

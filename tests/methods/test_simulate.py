@@ -14,7 +14,7 @@ from scipy.signal import lsim
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step
+from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
 
@@ -81,6 +81,13 @@ def test_stuck_is_stuck() -> None:
     assert rest.sum() > 1000
     assert np.all(run.signals["drive_speed"][rest] == 0.0)
     assert np.ptp(run.signals["drive_angle"][rest]) == 0.0
+
+
+def test_a_clock_does_not_count_when_the_steady_part_is_looked_for() -> None:
+    """A parking logic that never acts leaves the run, and since when it is steady, as they are."""
+    plain, timed = run_case("fig8a_original"), run_case("fig8a_original", parking__dwell_time=1.0)
+    assert 0.5 < plain.settled_since < 3.0
+    assert timed.settled_since == pytest.approx(plain.settled_since, abs=1e-9)
 
 
 def test_hunting_rests_between_its_jumps() -> None:
@@ -213,17 +220,19 @@ def test_an_unknown_input_and_a_motion_without_input_are_refused() -> None:
 MOTIONS: dict[str, Motion] = {
     "constant": Constant(0.4),
     "step": Step(1.5, time=0.7),
+    "steps": Steps([0.4, 1.2, 3.1], [1.0, -0.5, 0.8]),
     "ramp": Ramp(0.8, start=0.5, stop=2.5),
     "endless ramp": Ramp(0.5),
     "sine": Sine(1.2, 0.4, 0.3),
     "recorded": Recorded([0.3, 1.0, 1.4, 3.0], [0.0, 2.0, -1.0, 0.5]),
 }
 #: Where each of them is not smooth, read off above.
-KINKS = {"step": [0.7], "ramp": [0.5, 2.5], "recorded": [0.3, 1.0, 1.4, 3.0]}
+KINKS = {"step": [0.7], "steps": [0.4, 1.2, 3.1], "ramp": [0.5, 2.5], "recorded": [0.3, 1.0, 1.4, 3.0]}
 #: The same motions written once more, as plain functions of time behind 0.
 FORMULAS: dict[str, Callable[[float], float]] = {
     "constant": lambda t: 0.4,
     "step": lambda t: 1.5 if t >= 0.7 else 0.0,
+    "steps": lambda t: 0.0 if t < 0.4 else 1.0 if t < 1.2 else -0.5 if t < 3.1 else 0.8,
     "ramp": lambda t: 0.8 * min(max(t - 0.5, 0.0), 2.0),
     "endless ramp": lambda t: 0.5 * t,
     "sine": lambda t: 1.2 * math.sin(2 * math.pi * 0.4 * t + 0.3),
