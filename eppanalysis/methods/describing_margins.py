@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eppanalysis.methods.describing_balance import Array
 from eppanalysis.methods.describing_search import frequency_scales
@@ -112,9 +113,20 @@ def _open_loop(system: LureSystem, gains: list[Array]) -> Any:
     if gain.shape[0] != 1 or not np.any(gain):
         return None
     column = slice(own.start, own.start + 1)
-    args = (A, B[:, column], -gain @ C[cut], -gain @ D[cut][:, column])
+    into, out = B[:, column], -gain @ C[cut]
+    # A clock is an integrator apart: it would put a pole and a zero at the origin and spoil the crossovers.
+    used = _reached(A, into) & _reached(A.T, out.T)
+    args = (A[np.ix_(used, used)], into[used], out[:, used], -gain @ D[cut][:, column])
     loop = control.ss(*args, *([system.time_step] if system.time_step else []))
     if np.any(system.delays) and not system.time_step:
         late = system.delays.max()
         loop = control.series(control.tf2ss(control.tf(*control.pade(late, _DELAY_ORDER))), loop)
     return loop
+
+
+def _reached(A: Array, B: Array) -> NDArray[np.bool_]:
+    """States that the columns of B act on, directly or through other states, by the pattern of A; shape (n,)."""
+    reached = np.any(B != 0.0, axis=1)
+    for _ in range(len(A)):
+        reached = reached | np.any((A != 0.0) & reached, axis=1)
+    return reached

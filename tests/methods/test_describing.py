@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.optimize import minimize_scalar
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing import linear_margins, predict_limit_cycles
 from eppanalysis.models.elbow import ElbowParameters, elbow
+from eppanalysis.models.elbow_parameters import Parking
 from eppanalysis.models.linear import StateSpace
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import (
@@ -393,6 +396,11 @@ class TestMargins:
         margins = linear_margins(elbow(TestElbow.parameters()))
         assert margins["gain_margin"] > 2.0
         assert np.rad2deg(margins["phase_margin"]) > 30.0
+
+    def test_a_clock_changes_nothing(self):
+        timed = elbow(replace(TestElbow.parameters(), parking=Parking(0.02)))
+        assert "clock" in timed.state_names
+        assert linear_margins(timed) == pytest.approx(linear_margins(elbow(TestElbow.parameters())), rel=1e-9)
 
 
 class TestBadRequests:
