@@ -9,7 +9,9 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import figures  # noqa: E402
+import figures_paper  # noqa: E402
 import tables  # noqa: E402
+import tables_paper  # noqa: E402
 
 import eppanalysis  # noqa: E402
 
@@ -47,6 +49,8 @@ def make_pages(app) -> None:
     generated.mkdir(exist_ok=True)
     figures.make_all(generated)
     tables.make_all(generated)
+    figures_paper.make_all(generated)
+    tables_paper.make_all(generated)
 
 
 def setup(app) -> None:
