@@ -26,11 +26,14 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
+    "sphinx-mathjax-offline",  # formulas are shown without a network, too
 ]
 exclude_patterns = ["_build", "_generated/*.md"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_show_copyright = False
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
