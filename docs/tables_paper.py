@@ -47,7 +47,7 @@ def _verdict(holds: bool) -> str:
 
 
 def _percent(found: float, said: float) -> str:
-    return f"{100 * (found / said - 1):+.1f} %"
+    return f"{round(100 * (found / said - 1), 1) + 0.0:+.1f} %"
 
 
 def _cycle(result: epp.Trajectory) -> str:
@@ -330,8 +330,11 @@ def all_rows() -> tuple[Row, ...]:
 def summary() -> str:
     """How many statements agree."""
     verdicts = [row.verdict for row in all_rows()]
-    counts = "; ".join(f"{verdicts.count(v)} {v}" for v in (AGREES, PARTLY, DIFFERS, NO_TEST) if v in verdicts)
-    return f"{len(verdicts)} statements: {counts}.\n"
+    agree, partly, differ, untested = (verdicts.count(v) for v in (AGREES, PARTLY, DIFFERS, NO_TEST))
+    return (
+        f"Of {len(verdicts)} statements {agree} agree, {partly} agree in part, {differ} differ, and {untested} are no "
+        "test.\n"
+    )
 
 
 def parking_limits() -> str:
@@ -372,7 +375,7 @@ def assumptions() -> str:
             for i, finding in enumerate(sensitivity.FINDINGS)
             if (at := flips_at(finding, name))
         ]
-        rows.append([f"`{name}`", str(p), note or "–", "; ".join(flips) or "none"])
+        rows.append([f"`{name}`", str(p).replace("*", "·").replace("^2", "²"), note or "–", "; ".join(flips) or "none"])
     return markdown(["parameter", "value", "what it is", "findings that flip"], rows)
 
 
