@@ -122,36 +122,38 @@ class _Pieces:
         grid = np.linspace(-1.0, 1.0, 33)
         on_grid = legendre.legvander(grid, N_NODES - 1)
         phases = np.exp(-2j * np.pi * np.outer(np.arange(N_HARMONICS + 1), self.times - begin) / period)
-        mean, peak, harmonics, waveform = {}, {}, {}, {}
+        mean, harmonics, waveform = {}, {}, {}
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
-        for name, y in samples.items():
-            c = self.coefficients(y)
-            fine = np.einsum("ij,kj->ik", c, on_grid)
-            peak[name] = _extremum(c, fine, grid) + _extremum(-c, -fine, grid)
+        c = np.array([self.coefficients(y) for y in samples.values()])
+        fine = np.einsum("sij,kj->sik", c, on_grid)
+        both = _maxima(np.concatenate([c, -c]), np.concatenate([fine, -fine]), grid)
+        peak = dict(zip(samples, (both[: len(c)] + both[len(c) :]).tolist(), strict=True))
+        for name, y, values in zip(samples, samples.values(), fine, strict=True):
             coefficients = 2.0 * np.einsum("ij,j->i", phases, w * y)
             coefficients[0] /= 2.0
             harmonics[name], mean[name] = coefficients, float(coefficients[0].real)
-            waveform[name] = fine[:, :-1:4].ravel()
+            waveform[name] = values[:, :-1:4].ravel()
         return PeriodShape(mean, peak, harmonics, fine_t, waveform)
 
 
-def _extremum(c: Array, fine: Array, grid: Array) -> float:
-    """Maximum of piecewise polynomials: the best grid values, each refined by Newton on its own piece.
+def _maxima(c: Array, fine: Array, grid: Array) -> Array:
+    """Maximum of each signal, shape (signals,): its best grid values, each refined by Newton on its own piece.
 
     The best grid value may stand at the end of a piece with the maximum just inside the next one: several of the
-    best pieces are tried.
+    best pieces are tried. `c` are Legendre coefficients, shape (signals, pieces, N_NODES), `fine` values on the grid.
     """
-    best = np.argsort(fine.max(axis=1))[-_TRIED:]
-    return max(_refined(c[piece], fine[piece], grid) for piece in best)
-
-
-def _refined(c: Array, fine: Array, grid: Array) -> float:
-    """Maximum of one polynomial on [-1, 1] near its best value on the grid."""
-    slope, bend = legendre.legder(c), legendre.legder(c, 2)
-    u = float(grid[int(np.argmax(fine))])
+    best = np.argsort(fine.max(axis=2), axis=1)[:, -_TRIED:]
+    rows = np.arange(len(c))[:, None]
+    c, fine = c[rows, best], fine[rows, best]
+    slope, bend = (legendre.legder(c, order, axis=2) for order in (1, 2))
+    u = grid[np.argmax(fine, axis=2)]
     for _ in range(8):
-        curvature = legendre.legval(u, bend)
-        if not curvature < 0:
+        basis = legendre.legvander(u, N_NODES - 2)
+        rate = np.einsum("spj,spj->sp", basis, slope)
+        curvature = np.einsum("spj,spj->sp", basis[..., :-1], bend)
+        turns = curvature < 0
+        if not np.any(turns):
             break
-        u = float(np.clip(u - legendre.legval(u, slope) / curvature, -1.0, 1.0))
-    return float(max(fine.max(), legendre.legval(u, c)))
+        u = np.where(turns, np.clip(u - rate / np.where(turns, curvature, 1.0), -1.0, 1.0), u)
+    refined = np.einsum("spj,spj->sp", legendre.legvander(u, N_NODES - 1), c)
+    return np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))

@@ -30,6 +30,8 @@ IntArray = NDArray[np.int64]
 CONVERGED = 1e-9
 _MOST_ITERATIONS = 40
 _MOST_SEQUENCES = 10
+#: Span of a state, relative to its size, that is rounding.
+_NO_MOTION = 1e-9
 _NO_SAMPLES = np.zeros(0)
 
 
@@ -211,6 +213,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         except ModelError:
             return None
         if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
+            if not _moves(orbit):
+                return None
             found = next_guess(orbit)
             if found is None:
                 return _finished(orbit)
@@ -223,6 +227,14 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         seen.add(found.itinerary.key)
         guess = found
     return None
+
+
+def _moves(orbit: Orbit) -> bool:
+    """Whether an orbit is a motion, not a state of rest on several guards at once that closes after no time."""
+    n, compared = orbit.hybrid.x0.size, orbit.hybrid.compared
+    both = np.concatenate([orbit.starts, orbit.ends])[:, :n][:, compared]
+    span, size = np.ptp(both, axis=0), np.abs(both).max(axis=0)
+    return orbit.period > 1e-6 * orbit.hybrid.time_scale and bool(np.any(span > _NO_MOTION * size))
 
 
 def _finished(orbit: Orbit) -> Orbit:
