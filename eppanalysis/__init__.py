@@ -27,13 +27,11 @@ if TYPE_CHECKING:
         NotConverged as NotConverged,
     )
     from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
-    from eppanalysis.methods.cycles import (
-        CycleSearch as CycleSearch,
-        exact_orbit as exact_orbit,
-        find_limit_cycles as find_limit_cycles,
-    )
+    from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
     from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
+    from eppanalysis.methods.exact import exact_orbit as exact_orbit
     from eppanalysis.methods.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
+    from eppanalysis.methods.harmonic import harmonic_balance as harmonic_balance
     from eppanalysis.methods.knock import Knock as Knock, knock as knock
     from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
     from eppanalysis.methods.simulate import simulate as simulate
@@ -98,9 +96,11 @@ _NAMES = {
     "case": ("Case", "case", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
     "methods.continuation": ("Branch", "continue_branch"),
-    "methods.cycles": ("CycleSearch", "exact_orbit", "find_limit_cycles"),
+    "methods.cycles": ("CycleSearch", "find_limit_cycles"),
     "methods.describing": ("predict_limit_cycles",),
+    "methods.exact": ("exact_orbit",),
     "methods.folds": ("FoldCurve", "continue_folds"),
+    "methods.harmonic": ("harmonic_balance",),
     "methods.knock": ("Knock", "knock"),
     "methods.ladder": ("Ladder", "ladder"),
     "methods.simulate": ("simulate",),

@@ -22,7 +22,8 @@ from eppanalysis.methods.continuation_steps import (
     step,
     weights,
 )
-from eppanalysis.methods.cycles import find_limit_cycles, same_orbit, start_of
+from eppanalysis.methods.cycles import find_limit_cycles, same_orbit
+from eppanalysis.methods.exact import start_of
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences, require_autonomous

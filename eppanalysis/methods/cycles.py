@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing import predict_limit_cycles
+from eppanalysis.methods.exact import orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
-from eppanalysis.methods.orbit_guess import recurrences, require_autonomous
-from eppanalysis.methods.shooting import Orbit, close_orbit, orbits_near
+from eppanalysis.methods.orbit_guess import recurrences
+from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbits_near
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Constant
 from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
@@ -122,7 +122,7 @@ def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | Non
     [(8.25509713, False), (6.3277966, True)]
     """
     hybrid = steady_hybrid(system, input_value)
-    search = _Search(system, hybrid, _predictions(system, input_value))
+    search = _Search(system, hybrid, _predictions(system, input_value), input_value)
     search.run()
     cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
     outcomes = search.outcomes
@@ -134,69 +134,6 @@ def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | Non
         search=search.sentence(),
         provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
     )
-
-
-def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = None) -> HybridSystem:
-    """The hybrid system with its inputs at steady values.
-
-    Raises
-    ------
-    EppError
-        For a discrete-time system.
-    ModelError
-        If an input is unknown.
-    """
-    if system.time_step:
-        raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
-    motions = {}
-    for name, value in (input_value or {}).items():
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
-        motions[name] = Constant(value - float(system.v0[system.input_names.index(name)]))
-    return require_autonomous(HybridSystem.from_lure(system, motions))
-
-
-def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None) -> LimitCycle:
-    """The exact orbit near an approximate one (a prediction, or the limit cycle of a run).
-
-    Parameters
-    ----------
-    system : LureSystem
-        In continuous time.
-    start : LimitCycle
-        With state and period.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI].
-
-    Returns
-    -------
-    LimitCycle
-        With status NOT_CONVERGED, and otherwise as given, when there is no orbit near.
-
-    Raises
-    ------
-    EppError
-        For a discrete-time system, or a start without a state.
-    """
-    hybrid = steady_hybrid(system, input_value)
-    if start.state.size != system.A.shape[0]:
-        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    x, H = start_of(hybrid, start)
-    for orbit in orbits_near(hybrid, x, H, start.period):
-        return to_limit_cycle(system, orbit)
-    return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
-
-
-def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:
-    """State with inputs, and held values, at the begin of a cycle (or at another state with its memory)."""
-    x, H = hybrid.x0.copy(), hybrid.H0.copy()
-    x[: hybrid.n_plant] = cycle.state if state is None else state
-    for e, value in enumerate(cycle.memory):
-        first = int(hybrid.model.first[e, 2])
-        if value is not None and hybrid.model.first[e + 1, 2] > first:
-            H[first] = value
-    return x, H
 
 
 def _predictions(system: LureSystem, input_value: Mapping[str, float] | None) -> Sequence[LimitCycle]:
@@ -217,6 +154,7 @@ class _Search:
     system: LureSystem
     hybrid: HybridSystem
     predicted: Sequence[LimitCycle]
+    input_value: Mapping[str, float] | None
     orbits: list[Orbit] = field(default_factory=list)
     outcomes: dict[str, int] = field(default_factory=dict)
     n_runs: int = 0
@@ -227,9 +165,8 @@ class _Search:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
         self.horizon = self._horizon()
         for cycle in self.predicted:
-            for orbit in orbits_near(self.hybrid, *start_of(self.hybrid, cycle), cycle.period):
+            for orbit in orbits_of(self.system, self.hybrid, cycle, self.input_value):
                 self.add(orbit)
-                break
         rays = self._rays()
         for ray in rays:
             self._scan(ray)
@@ -237,14 +174,16 @@ class _Search:
             self.outcome(*start)
         for orbit in list(self.orbits):
             self._scan(self._ray_to(orbit))
+        for orbit in list(self.orbits):
+            self._add_mirrored(orbit)
 
     def sentence(self) -> str:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         return (
-            f"{len(self.predicted)} predicted cycles as seeds; {self.n_runs} runs along {len(SCALES)} scales of each "
+            f"{len(self.predicted)} predicted cycles as seeds, by harmonic balance where needed; {self.n_runs} runs along {len(SCALES)} scales of each "
             f"predicted and found cycle and from {N_RANDOM} random starts ({ends}); {self.n_edges} edges between "
-            "different outcomes bisected for unstable cycles. Cycles with several unstable directions that no "
+            "different outcomes bisected for unstable cycles; the mirror image of each tried. Cycles with several unstable directions that no "
             "prediction is near may be missed."
         )
 
@@ -255,6 +194,18 @@ class _Search:
                 return i
         self.orbits.append(orbit)
         return len(self.orbits) - 1
+
+    def _add_mirrored(self, orbit: Orbit) -> None:
+        """The same motion upside down, which a symmetric loop has too."""
+        n, compared = self.hybrid.x0.size, self.hybrid.compared
+        y = middle(orbit, int(np.argmax(orbit.tau)))
+        centre = np.zeros(n) if self.rest is None else self.rest[0]
+        x = np.where(compared, 2.0 * centre - y[:n], y[:n])
+        held = -y[orbit.arcs.held]
+        held[-1] = 1.0
+        for found in orbits_near(self.hybrid, x, held, orbit.period):
+            self.add(found)
+            return
 
     def _horizon(self) -> float:
         """How long a run is before it is judged for the first time [s]."""

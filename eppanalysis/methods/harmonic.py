@@ -10,7 +10,7 @@ invariant curve on which the samples lie where the period is not commensurate wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +33,7 @@ _ITERATIONS = 30
 _LARGEST_STEP = 0.5
 _SMALLEST_SHARE = 1 / 1024
 _MOST_SHARES = 8
+_SEEDS = 1 / 3  # and below which it may lead to an exact orbit
 _TRUSTED = 0.05  # estimated error below which a balance of the highest order counts as the cycle's
 
 
@@ -82,15 +83,8 @@ def harmonic_balance(
     """
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
-    value = np.array(system.v0, float)
-    for name, number in (input_value or {}).items():
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
-        value[system.input_names.index(name)] = number
-    loop = Loop.of(system, value)
     with np.errstate(all="ignore"):
-        start = _anchored(inputs_of(loop, guess), guess.omega)
+        loop, start = _begin(system, guess, input_value)
         if order is not None and order > loop.highest(guess.omega):
             most = loop.highest(guess.omega)
             raise EppError(f"harmonic_balance: order is {order}; expected at most {most} (half the sample rate).")
@@ -99,6 +93,53 @@ def harmonic_balance(
             return _cycle(system, loop, found, log)
         except Unsettled:
             return replace(guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED)
+
+
+def balances_of(
+    system: LureSystem, guess: LimitCycle, input_value: Mapping[str, float] | None = None, highest: int = 25
+) -> Iterator[LimitCycle]:
+    """Balances of rising order that may be trusted a little, as starts for an exact orbit; until one order fails.
+
+    Parameters
+    ----------
+    system : LureSystem
+    guess : LimitCycle
+    input_value : mapping of str to float, optional
+    highest : int
+        Orders end there.
+
+    Yields
+    ------
+    LimitCycle
+        Converged, with an estimated error below a third.
+
+    Raises
+    ------
+    ModelError
+        As :func:`harmonic_balance`.
+    """
+    with np.errstate(all="ignore"):
+        loop, start = _begin(system, guess, input_value)
+        for point in _rising(loop, start, highest):
+            if not point.converged and point.order > 1:
+                return
+            if point.converged and point.error < _SEEDS:
+                try:
+                    yield _cycle(system, loop, point, [])
+                except Unsettled:
+                    continue
+
+
+def _begin(system: LureSystem, guess: LimitCycle, input_value: Mapping[str, float] | None) -> tuple[Loop, _Point]:
+    """The loop with its inputs at their values, and the guess as its start."""
+    value = np.array(system.v0, float)
+    for name, number in (input_value or {}).items():
+        if name not in system.input_names:
+            known = ", ".join(system.input_names) or "none"
+            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
+        value[system.input_names.index(name)] = number
+    loop = Loop.of(system, value)
+    return loop, _anchored(inputs_of(loop, guess), guess.omega)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,22 +187,26 @@ def _fixed(loop: Loop, start: _Point, order: int) -> tuple[_Point, list[_Point]]
 
 def _automatic(loop: Loop, start: _Point) -> tuple[_Point, list[_Point]]:
     """Rising orders until the estimated error is small, or two of them fail."""
-    log: list[_Point] = []
-    last = start
-    for n in (n for n in AUTOMATIC if n <= loop.highest(start.omega)):
-        trusted = any(p.error < _TRUSTED for p in log)
-        found = _solve(loop, last, n) if trusted else _reach(loop, last, n)
-        log.append(found)
-        if not found.converged and (trusted or last is start or not log[-2].converged):
-            break
-        last = found if found.converged else last
-        if found.error < TOLERANCE:
-            return found, log
+    log = list(_rising(loop, start, max(AUTOMATIC)))
+    if log[-1].error < TOLERANCE:
+        return log[-1], log
     good = [p for p in log if p.converged]
     if not good:
         return log[-1], log
     best = min(good, key=lambda p: p.error if np.isfinite(p.error) else np.inf)
     return replace(best, converged=best.error < _TRUSTED), log
+
+
+def _rising(loop: Loop, start: _Point, highest: int) -> Iterator[_Point]:
+    """One order after the other, each from the last one that converged."""
+    last, trusted, failed = start, False, False
+    for n in (n for n in AUTOMATIC if n <= min(highest, loop.highest(start.omega))):
+        found = _solve(loop, last, n) if trusted else _reach(loop, last, n)
+        yield found
+        if found.error < TOLERANCE or (not found.converged and (trusted or last is start or failed)):
+            return
+        failed, trusted = not found.converged, trusted or found.error < _TRUSTED
+        last = found if found.converged else last
 
 
 def _reach(loop: Loop, start: _Point, order: int) -> _Point:

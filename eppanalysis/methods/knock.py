@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles, steady_hybrid
+from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles
+from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem

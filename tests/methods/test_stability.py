@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.cycles import steady_hybrid
+from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.shooting import close_orbit, run_from
 from eppanalysis.methods.simulate import run_hybrid

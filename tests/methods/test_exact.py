@@ -1,0 +1,64 @@
+"""One exact orbit from its prediction, through harmonic balance where a run leaves the cycle at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.results import Status
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "relay_deadzone", "band_two_cycles", "quantised_sensor_ct"])
+def test_every_prediction_leads_to_its_own_orbit(name):
+    case = epp.case(name)
+    system, value = case.to_system(), case.final_input()
+    found = [epp.exact_orbit(system, guess, value) for guess in epp.predict_limit_cycles(system, value)]
+    assert [c.stable for c in found] == [c.stable for c in epp.predict_limit_cycles(system, value)]
+    assert len({round(c.period, 9) for c in found}) == len(found)
+    for expected in case.expected.exact or ():
+        assert min(abs(c.period / expected.period - 1.0) for c in found) < 1e-9
+
+
+def test_the_unstable_cycle_of_the_original_elbow_from_its_prediction():
+    case = epp.case("fig8a_original")
+    system, value = case.to_system(), case.final_input()
+    guess = epp.predict_limit_cycles(system, value)[0]
+    cycle = epp.exact_orbit(system, guess, value)
+    assert cycle.status is Status.CONVERGED and cycle.residual < 1e-9
+    # What the search finds by bisection between outcomes.
+    assert cycle.period == pytest.approx(0.192932133055, rel=1e-9)
+
+
+def test_a_prediction_without_an_orbit_says_so():
+    case = epp.case("elbow_cycle_not_there")
+    system, value = case.to_system(), case.final_input()
+    guess = epp.predict_limit_cycles(system, value)[1]
+    cycle = epp.exact_orbit(system, guess, value)
+    assert cycle.status is Status.NOT_CONVERGED and np.isnan(cycle.residual) and cycle.stable is None
+
+
+def test_a_start_without_state_and_a_sampled_loop_are_refused():
+    system = epp.case("relay_ideal_khalil79").to_system()
+    guess = epp.predict_limit_cycles(system)[0]
+    with pytest.raises(EppError, match="no state"):
+        epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
+    with pytest.raises(EppError, match="discrete-time"):
+        epp.exact_orbit(epp.case("backlash_discrete_pi").to_system(), guess)
+
+
+def test_asymmetric_orbits_come_in_mirrored_pairs():
+    found = epp.find_limit_cycles(epp.case("two_mass_deadzone").to_system())
+    for cycle in found:
+        mean = cycle.mean["twist"]
+        twins = [c for c in found if c.period == pytest.approx(cycle.period, rel=1e-8)]
+        assert any(c.mean["twist"] == pytest.approx(-mean, abs=1e-9) for c in twins)
+        assert all(c.stable == cycle.stable for c in twins)
+
+
+def test_a_state_of_rest_on_several_guards_is_no_cycle():
+    case = epp.case("two_mass_damped_shaft")
+    assert [c.stable for c in epp.find_limit_cycles(case.to_system())] == [True]
