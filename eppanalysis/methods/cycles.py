@@ -181,10 +181,10 @@ class _Search:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         return (
-            f"{len(self.predicted)} predicted cycles as seeds, by harmonic balance where needed; {self.n_runs} runs along {len(SCALES)} scales of each "
-            f"predicted and found cycle and from {N_RANDOM} random starts ({ends}); {self.n_edges} edges between "
-            "different outcomes bisected for unstable cycles; the mirror image of each tried. Cycles with several unstable directions that no "
-            "prediction is near may be missed."
+            f"{len(self.predicted)} predicted cycles as seeds, by harmonic balance where needed; {self.n_runs} runs "
+            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
+            f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
+            "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
         )
 
     def add(self, orbit: Orbit) -> int:
