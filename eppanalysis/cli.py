@@ -249,7 +249,7 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
-    from eppanalysis.screen import as_found, ladder_table
+    from eppanalysis.screen import as_found, ladder_table, rungs_table
 
     _heading(case, ladder.verdict)
     expected = case.expected
@@ -259,11 +259,13 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     _print(ladder_table(ladder))
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
-    times = dict.fromkeys((row.method.partition(",")[0], row.seconds) for row in ladder.rows)
-    parts = [f"{method} {seconds:.2f} s" for method, seconds in times]
+    _print(rungs_table(ladder))
+    typer.echo("errors against the exact cycle; a cycle without a number has no exact counterpart.")
+    parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
     if ladder.probes:
         parts.append(f"{len(ladder.probes)} runs from the predicted cycles {ladder.probe_seconds:.2f} s")
-    typer.echo("time: " + ", ".join(parts))
+    if parts:
+        typer.echo("time of the rest: " + ", ".join(parts))
 
 
 def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:

@@ -106,8 +106,20 @@ def trajectory_table(trajectory: Trajectory) -> Table:
 
 def ladder_table(ladder: Ladder) -> Table:
     """The methods of a ladder, one a row, with the verdict beside each."""
-    rows = [{"method": row.method, **row.quantities, "verdict": ladder.verdict} for row in ladder.rows]
-    return Table.from_rows(rows, ladder.units)
+    rows = [
+        {
+            "method": row.method,
+            **row.quantities,
+            "exact cycle": None if row.exact is None else row.exact + 1,
+            "error of the period": row.errors.get("period"),
+            "error of the peak-to-peak": row.errors.get("peak-to-peak"),
+            "seconds": row.seconds,
+            "note": row.note,
+            "verdict": ladder.verdict,
+        }
+        for row in ladder.rows
+    ]
+    return Table.from_rows(rows, {**ladder.units, "seconds": "s"})
 
 
 def check_target(path: Path, suffixes: Sequence[str] = PICTURES + TABLES) -> None:

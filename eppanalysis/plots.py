@@ -160,7 +160,7 @@ def plot_ladder(ladder: Ladder) -> Figure:
 
 
 def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
-    """Two periods of the run's cycle (a few swings of a long one), and the predicted one in phase in the middle."""
+    """Two periods of the run's cycle (a few swings of a long one); predicted and balanced in phase in the middle."""
     cycle = ladder.run.limit_cycle
     assert cycle is not None
     unit, factor = readable(ladder.run.units.get(name, ""))
@@ -169,14 +169,24 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     ax.plot(both, factor * np.tile(waveform[name], 2), color=BLUE, linewidth=1.3, label="simulated")
     if ladder.matched is not None and ladder.prediction is not None:
         guess = ladder.prediction[ladder.matched]
-        shift = np.angle(cycle.harmonics[ladder.signal][ladder.swings]) - np.angle(guess.harmonics[ladder.signal][1])
-        turned = np.exp(1j * (guess.omega * (both - cycle.period) + shift))
-        first = guess.mean[name] + np.real(guess.harmonics[name][1] * turned)
-        ax.plot(both, factor * first, color=VERMILLION, linewidth=1.3, linestyle="--", label="predicted")
+        ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
+    balance = ladder.balance
+    if balance is not None:
+        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=ORANGE, lw=1.6, label="balanced")
     if ladder.swings > 2:
         half = 2.0 * cycle.period / ladder.swings
         ax.set_xlim(cycle.period - half, cycle.period + half)
     ax.set_ylabel(_label(name, {name: unit}))
+
+
+def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Array:
+    """A signal of an approximate cycle over two periods of the run's, with the phases equal in the middle."""
+    cycle = ladder.run.limit_cycle
+    assert cycle is not None
+    shift = np.angle(cycle.harmonics[ladder.signal][ladder.swings]) - np.angle(guess.harmonics[ladder.signal][1])
+    angle = guess.omega * (time - cycle.period) + shift
+    waves = (c * np.exp(1j * k * angle) for k, c in enumerate(guess.harmonics[name]))
+    return np.sum([np.real(wave) for wave in waves], axis=0)
 
 
 def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:

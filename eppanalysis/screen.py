@@ -78,14 +78,15 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
 
 def ladder_table(ladder: Ladder) -> Table:
     """Frequency, and peak-to-peak and mean of each signal, down; predicted and simulated cycles and errors across."""
-    rungs = [row for row in ladder.rows if row.cycle is not None]
+    shown = ("describing function", "simulation")
+    rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
     at_rest = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
     heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
     table = _table("", *heads, *(["at rest in simulation"] if at_rest else []), *(["error"] if ladder.errors else []))
 
     def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
-        shown = [_signed_percent(error)] if ladder.errors else []
-        table.add_row(label, *cells, *([rest] if at_rest else []), *shown)
+        last = [_signed_percent(error)] if ladder.errors else []
+        table.add_row(label, *cells, *([rest] if at_rest else []), *last)
 
     paces = [_number(row.quantities["frequency"]) for row in rungs]
     add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
@@ -101,6 +102,32 @@ def ladder_table(ladder: Ladder) -> Table:
     return table
 
 
+def rungs_table(ladder: Ladder) -> Table:
+    """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
+    unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
+    size = _with_unit(ladder.signal, unit) + " peak to peak"
+    table = _table("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
+    table.columns[1].justify = table.columns[-1].justify = "left"
+    numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
+    for i in [*sorted(numbers), None]:
+        for row in (row for row in ladder.rows if row.exact == i):
+            frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
+            own = row.method.startswith("exact")
+            errors = ["exact"] * 2 if own else [_error(row.errors.get(k)) for k in ("period", "peak-to-peak")]
+            period = f"{1.0 / frequency:.6g}" if frequency else "-"
+            cells = [period, f"{span * factor:.6g}" if span is not None else "-", *errors, f"{row.seconds:.2g}"]
+            table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
+        table.add_section()
+    return table
+
+
+def _error(share: float | None) -> str:
+    """A relative error: in per cent, or as a power of ten when it is small."""
+    if share is None or math.isnan(share):
+        return "-"
+    return _signed_percent(share) if abs(share) >= 1e-4 else f"{share:+.0e}" if share else "0"
+
+
 class TruthTable:
     """All cases in one table: what is known of each, what the run did, whether it agrees, and what first order says."""
 
@@ -114,6 +141,7 @@ class TruthTable:
             "",
             "predicted [Hz]",
             "simulated [Hz]",
+            "exact",
             "first order",
         )
         self.table = _table(*heads, numbers=False)
@@ -136,6 +164,7 @@ class TruthTable:
             found,
             predicted,
             _number(ladder.swings * cycle.frequency) if cycle else "none",
+            _exact_cycles(ladder),
             _first_sentences(ladder),
         )
         if found:
@@ -152,6 +181,14 @@ def as_found(case: Case, ladder: Ladder) -> str:
     """Whether the run did what the case must do; empty where the case does not say."""
     must = case.expected.outcome
     return "" if must is None else "ok" if ladder.outcome == must else "FAIL"
+
+
+def _exact_cycles(ladder: Ladder) -> str:
+    """How many exact cycles of either kind there are; a dash where there can be none (discrete time)."""
+    if ladder.search is None:
+        return "-"
+    kinds = ((ladder.search.stable, "stable"), (ladder.search.unstable, "unstable"))
+    return "\n".join(f"{len(cycles)} {kind}" for cycles, kind in kinds if cycles) or "none"
 
 
 def _first_sentences(ladder: Ladder) -> str:

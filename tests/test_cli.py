@@ -166,7 +166,9 @@ def test_validate_puts_every_signal_side_by_side():
         assert text in output
     row = next(line for line in output.splitlines() if "frequency [Hz]" in line).split()
     assert row[2:] == ["5.611", "10.61", "8.974", "+18.3", "%"]
-    assert "time: describing function" in output and "simulation" in output
+    rungs = [line.split() for line in output.splitlines() if line.strip().startswith(("1 ", "2 "))]
+    assert [" ".join(r[1:3]) for r in rungs[:3]] == ["describing function,", "harmonic balance,", "exact orbit,"]
+    assert len(rungs) == 7 and "search for all exact cycles" in output
 
 
 def test_truth_table_is_printed_as_the_paper_found():
@@ -177,6 +179,8 @@ def test_truth_table_is_printed_as_the_paper_found():
     for name, (figure, must) in TRUTH.items():
         words = " ".join(rows[name].split())
         assert figure in words and f" {must} {must} ok " in words
+    # A step that settles is no proof: beside the light forearm's resting state there are cycles.
+    assert " 1 stable " in rows["light_forearm"] and rows["soft_cable"].split().count("none") == 3
 
 
 TRUTH = {

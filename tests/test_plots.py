@@ -97,13 +97,14 @@ def test_ladder_shows_the_run_the_cycle_and_the_prediction(relay_ladder):
 
 def test_predicted_cycle_lies_over_the_simulated_one_in_phase_and_size(relay_ladder):
     ax = plot_ladder(relay_ladder).axes[2]
-    simulated, predicted = (np.asarray(line.get_ydata(), float) for line in ax.lines)
+    simulated, predicted, balanced = (np.asarray(line.get_ydata(), float) for line in ax.lines)
     assert np.ptp(predicted) == pytest.approx(relay_ladder.prediction[0].peak_to_peak["x"], rel=1e-3)
     assert np.ptp(simulated) == pytest.approx(relay_ladder.run.limit_cycle.peak_to_peak["x"], rel=1e-3)
     # One period of either is nearly the same sine: their correlation in the middle is close to one.
     n = simulated.size
     middle = slice(n // 3, 2 * n // 3)
     assert np.corrcoef(simulated[middle], predicted[middle])[0, 1] > 0.99
+    np.testing.assert_allclose(balanced[middle], simulated[middle], atol=1e-2 * np.ptp(simulated))
 
 
 def test_angles_are_in_degrees_in_the_ladder():

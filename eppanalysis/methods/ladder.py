@@ -1,13 +1,13 @@
 """The ladder: the methods side by side for one loop, with their errors, and a sentence on what they mean together.
 
-First order can be wrong in both directions, so every predicted cycle is put to the test: a run is started on it and
-another a fifth below and above it. What these runs do tells a cycle that exists but is not reached from this start, one
-that a lower cycle guards, and one that only the approximation has.
+The rungs themselves (first order, harmonic balance, exact orbit, simulation) are in ``rungs``. First order can be wrong
+in both directions, so every predicted cycle is put to the test: a run is started on it and another a fifth below and
+above it. What these runs do tells a cycle that exists but is not reached from this start, one that a lower cycle
+guards, and one that only the approximation has.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.describing import predict_limit_cycles
+from eppanalysis.methods.rungs import FACTOR, Clock, Rung, climb, distance, largest_harmonic
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion
@@ -44,30 +46,7 @@ class Agreement(Enum):
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
     )
-    NO_PREDICTION = "An element has no describing function, so there is only the simulation."
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One rung: a method and what it gives (None where it gives nothing).
-
-    Attributes
-    ----------
-    method : str
-    quantities : dict of str to (float or None)
-        Frequency [Hz], peak-to-peak and mean of the ladder's signal.
-    seconds : float
-        How long the method took; methods that give several cycles take it once for all of them.
-    note : str
-    cycle : LimitCycle or None
-        Where all signals are.
-    """
-
-    method: str
-    quantities: dict[str, float | None]
-    seconds: float
-    note: str = ""
-    cycle: LimitCycle | None = None
+    NO_PREDICTION = "An element has no describing function, so first order says nothing of this loop."
 
 
 @dataclass(frozen=True)
@@ -115,6 +94,12 @@ class Ladder:
     agreement : Agreement
     verdict : str
         Plain sentences.
+    rows : tuple of Rung
+        First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
+    search : CycleSearch or None
+        All exact cycles; None in discrete time.
+    search_seconds : float
+        How long the search for them took.
     """
 
     signal: str
@@ -129,12 +114,21 @@ class Ladder:
     units: dict[str, str]
     swings: int = 1
     probe_seconds: float = 0.0
+    search: CycleSearch | None = None
+    search_seconds: float = 0.0
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
     def outcome(self) -> str:
         """What the run did: "oscillate", "settle" or "undecided"."""
         return {Status.LIMIT_CYCLE: "oscillate", Status.SETTLED: "settle"}.get(self.run.status, "undecided")
+
+    @property
+    def balance(self) -> LimitCycle | None:
+        """The harmonic balance of the cycle that the run is on, if there is one."""
+        here = self.rows[-1].exact
+        found = (r.cycle for r in self.rows if r.method.startswith("harmonic balance") and r.exact == here)
+        return next(found, None) if here is not None else None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units, as ``--json`` prints it."""
@@ -152,8 +146,16 @@ class Ladder:
                 {"cycle": p.cycle, "scale": p.scale, "status": p.status.name.lower(), "peak_to_peak": p.peak_to_peak}
                 for p in self.probes
             ],
+            "exact": None if self.search is None else self.search.to_dict(),
             "rows": [
-                {"method": r.method, "quantities": dict(r.quantities), "seconds": r.seconds, "note": r.note}
+                {
+                    "method": r.method,
+                    "quantities": dict(r.quantities),
+                    "seconds": r.seconds,
+                    "note": r.note,
+                    "exact": r.exact,
+                    "errors": dict(r.errors),
+                }
                 for r in self.rows
             ],
             "provenance": dict(self.provenance),
@@ -210,7 +212,7 @@ def ladder(case: _CaseLike) -> Ladder:
     """
     system, final = case.to_system(), case.final_input()
     signal = case.expected.signal or system.signals.names[0]
-    clock = _Clock()
+    clock = Clock()
     prediction, why_not = _predict(system, final)
     predict_seconds = clock.lap()
     run = simulate(system, case.input, case.t_end)
@@ -223,6 +225,7 @@ def ladder(case: _CaseLike) -> Ladder:
     swings = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
     errors = _errors(cycles[matched], run.limit_cycle, swings) if matched is not None and run.limit_cycle else {}
     agreement = _agreement(prediction, run, matched, probes, signal)
+    found = climb(system, final, (prediction, predict_seconds), (run, run_seconds), signal)
     sentences = [agreement.value, *([why_not] if why_not else []), *_cycle_sentences(run.limit_cycle, errors, signal)]
     return Ladder(
         signal=signal,
@@ -234,23 +237,13 @@ def ladder(case: _CaseLike) -> Ladder:
         probes=probes,
         probe_seconds=probe_seconds,
         agreement=agreement,
-        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles)]),
-        rows=tuple(_rows(prediction, run, signal, predict_seconds, run_seconds)),
+        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence]),
+        rows=found.rows,
+        search=found.search,
+        search_seconds=found.search_seconds,
         units={"frequency": "Hz", "peak-to-peak": run.units.get(signal, ""), "mean": run.units.get(signal, "")},
         provenance=provenance("ladder", {"t_end": case.t_end}) | {"case": case.provenance()},
     )
-
-
-class _Clock:
-    """Wall-clock time between laps [s]."""
-
-    def __init__(self) -> None:
-        self.last = time.perf_counter()
-
-    def lap(self) -> float:
-        """Time since the lap before."""
-        before, self.last = self.last, time.perf_counter()
-        return self.last - before
 
 
 def _predict(system: LureSystem, final: Mapping[str, float]) -> tuple[Prediction | None, str]:
@@ -260,26 +253,13 @@ def _predict(system: LureSystem, final: Mapping[str, float]) -> tuple[Prediction
         return None, str(error)
 
 
-def largest_harmonic(cycle: LimitCycle, signal: str) -> int:
-    """Number of the largest harmonic of a signal: its swings within a period, one but for cycles of several turns."""
-    sizes = np.abs(cycle.harmonics[signal][1:])
-    return int(np.argmax(sizes)) + 1 if sizes.size else 1
-
-
-def _distance(a: LimitCycle, b: LimitCycle, signal: str) -> float:
-    """How far two cycles are apart: the larger of the ratios of frequency (of the swings) and size, as logarithms."""
-    size = max(a.peak_to_peak[signal], 1e-300) / max(b.peak_to_peak[signal], 1e-300)
-    pace = largest_harmonic(a, signal) * a.frequency / (largest_harmonic(b, signal) * b.frequency)
-    return float(max(abs(np.log(pace)), abs(np.log(size))))
-
-
 def _match(cycles: tuple[LimitCycle, ...], reached: LimitCycle | None, signal: str) -> int | None:
     """The stable predicted cycle nearest to the one reached, if it is within a factor of two in frequency and size."""
     if reached is None:
         return None
-    near = {i: _distance(c, reached, signal) for i, c in enumerate(cycles) if c.stable is not False}
+    near = {i: distance(c, reached, signal) for i, c in enumerate(cycles) if c.stable is not False}
     best = min(near, key=lambda i: near[i], default=None)
-    return best if best is not None and near[best] < np.log(2.0) else None
+    return best if best is not None and near[best] < np.log(FACTOR) else None
 
 
 def _probes(
@@ -373,28 +353,3 @@ def _same(a: Probe, b: Probe) -> bool:
     if a.status is not b.status:
         return False
     return a.status is not Status.LIMIT_CYCLE or abs(a.peak_to_peak - b.peak_to_peak) <= 1e-3 * abs(b.peak_to_peak)
-
-
-def _rows(
-    prediction: Prediction | None, run: Trajectory, signal: str, predict_seconds: float, run_seconds: float
-) -> list[Rung]:
-    rows = []
-    for cycle in prediction or ():
-        kind = {True: "stable", False: "unstable", None: "stability unknown"}[cycle.stable]
-        rows.append(Rung(f"describing function, {kind}", _quantities(cycle, signal), predict_seconds, cycle=cycle))
-    if not rows:
-        note = "no describing function" if prediction is None else "no cycle"
-        rows.append(Rung("describing function", _quantities(None, signal), predict_seconds, note))
-    note = run.status.value if run.limit_cycle is None else ""
-    rows.append(Rung("simulation", _quantities(run.limit_cycle, signal), run_seconds, note, run.limit_cycle))
-    return rows
-
-
-def _quantities(cycle: LimitCycle | None, signal: str) -> dict[str, float | None]:
-    if cycle is None:
-        return {"frequency": None, "peak-to-peak": None, "mean": None}
-    return {
-        "frequency": largest_harmonic(cycle, signal) * cycle.frequency,
-        "peak-to-peak": cycle.peak_to_peak[signal],
-        "mean": cycle.mean[signal],
-    }

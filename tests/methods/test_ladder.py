@@ -67,8 +67,15 @@ def test_the_unstable_cycle_divides(original: epp.Ladder) -> None:
 
 
 def test_rows_hold_every_method_with_its_time(original: epp.Ladder) -> None:
-    methods = [row.method for row in original.rows]
-    assert methods == ["describing function, unstable", "describing function, stable", "simulation"]
+    assert [row.method for row in original.rows] == [
+        "describing function, unstable",
+        "describing function, stable",
+        "harmonic balance, order 9",
+        "harmonic balance, order 65",
+        "exact orbit, unstable",
+        "exact orbit, stable",
+        "simulation",
+    ]
     assert all(row.seconds > 0 and row.cycle is not None for row in original.rows)
     assert original.probe_seconds > 0
 
@@ -195,3 +202,42 @@ def test_a_cycle_of_seven_turns_is_compared_swing_by_swing() -> None:
 def test_largest_harmonic_of_an_ordinary_cycle_is_the_first(original: epp.Ladder) -> None:
     assert original.run.limit_cycle is not None
     assert largest_harmonic(original.run.limit_cycle, "theta") == 1
+
+
+# The rungs ------------------------------------------------------------------------------------------------------------
+def test_every_rung_is_nearer_to_the_exact_cycle_than_the_one_below(original: epp.Ladder) -> None:
+    for number in (0, 1):
+        rungs = [row for row in original.rows if row.exact == number]
+        kinds = ["describing function", "harmonic balance", "exact orbit", "simulation"]
+        assert [r.method.split(",")[0] for r in rungs] == kinds[: 3 + number]
+        first, balance, exact = (abs(r.errors["period"]) for r in rungs[:3])
+        assert first > 10 * balance > exact == 0.0
+        assert balance < 2e-2
+    simulated = original.rows[-1]
+    assert abs(simulated.errors["period"]) < 1e-9 and abs(simulated.errors["peak-to-peak"]) < 1e-9
+
+
+def test_errors_of_rungs_are_those_of_the_published_exact_cycle() -> None:
+    case = epp.case("relay_deadzone")
+    result = epp.ladder(case)
+    assert case.expected.exact
+    for exact in case.expected.exact:
+        kind = "stable" if exact.stable else "unstable"
+        row = next(r for r in result.rows if r.method == f"describing function, {kind}")
+        assert row.cycle is not None
+        assert row.errors["period"] == pytest.approx(row.cycle.period / exact.period - 1.0, rel=1e-6)
+
+
+def test_a_predicted_cycle_without_counterpart_has_no_number() -> None:
+    result = epp.ladder(epp.case("backlash_servo"))
+    unstable = result.rows[0]
+    assert unstable.method == "describing function, unstable" and unstable.exact is None and not unstable.errors
+    assert "Exact limit cycles: 1 stable." in result.verdict
+
+
+def test_a_sampled_loop_is_measured_against_its_simulation() -> None:
+    result = epp.ladder(epp.case("backlash_discrete_pi"))
+    assert result.search is None and "discrete time" in result.verdict
+    first, balance, simulated = result.rows
+    assert abs(first.errors["period"]) > 0.05 > 0.01 > abs(balance.errors["period"])
+    assert simulated.errors == {"period": 0.0, "peak-to-peak": 0.0}

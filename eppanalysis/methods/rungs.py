@@ -1,0 +1,249 @@
+"""The rungs of the ladder: first order, harmonic balance, exact orbit and simulation of each limit cycle, with errors.
+
+Every cycle of an approximate method is put beside the exact cycle that it belongs to: the nearest one in frequency and
+size, each exact cycle given away once, and those of the same stability first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles
+from eppanalysis.methods.exact import exact_orbit
+from eppanalysis.methods.harmonic import harmonic_balance
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.results import LimitCycle, Prediction, Trajectory
+
+#: Factor in frequency and in size within which two cycles may belong together.
+FACTOR = 2.0
+_STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One rung: a method and what it gives (None where it gives nothing).
+
+    Attributes
+    ----------
+    method : str
+    quantities : dict of str to (float or None)
+        Frequency [Hz], peak-to-peak and mean of the ladder's signal.
+    seconds : float
+        How long the method took. First order takes it once for all cycles; a balance starts from first order, an exact
+        orbit from the balance (or from first order); one that only the search has found carries the search's time.
+    note : str
+    cycle : LimitCycle or None
+        Where all signals are.
+    exact : int or None
+        Number of the exact cycle that the rung belongs to.
+    errors : dict of str to float
+        Relative errors of "period" (of a swing) and "peak-to-peak" against that cycle; empty when there is none.
+    """
+
+    method: str
+    quantities: dict[str, float | None]
+    seconds: float
+    note: str = ""
+    cycle: LimitCycle | None = None
+    exact: int | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+
+
+class Clock:
+    """Wall-clock time between laps [s]."""
+
+    def __init__(self) -> None:
+        self.last = time.perf_counter()
+
+    def lap(self) -> float:
+        """Time since the lap before."""
+        before, self.last = self.last, time.perf_counter()
+        return self.last - before
+
+
+def largest_harmonic(cycle: LimitCycle, signal: str) -> int:
+    """Number of the largest harmonic of a signal: its swings within a period, one but for cycles of several turns."""
+    sizes = np.abs(cycle.harmonics[signal][1:])
+    return int(np.argmax(sizes)) + 1 if sizes.size else 1
+
+
+def pace(cycle: LimitCycle, signal: str) -> float:
+    """Swings of a signal per second [Hz]."""
+    return largest_harmonic(cycle, signal) * cycle.frequency
+
+
+def distance(a: LimitCycle, b: LimitCycle, signal: str) -> float:
+    """How far two cycles are apart: the larger of the ratios of frequency (of the swings) and size, as logarithms."""
+    size = max(a.peak_to_peak[signal], 1e-300) / max(b.peak_to_peak[signal], 1e-300)
+    return float(max(abs(np.log(pace(a, signal) / pace(b, signal))), abs(np.log(size))))
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """All rungs, and where the exact ones come from.
+
+    Attributes
+    ----------
+    rows : tuple of Rung
+        First order, balances, exact orbits, simulation.
+    search : CycleSearch or None
+        The search for exact cycles; None where there can be no exact orbit.
+    search_seconds : float
+    sentence : str
+        How many exact cycles there are, or why there are none.
+    """
+
+    rows: tuple[Rung, ...]
+    search: CycleSearch | None
+    search_seconds: float
+    sentence: str
+
+
+def climb(
+    system: LureSystem,
+    final: Mapping[str, float],
+    prediction: tuple[Prediction | None, float],
+    run: tuple[Trajectory, float],
+    signal: str,
+) -> Climb:
+    """Balances and exact orbits between a prediction and a run (each with the seconds it took)."""
+    clock = Clock()
+    search, why_not = _search(system, final)
+    search_seconds = clock.lap()
+    truth: Sequence[LimitCycle] = search.cycles if search else ()
+    if system.time_step and run[0].limit_cycle is not None:
+        truth = (run[0].limit_cycle,)
+    first = _first_order(*prediction, signal)
+    first = _belonging(first, truth, signal)
+    balances = _belonging(_balances(system, final, first, signal), truth, signal)
+    exact = () if search is None else _exact(system, final, search, (*balances, *first), search_seconds, signal)
+    last = _simulated(*run, signal)
+    rows = (*first, *balances, *exact, *_belonging((last,), truth, signal))
+    return Climb(rows, search, search_seconds, _sentence(system, search, why_not))
+
+
+def _search(system: LureSystem, final: Mapping[str, float]) -> tuple[CycleSearch | None, str]:
+    if system.time_step:
+        return None, (
+            "In discrete time there is no orbit between samples: the simulation is exact, and errors are against it."
+        )
+    try:
+        return find_limit_cycles(system, final), ""
+    except EppError as error:
+        return None, str(error)
+
+
+def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> str:
+    if search is None:
+        return why_not
+    if not len(search) and not search.status.ok:
+        return "No exact limit cycle was found, but some runs of the search are undecided."
+    if not len(search):
+        ends = "rest" if search.rests else "grow without bound"
+        return f"There is no exact limit cycle: all {search.provenance['runs']} runs of the search {ends}."
+    parts = [f"{len(c)} {kind}" for c, kind in ((search.stable, "stable"), (search.unstable, "unstable")) if c]
+    return f"Exact limit cycles: {' and '.join(parts)}."
+
+
+def _first_order(prediction: Prediction | None, seconds: float, signal: str) -> tuple[Rung, ...]:
+    rows = tuple(
+        Rung(f"describing function, {_STABILITY[c.stable]}", quantities(c, signal), seconds, cycle=c)
+        for c in prediction or ()
+    )
+    note = "no describing function" if prediction is None else "no cycle"
+    return rows or (Rung("describing function", quantities(None, signal), seconds, note),)
+
+
+def _balances(system: LureSystem, final: Mapping[str, float], first: Sequence[Rung], signal: str) -> tuple[Rung, ...]:
+    """Balance of each predicted cycle; of predictions that lead to one cycle only the first."""
+    rows: list[Rung] = []
+    for rung in first:
+        if rung.cycle is None:
+            continue
+        clock = Clock()
+        try:
+            found = harmonic_balance(system, rung.cycle, input_value=final)
+        except EppError as error:
+            rows.append(Rung("harmonic balance", quantities(None, signal), clock.lap(), str(error)))
+            continue
+        seconds = clock.lap()
+        if not found.status.ok:
+            note = f"does not converge from the cycle predicted at {pace(rung.cycle, signal):.4g} Hz"
+            rows.append(Rung("harmonic balance", quantities(None, signal), seconds, note))
+        elif not any(_same(found, row.cycle, signal) for row in rows if row.cycle is not None):
+            rows.append(Rung(found.method, quantities(found, signal), seconds, cycle=found))
+    return tuple(rows)
+
+
+def _same(a: LimitCycle, b: LimitCycle, signal: str) -> bool:
+    return distance(a, b, signal) < max(2.0 * (a.error_estimate + b.error_estimate), 1e-6)
+
+
+def _exact(
+    system: LureSystem,
+    final: Mapping[str, float],
+    search: CycleSearch,
+    below: Sequence[Rung],
+    search_seconds: float,
+    signal: str,
+) -> tuple[Rung, ...]:
+    """Exact orbits, each with the time that it takes to close it from the best rung below."""
+    rows = []
+    for i, cycle in enumerate(search):
+        start = next((rung.cycle for rung in below if rung.exact == i), None)
+        seconds, note = search_seconds, "found by the search"
+        if start is not None:
+            clock = Clock()
+            again = exact_orbit(system, start, final)
+            if again.status.ok and abs(again.period / cycle.period - 1.0) < 1e-6:
+                seconds, note = clock.lap(), ""
+        method = f"{cycle.method}, {_STABILITY[cycle.stable]}"
+        errors = {"period": 0.0, "peak-to-peak": 0.0}
+        rows.append(Rung(method, quantities(cycle, signal), seconds, note, cycle, i, errors))
+    return tuple(rows)
+
+
+def _simulated(run: Trajectory, seconds: float, signal: str) -> Rung:
+    note = run.status.value if run.limit_cycle is None else ""
+    return Rung("simulation", quantities(run.limit_cycle, signal), seconds, note, run.limit_cycle)
+
+
+def _belonging(rows: tuple[Rung, ...], truth: Sequence[LimitCycle], signal: str) -> tuple[Rung, ...]:
+    """The rungs with the exact cycles that they belong to, and their errors."""
+    pairs = sorted(
+        (row.cycle.stable not in (None, cycle.stable), distance(row.cycle, cycle, signal), i, j)
+        for i, row in enumerate(rows)
+        for j, cycle in enumerate(truth)
+        if row.cycle is not None
+    )
+    given: dict[int, int] = {}
+    for _, apart, i, j in pairs:
+        if apart < np.log(FACTOR) and i not in given and j not in given.values():
+            given[i] = j
+    return tuple(_with_errors(row, given.get(i), truth, signal) for i, row in enumerate(rows))
+
+
+def _with_errors(row: Rung, exact: int | None, truth: Sequence[LimitCycle], signal: str) -> Rung:
+    if exact is None or row.cycle is None:
+        return row
+    errors = {
+        "period": pace(truth[exact], signal) / pace(row.cycle, signal) - 1.0,
+        "peak-to-peak": row.cycle.peak_to_peak[signal] / truth[exact].peak_to_peak[signal] - 1.0,
+    }
+    return replace(row, exact=exact, errors=errors)
+
+
+def quantities(cycle: LimitCycle | None, signal: str) -> dict[str, float | None]:
+    """What a rung shows of a cycle."""
+    if cycle is None:
+        return {"frequency": None, "peak-to-peak": None, "mean": None}
+    return {
+        "frequency": pace(cycle, signal),
+        "peak-to-peak": cycle.peak_to_peak[signal],
+        "mean": cycle.mean[signal],
+    }
