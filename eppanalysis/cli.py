@@ -309,7 +309,7 @@ def _print(table: RichTable) -> None:
     from rich.console import Console
 
     # Output that goes to a file or a pipe is not folded at the width of a screen.
-    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 200).print(table)
+    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(table)
 
 
 def main() -> None:
