@@ -19,7 +19,13 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case as Case, case as case, read_case as read_case, shipped_cases as shipped_cases
+    from eppanalysis.case import (
+        Case as Case,
+        case as case,
+        case_from_text as case_from_text,
+        read_case as read_case,
+        shipped_cases as shipped_cases,
+    )
     from eppanalysis.errors import (
         CaseError as CaseError,
         EppError as EppError,
@@ -68,6 +74,7 @@ if TYPE_CHECKING:
         plot_slices as plot_slices,
         plot_sweep as plot_sweep,
     )
+    from eppanalysis.report import report as report
     from eppanalysis.results import (
         Event as Event,
         LimitCycle as LimitCycle,
@@ -88,12 +95,13 @@ if TYPE_CHECKING:
         fold_boundary as fold_boundary,
         outcome_boundary as outcome_boundary,
     )
+    from eppanalysis.tables import table as table
 
 __version__ = "0.1.0"
 
 #: Public names by the module that holds them.
 _NAMES = {
-    "case": ("Case", "case", "read_case", "shipped_cases"),
+    "case": ("Case", "case", "case_from_text", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
     "methods.continuation": ("Branch", "continue_branch"),
     "methods.cycles": ("CycleSearch", "find_limit_cycles"),
@@ -133,7 +141,9 @@ _NAMES = {
         "Sine",
         "StictionPulley",
     ),
+    "report": ("report",),
     "results": ("Event", "LimitCycle", "Prediction", "Status", "Trajectory"),
+    "tables": ("table",),
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 #: Public modules, for names that would not be clear on their own (the motions Step, Ramp, Sine, ...).

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from eppanalysis.cli_common import NOTHING, Json, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
+from eppanalysis.cli_report import report
 from eppanalysis.cli_sweep import sweep
 from eppanalysis.errors import EppError
 
@@ -85,7 +86,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
     """Check case files: every field, its unit and its range."""
     from eppanalysis.screen import parameters_table
 
-    valid, texts = [], _expanded(cases)
+    valid, texts = [], expanded(cases)
     for text in texts:
         try:
             valid.append(load_case(text, settings))
@@ -156,6 +157,7 @@ def list_cases(as_json: Json = False) -> None:
 app.command("cycles")(cycles)
 app.command("branch")(branch)
 app.command("sweep")(sweep)
+app.command("report")(report)
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,7 @@ def _carry_out(
     command: str, texts: Sequence[str], settings: Sequence[str], as_json: bool, output: Path | None, verb: _Verb
 ) -> None:
     """Load all cases, compute, then print and write; nothing is computed when an argument is wrong."""
-    texts = _expanded(texts)
+    texts = expanded(texts)
     if output is not None:
         _check_output(output, len(texts))
     cases = [load_case(text, settings) for text in texts]
@@ -194,13 +196,6 @@ def _carry_out(
         print_json(command, found, settings)
     if output is not None:
         _write(output, cases, results, verb)
-
-
-def _expanded(texts: Sequence[str]) -> list[str]:
-    """Cases with the members of a group in place of its name."""
-    from eppanalysis.case import GROUPS
-
-    return [name for text in texts for name in GROUPS.get(text, (text,))]
 
 
 def _check_output(output: Path, n_cases: int) -> None:

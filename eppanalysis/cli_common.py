@@ -49,6 +49,13 @@ def load_case(text: str, settings: Sequence[str]) -> Case:
     return found.with_values(values, "--set") if values else found
 
 
+def expanded(texts: Sequence[str]) -> list[str]:
+    """Cases with the members of a group in place of its name."""
+    from eppanalysis.case import GROUPS
+
+    return [name for text in texts for name in GROUPS.get(text, (text,))]
+
+
 def given_values(settings: Sequence[str]) -> dict[str, Any]:
     """Fields and values of ``--set FIELD=VALUE``; what is not a TOML value ("0.5 deg") is a text."""
     import tomllib

@@ -157,7 +157,7 @@ def write_figure(figure: Figure, path: Path) -> None:
     # Text stays text in SVG and PDF, and equal results give equal files.
     with (
         mpl.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "eppanalysis"}),
-        _atomic(path) as part,
+        atomic(path) as part,
     ):
         stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower())
         figure.savefig(part, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
@@ -168,7 +168,7 @@ def write_table(table: Table, path: Path) -> None:
     if path.suffix.lower() == ".nc":
         write_dataset(table.to_dataset(), path)
         return
-    with _atomic(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+    with atomic(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow([_csv_cell(name) for name in table.header()])
         writer.writerows([_csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
@@ -184,12 +184,12 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
         ("netcdf4", ("netCDF4",)),
     )
     engines = [name for name, needed in complete if all(find_spec(module) for module in needed)]
-    with _atomic(path) as part:
+    with atomic(path) as part:
         dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")
 
 
 @contextmanager
-def _atomic(path: Path) -> Iterator[Path]:
+def atomic(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder that takes the place of `path` when the block ends well, else vanishes."""
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
@@ -151,6 +152,8 @@ def plot_ladder(ladder: Ladder) -> Figure:
         draw(ax, ladder, name)
     for panels, text in ((runs, "time [s]"), (close, "time [s]")):
         _label_time(panels, text)
+    for ax in close:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
     for ax in (*runs, *close):
         ax.spines[["top", "right"]].set_visible(False)
     close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
@@ -391,7 +394,7 @@ def _root_figure(ax: Axes) -> Figure:
     return figure
 
 
-def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
+def plot_branch(branch: Branch, signal: str | None = None, at: float | None = None) -> Figure:
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, other special points open squares, simulated runs crosses on top.
@@ -401,6 +404,8 @@ def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
     branch : Branch
     signal : str, optional
         Whose peak-to-peak is drawn; the first by default.
+    at : float, optional
+        Value of the parameter that a dotted line marks [SI].
 
     Raises
     ------
@@ -408,10 +413,12 @@ def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
         If the branch has no such signal.
     """
     name = _chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
-    value, stable = branch.points["value"], branch.points["stable"]
+    x_unit, x_factor = readable(branch.unit)
+    unit, factor = readable(branch.units.get(name, ""))
+    value, stable = x_factor * branch.points["value"], branch.points["stable"]
     figure, panels = _panels(2, height=2.4)
-    for ax, key in zip(panels, (name, "frequency"), strict=True):
-        y = branch.points[key]
+    for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
+        y = scale * branch.points[key]
         for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
             # A piece belongs to the stability of its first point; the other kind leaves a gap.
             piece = (stable == kind) | np.append(False, stable[:-1] == kind)
@@ -421,11 +428,16 @@ def plot_branch(branch: Branch, signal: str | None = None) -> Figure:
             height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
             colour, face = (ORANGE, ORANGE) if fold else (GREY, "none")
             label = "fold" if fold else "other special point"
-            ax.plot(special.value, height, "D" if fold else "s", color=colour, markerfacecolor=face, ms=5, label=label)
+            place = x_factor * special.value, scale * height
+            ax.plot(*place, "D" if fold else "s", color=colour, markerfacecolor=face, ms=5, label=label)
         if key in branch.simulated:
-            ax.plot(branch.simulated["value"], branch.simulated[key], "x", color=GREEN, markersize=5, label="simulated")
-        ax.set_ylabel("frequency [Hz]" if key == "frequency" else _label(name, branch.units) + "\npeak to peak")
-        ax.set_xlabel(f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter)
+            runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
+            ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
+        if at is not None:
+            ax.axvline(x_factor * at, color=GREY, linestyle=":")
+        ax.set_ylabel("frequency [Hz]" if key == "frequency" else _label(name, {name: unit}) + "\npeak to peak")
+        words = branch.parameter.replace("_", " ").replace(".", " ")
+        ax.set_xlabel(f"{words} [{x_unit}]" if x_unit else words)
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
     panels[0].legend(handles.values(), handles.keys(), fontsize=8)
     return figure

@@ -13,8 +13,12 @@ from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
+    from eppanalysis.methods.knock import Knock
     from eppanalysis.methods.ladder import Ladder
     from eppanalysis.results import LimitCycle, Trajectory
+
+#: SI units of what an elbow is knocked at; the inputs and states of other loops have none.
+_KNOCKED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 
 def parameters_table(case: Case) -> Table:
@@ -42,8 +46,51 @@ def margins_text(margins: Mapping[str, float]) -> str:
         if name == "phase_margin":
             texts.append(f"{words} {_number(math.degrees(value))} deg")
         else:
-            texts.append(f"{words} {_number(value)}" + (" rad/s" if name.endswith("crossover") else ""))
+            unit = " rad/s" if name.endswith("crossover") and not math.isnan(value) else ""
+            texts.append(f"{words} {_number(value)}{unit}")
     return ", ".join(texts)
+
+
+def margins_table(margins: Mapping[str, float]) -> Table:
+    """Classical margins, one a row."""
+    table = _table("margin", "value")
+    for name, value in margins.items():
+        text = margins_text({name: value}).removeprefix(name.replace("_", " ")).strip()
+        table.add_row(name.replace("_", " "), text)
+    return table
+
+
+def knocks_table(knocks: Sequence[Knock]) -> Table:
+    """The smallest disturbance of each kind that starts a cycle."""
+    table = _table("knocked", "starts a cycle from", "largest tried")
+    for knock in knocks:
+        unit, factor = readable(_KNOCKED.get(knock.name, ""))
+        none = math.isnan(knock.size)
+        size = "nothing tried starts one" if none else _number(knock.size * factor)
+        table.add_row(_with_unit(knock.name, unit), size, _number(knock.tried * factor))
+    return table
+
+
+def provenance_table(facts: Mapping[str, Any]) -> Table:
+    """Where a result comes from, one fact a row; parameters have a table of their own."""
+    table = _table("", "", numbers=False)
+    for name, value in facts.items():
+        if name == "parameters":
+            continue
+        if isinstance(value, Mapping):
+            for key, inner in value.items():
+                if not isinstance(inner, Mapping | list | tuple):
+                    table.add_row(f"{name}: {key}".replace("_", " "), str(inner))
+        else:
+            table.add_row(name.replace("_", " "), str(value))
+    return table
+
+
+def sentence_table(text: str) -> Table:
+    """A table that holds one sentence."""
+    table = _table("", numbers=False)
+    table.add_row(text)
+    return table
 
 
 def cases_table(cases: Sequence[Case]) -> Table:

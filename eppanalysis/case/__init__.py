@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from eppanalysis.case.expected import Cycle, Expected, Published
-from eppanalysis.case.files import GROUPS, Missing, read_raw, shipped_cases, shipped_cases_folder
+from eppanalysis.case.files import GROUPS, PLAIN_NAME, Missing, parse_raw, read_raw, shipped_cases, shipped_cases_folder
 from eppanalysis.case.model import Case, json_schema, load
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.errors import CaseError
@@ -22,6 +22,7 @@ __all__ = [
     "Parameter",
     "Published",
     "case",
+    "case_from_text",
     "json_schema",
     "read_case",
     "shipped_cases",
@@ -49,6 +50,34 @@ def read_case(path: str | Path) -> Case:
     ('fig8a_original', '2.5 deg')
     """
     return load(read_raw(Path(path), str(path)))
+
+
+def case_from_text(text: str, name: str = "case", folder: str | Path | None = None) -> Case:
+    r"""The case that a TOML text holds, as notebooks carry it with them.
+
+    Parameters
+    ----------
+    text : str
+        What would stand in a case file.
+    name : str
+        Name of the case: letters, digits, underscores, hyphens and dots.
+    folder : str or Path, optional
+        Where files that it names are looked for; only the cases that ship by default.
+
+    Raises
+    ------
+    CaseError
+        If anything in it is not valid, as for :func:`read_case`.
+
+    Examples
+    --------
+    >>> mine = case_from_text('base = "fig8a_original"\nlock_pin.backlash = "1 deg"', name="mine")
+    >>> mine.name, str(mine.parameters["lock_pin.backlash"])
+    ('mine', '1 deg')
+    """
+    if not PLAIN_NAME.fullmatch(str(name)):
+        raise CaseError("case_from_text", "name", name, "a plain name such as 'my_elbow'")
+    return load(parse_raw(str(text), str(name), shipped_cases_folder() if folder is None else Path(folder)))
 
 
 def case(name: str) -> Case:

@@ -14,7 +14,8 @@ from eppanalysis.errors import CaseError
 LARGEST_FILE = 1_000_000
 DEEPEST = 12
 LONGEST_CHAIN = 16
-_BASE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+#: Names of cases: nothing that leads out of a folder.
+PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 #: Fields of a section that stand in for one another: giving one of a group drops the inherited other group.
 ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (
@@ -109,11 +110,28 @@ def read_raw(path: Path, source: str) -> RawCase:
     CaseError
         If a file cannot be read, is empty or no TOML, or the chain of bases is broken or closes on itself.
     """
+    return _follow(_read_toml(path, source), path, source)
+
+
+def parse_raw(text: str, name: str, folder: Path) -> RawCase:
+    """The case that a text holds, as if it stood in a file of that name in `folder`.
+
+    Raises
+    ------
+    CaseError
+        As :func:`read_raw`.
+    """
+    if len(text) > LARGEST_FILE:
+        raise CaseError(name, "", f"{len(text)} characters long", f"at most {LARGEST_FILE}")
+    return _follow(_checked(text, name), folder / f"{name}.toml", name)
+
+
+def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
+    """A case with its bases merged in."""
     chain: list[tuple[str, dict[str, Any]]] = []
     seen: set[Path] = set()
     name, here, label = path.stem, path, source
     while True:
-        data = _read_toml(here, label)
         seen.add(here.resolve())
         base = data.pop("base", None)
         chain.append((label, data))
@@ -125,6 +143,7 @@ def read_raw(path: Path, source: str) -> RawCase:
         if len(chain) >= LONGEST_CHAIN:
             raise CaseError(label, "base", base, f"at most {LONGEST_CHAIN - 1} bases one behind the other")
         here, label = following, str(Path(label).with_name(following.name))
+        data = _read_toml(here, label)
     merged: dict[str, Any] = {}
     origins: dict[str, str] = {}
     for label, data in reversed(chain):
@@ -134,7 +153,11 @@ def read_raw(path: Path, source: str) -> RawCase:
 
 
 def _read_toml(path: Path, source: str) -> dict[str, Any]:
-    data = _parse_toml(_read_text(path, source), source)
+    return _checked(_read_text(path, source), source)
+
+
+def _checked(text: str, source: str) -> dict[str, Any]:
+    data = _parse_toml(text, source)
     if not data:
         raise CaseError(source, "", "empty", "a case file with at least a title and a base or all sections")
     _check_depth(data, source)
@@ -179,7 +202,7 @@ def _check_depth(data: dict[str, Any], source: str) -> None:
 
 def _find_base(base: Any, child: Path, source: str) -> Path:
     """File of a base: in the child's own folder, or a case that ships."""
-    if not isinstance(base, str) or not _BASE_NAME.fullmatch(base):
+    if not isinstance(base, str) or not PLAIN_NAME.fullmatch(base):
         raise CaseError(source, "base", base, "the name of a case in the same folder, or of one that ships")
     file_name = base if base.endswith(".toml") else f"{base}.toml"
     for folder in (child.parent, shipped_cases_folder()):

@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,11 @@ class Case:
         """
         system = self._system
         return standing_inputs(system.input_names, system.v0, self.input, self.t_end)
+
+    @property
+    def folder(self) -> Path:
+        """Where files that the case names are looked for, such as a recorded motion."""
+        return self._raw.folder
 
     @property
     def elbow_parameters(self) -> ElbowParameters:

@@ -153,11 +153,11 @@ class Branch:
             "provenance": dict(self.provenance),
         }
 
-    def plot(self, signal: str | None = None) -> Figure:
-        """Amplitude and frequency against the parameter."""
+    def plot(self, signal: str | None = None, at: float | None = None) -> Figure:
+        """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
         from eppanalysis.plots import plot_branch
 
-        return plot_branch(self, signal)
+        return plot_branch(self, signal, at)
 
 
 def continue_branch(

@@ -1,0 +1,61 @@
+"""The command ``eppanalysis report``: a notebook, a page or a PDF that can be handed on."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eppanalysis.cli_common import NOTHING, Settings, expanded, load_case
+
+Target = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="A page (.html), a notebook (.ipynb) or a document (.pdf).",
+        show_default=False,
+    ),
+]
+Cases = Annotated[
+    list[str],
+    typer.Argument(metavar="CASE", help="Case files (TOML), or names of shipped cases.", show_default=False),
+]
+
+
+def report(cases: Cases, output: Target, settings: Settings = NOTHING) -> None:
+    """Write a report: all methods, pictures and provenance in one page, notebook or PDF.
+
+    The page is one file that opens without a network; the notebook opens and runs again in Jupyter as it is.
+    """
+    from eppanalysis.report import check, report as write_report
+
+    check(output)
+    found = [load_case(text, settings) for text in expanded(cases)]
+    with _progress() as progress:
+        write_report(found, output, progress=progress)
+    typer.echo(f"{output}: written.")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int, str], None] | None]:
+    """A bar on the terminal; nothing where the output goes elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("report", total=None)
+
+        def show(done: int, total: int, heading: str) -> None:
+            bar.update(task, completed=done, total=total, description=heading)
+
+        yield show

@@ -1,0 +1,94 @@
+"""A report: a notebook made from a template, executed, and written as notebook, one HTML file, or PDF.
+
+The notebook uses only the public face of the package and carries its cases with it, so that it opens and runs again in
+Jupyter as it is. ``sections`` holds the template, ``notebook`` makes and executes, ``page`` writes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+
+__all__ = ["SUFFIXES", "check", "report"]
+
+SUFFIXES = (".html", ".ipynb", ".pdf")
+_NEEDED = ("nbformat", "nbclient", "nbconvert", "ipykernel", "dask", "zarr")
+
+
+def check(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed for it.
+
+    Raises
+    ------
+    EppError
+        If the suffix is not one of a report, the folder does not exist, a library is missing, or a PDF is asked for and
+        there is no browser that prints it.
+    """
+    from importlib.util import find_spec
+
+    from eppanalysis.export import check_target
+    from eppanalysis.report.page import find_browser
+
+    check_target(path, SUFFIXES)
+    missing = [name for name in _NEEDED if find_spec(name) is None]
+    if missing:
+        how = "what 'pip install \"eppanalysis[report]\"' installs"
+        raise EppError(f"{path}: a report needs {', '.join(missing)}; expected {how}.")
+    if path.suffix.lower() == ".pdf":
+        find_browser(path)
+
+
+def report(
+    cases: Case | Sequence[Case], path: str | Path, *, progress: Callable[[int, int, str], None] | None = None
+) -> Path:
+    """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
+
+    The sections of a case: its values with their marks, prediction with margins and Nyquist picture, the ladder, all
+    exact limit cycles, knocks, the branch over a parameter, a small design map, and where everything comes from.
+
+    Parameters
+    ----------
+    cases : Case or sequence of Case
+    path : str or Path
+        ``.html`` is one file that opens without a network, ``.ipynb`` the executed notebook, ``.pdf`` the page printed
+        by Chromium or Chrome.
+    progress : callable, optional
+        Called before each cell with its number, the number of cells, and the heading that it stands under.
+
+    Returns
+    -------
+    Path
+        The file. It is complete, or it is not there.
+
+    Raises
+    ------
+    EppError
+        If there is no case, the file cannot be written, a library or the browser for a PDF is missing, or a cell of the
+        notebook failed; a section that has nothing to say of a case says why in a sentence of its own.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> epp.report(epp.case("fig8a_original"), "report.html")  # doctest: +SKIP
+    PosixPath('report.html')
+    >>> epp.report(epp.case("fig8a_original"), "report.docx")
+    Traceback (most recent call last):
+    eppanalysis.errors.EppError: report.docx: cannot write a file that ends in '.docx'; expected one of .html, ...
+    """
+    target = Path(path)
+    check(target)
+    chosen = tuple(cases) if isinstance(cases, Sequence) else (cases,)
+    if not chosen:
+        raise EppError(f"{target}: is a report of no case; expected one case or more.")
+
+    from eppanalysis.report.notebook import execute, make_notebook
+    from eppanalysis.report.page import write
+
+    write(execute(make_notebook(chosen), str(target), progress), target)
+    return target

@@ -1,0 +1,198 @@
+"""From cases to a notebook, and its execution in a kernel of its own."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import contextlib
+import html
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.case import Case, case as shipped, shipped_cases
+from eppanalysis.case.files import PLAIN_NAME
+from eppanalysis.errors import EppError
+from eppanalysis.models.signals import Recorded
+from eppanalysis.report.sections import OVERVIEW, SECTIONS, SETUP
+
+if TYPE_CHECKING:
+    from nbformat import NotebookNode
+
+#: A section that takes longer than this hangs [s].
+LONGEST_CELL = 600
+_LONGEST_SOCKET_FOLDER = 55
+
+
+def make_notebook(cases: Sequence[Case]) -> NotebookNode:
+    """The notebook of some cases, not yet executed."""
+    from nbformat import v4
+
+    title = cases[0].title if len(cases) == 1 else f"{len(cases)} cases"
+    given = _markdown(v4, f"# {plain(title)}")
+    if len(cases) == 1:
+        cells = [given, _code(v4, f"{SETUP}\n\ncase = {_reading(cases[0])}")]
+    else:
+        listed = "\n".join(["cases = [", *(f"    {_reading(case)}," for case in cases), "]"])
+        cells = [given, _code(v4, f"{SETUP}\n\n{listed}"), _markdown(v4, "## Overview"), _code(v4, OVERVIEW)]
+    for number, case in enumerate(cases):
+        if len(cases) > 1:
+            cells.append(_markdown(v4, f"# {plain(case.title)}\n\nCase {plain(case.name)}."))
+            cells.append(_code(v4, f"case = cases[{number}]"))
+        for section in SECTIONS:
+            code = section.code(case)
+            if code:
+                cells += [_markdown(v4, f"## {section.title}\n\n{section.text}"), _code(v4, code, section.title)]
+    for number, cell in enumerate(cells):
+        cell["id"] = f"cell-{number}"  # the same notebook from the same cases
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    return v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "title": title})
+
+
+def execute(notebook: NotebookNode, what: str, progress: Callable[[int, int, str], None] | None = None) -> NotebookNode:
+    """The notebook with its outputs.
+
+    Raises
+    ------
+    EppError
+        If a cell fails, takes too long, or the kernel dies; in one sentence that names the section.
+    """
+    from nbclient import NotebookClient
+    from nbclient.exceptions import CellControlSignal, DeadKernelError
+
+    headings = _headings(notebook)
+
+    def begin(cell: Any, cell_index: int) -> None:
+        if progress is not None:
+            progress(cell_index, len(notebook.cells), headings[cell_index])
+
+    with _kernel_manager() as (manager, folder):
+        client = NotebookClient(
+            notebook,
+            km=manager,
+            timeout=LONGEST_CELL,
+            resources={"metadata": {"path": folder}},
+            on_cell_start=begin,
+            shutdown_kernel="immediate",
+        )
+        try:
+            return _in_thread(client, manager)
+        except (CellControlSignal, DeadKernelError, TimeoutError, RuntimeError) as error:
+            raise EppError(_sentence(error, notebook, headings, what)) from error
+
+
+def _in_thread(client: Any, manager: Any) -> NotebookNode:
+    """Execute away from the main thread, so that an interrupt from the keyboard ends the kernel and stays one."""
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(lambda: asyncio.run(client.async_execute(cleanup_kc=True)))
+        try:
+            return running.result()
+        except KeyboardInterrupt:
+            process = getattr(manager.provisioner, "process", None)
+            if process is not None:
+                process.kill()
+            raise
+
+
+def _sentence(error: Exception, notebook: NotebookNode, headings: Sequence[str], what: str) -> str:
+    """What failed, from the first error that a cell holds."""
+    for cell, heading in zip(notebook.cells, headings, strict=True):
+        for output in cell.get("outputs", ()):
+            if output.get("output_type") == "error":
+                reason = f"{output.get('ename')}: {output.get('evalue')}".split("\n")[0][:300]
+                return f"{what}: not written, because section {heading!r} failed ({reason}); expected it to run."
+    reason = str(error).strip().split("\n")[0][:300] or type(error).__name__
+    return f"{what}: not written, because a section did not end ({reason}); expected each within {LONGEST_CELL} s."
+
+
+def _headings(notebook: NotebookNode) -> list[str]:
+    """For each cell the heading that it stands under."""
+    found, current = [], ""
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown" and cell.source.startswith("#"):
+            current = html.unescape(cell.source.split("\n")[0].lstrip("# "))
+        found.append(current)
+    return found
+
+
+@contextlib.contextmanager
+def _kernel_manager() -> Iterator[tuple[Any, str]]:
+    """A kernel of this very interpreter, with folders of its own: no start-up files of the user, no history."""
+    from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
+    from jupyter_client.manager import AsyncKernelManager
+
+    class OwnSpec(KernelSpecManager):
+        def get_kernel_spec(self, kernel_name: str) -> KernelSpec:
+            argv = [
+                sys.executable,
+                "-m",
+                "ipykernel_launcher",
+                "-f",
+                "{connection_file}",
+                "--HistoryManager.enabled=False",
+            ]
+            return KernelSpec(argv=argv, display_name="Python 3", language="python")
+
+    with tempfile.TemporaryDirectory(prefix="eppanalysis-report-", ignore_cleanup_errors=True) as folder:
+        own = {"IPYTHONDIR": folder, "JUPYTER_RUNTIME_DIR": folder, "JUPYTER_PLATFORM_DIRS": "1"}
+        with _environment({**own, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}):
+            # Sockets in the folder are open to this user only; their paths must be short.
+            local = os.name == "posix" and len(folder) < _LONGEST_SOCKET_FOLDER
+            place = {"transport": "ipc", "ip": os.path.join(folder, "kernel")} if local else {}
+            yield AsyncKernelManager(kernel_name="python3", kernel_spec_manager=OwnSpec(), **place), folder
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Variables of the environment, for the kernel that inherits them, and back."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def plain(text: str) -> str:
+    """A text of a case as Markdown that shows it and nothing else: no markup, no HTML, no formulas, one line."""
+    escaped = html.escape(" ".join(text.split()), quote=False)
+    return re.sub(r"([\\`*_{}\[\]()#+!|~$:@^-])", lambda m: f"&#{ord(m.group())};", escaped)
+
+
+def _reading(case: Case) -> str:
+    """The call that gives the case: its name where it ships as it is, else the whole text of its file."""
+    if case.name in shipped_cases() and shipped(case.name).to_toml() == case.to_toml():
+        return f'epp.case("{case.name}")'
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", case.name)[:100]
+    if not PLAIN_NAME.fullmatch(name):
+        name = "case"
+    folder = f", folder={str(case.folder.resolve())!r}" if isinstance(case.input, Recorded) else ""
+    return f'epp.case_from_text({literal(case.to_toml())}, name="{name}"{folder})'
+
+
+def literal(text: str) -> str:
+    """A text as a readable Python literal over several lines."""
+    lines = text.replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
+    found = f'"""\\\n{lines}"""'
+    try:
+        same = ast.literal_eval(found) == text
+    except (SyntaxError, ValueError):
+        same = False
+    return found if same else repr(text)
+
+
+def _markdown(v4: Any, text: str) -> Any:
+    return v4.new_markdown_cell(text)
+
+
+def _code(v4: Any, text: str, shows: str = "") -> Any:
+    """A code cell that knows what its pictures show, for readers who cannot see them."""
+    return v4.new_code_cell(text, metadata={"alt": shows} if shows else {})

@@ -1,0 +1,113 @@
+"""From an executed notebook to a file: the notebook itself, one HTML page, or that page printed as PDF."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eppanalysis.errors import EppError
+from eppanalysis.export import atomic
+
+if TYPE_CHECKING:
+    from nbformat import NotebookNode
+
+#: Browsers that print a page without a window, by the names of their programs.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_MAC = "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome"
+_TEMPLATES = Path(__file__).parent / "templates"
+#: How long a browser may take to print a page [s].
+_LONGEST_PRINT = 120
+
+
+def write(notebook: NotebookNode, path: Path) -> None:
+    """Write an executed notebook as what the suffix of `path` asks for; the file is complete or it is not there.
+
+    Raises
+    ------
+    EppError
+        If the file cannot be written, or a PDF is asked for and no browser prints it.
+    """
+    with atomic(path) as part:
+        if path.suffix.lower() == ".ipynb":
+            import nbformat
+
+            nbformat.validate(notebook)
+            part.write_text(nbformat.writes(notebook) + "\n", encoding="utf-8")
+        elif path.suffix.lower() == ".html":
+            part.write_text(to_html(notebook), encoding="utf-8")
+        else:
+            print_page(to_html(notebook), part, path)
+
+
+def to_html(notebook: NotebookNode) -> str:
+    """The page: one file without scripts and without links to anything outside."""
+    from nbconvert import HTMLExporter
+
+    exporter = HTMLExporter(template_name="eppanalysis", extra_template_basedirs=[str(_TEMPLATES)])
+    return str(exporter.from_notebook_node(notebook)[0])
+
+
+def find_browser(path: Path) -> str:
+    """The program that prints pages.
+
+    Raises
+    ------
+    EppError
+        If there is none; it names `path`, which cannot be written without.
+    """
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found:
+            return found
+    if sys.platform == "darwin" and os.access(_MAC, os.X_OK):
+        return _MAC
+    raise EppError(
+        f"{path}: a PDF is printed by Chromium or Chrome, and there is none; expected one installed "
+        "(Debian and Ubuntu: apt install chromium), or a report that ends in .html, which any browser prints."
+    )
+
+
+def print_page(page: str, part: Path, path: Path) -> None:
+    """Print a page to `part`; messages call it `path`.
+
+    Raises
+    ------
+    EppError
+        If there is no browser or it fails.
+    """
+    browser = find_browser(path)
+    with tempfile.TemporaryDirectory(prefix="eppanalysis-print-", ignore_cleanup_errors=True) as folder:
+        source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
+        source.write_text(page, encoding="utf-8")
+        command = [browser, *_options(folder), "--no-pdf-header-footer", f"--print-to-pdf={printed}", source.as_uri()]
+        try:
+            ended = subprocess.run(command, check=False, capture_output=True, timeout=_LONGEST_PRINT)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise EppError(f"{path}: {browser} did not print it ({error}); expected a working browser.") from error
+        if not printed.is_file() or not printed.stat().st_size:
+            said = ended.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise EppError(f"{path}: {browser} did not print it ({''.join(said)[:200]}); expected a working browser.")
+        shutil.copyfile(printed, part)
+
+
+def _options(folder: str) -> list[str]:
+    """No window, no network, a profile that is thrown away."""
+    options = [
+        "--headless",
+        "--disable-gpu",
+        "--disable-extensions",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--no-first-run",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        f"--user-data-dir={folder}/profile",
+    ]
+    # Chromium refuses to sandbox itself for root, as in most containers.
+    as_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    return [*options, "--no-sandbox"] if as_root else options

@@ -1,0 +1,213 @@
+"""The template of a report: for each section its heading, a sentence or two, and the code that fills it.
+
+A new section is one more entry in `SECTIONS`. In its code ``case``, ``system`` and ``final`` are there, and whatever
+the sections before it left (``prediction``, ``ladder``, ``cycles``); each catches what a method refuses and prints the
+sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section.
+
+    Attributes
+    ----------
+    title, text : str
+        Heading, and what the reader needs to know; empty for none.
+    code : callable of Case to str
+        The cell for a case, as a reader would write it; empty where the section does not apply.
+    """
+
+    title: str
+    text: str
+    code: Callable[[Case], str]
+
+
+def _always(code: str) -> Callable[[Case], str]:
+    return lambda case: code
+
+
+SETUP = """\
+%matplotlib inline
+%config InlineBackend.figure_formats = ["retina"]
+import eppanalysis as epp"""
+
+OVERVIEW = """\
+ladders = [epp.ladder(case) for case in cases]
+epp.table(list(zip(cases, ladders)))"""
+
+_START = """\
+system, final = case.to_system(), case.final_input()
+epp.table(case)"""
+
+_PREDICTION = """\
+try:
+    prediction = epp.predict_limit_cycles(system, final)
+    display(epp.table(prediction), prediction.plot())
+    print(prediction.status.value, prediction.search)
+except epp.EppError as reason:
+    prediction = None
+    print(reason)"""
+
+_MARGINS = """\
+if prediction and prediction.margins:
+    display(epp.table(prediction.margins))
+else:
+    print("An element jumps or has no slope, so the linearised loop has no margins.")"""
+
+_LADDER = """\
+ladder = epp.ladder(case)
+display(epp.table(ladder), ladder.plot())
+print(ladder.verdict)"""
+
+_CYCLES = """\
+try:
+    cycles = epp.find_limit_cycles(system, final)
+    display(epp.table(cycles))
+    print(cycles.status.value, "Sought with", cycles.search)
+    for cycle in cycles.stable[-1:]:
+        display(cycle.plot())
+except epp.EppError as reason:
+    cycles = None
+    print(reason)"""
+
+_KNOCK = """\
+try:
+    knocks = epp.knock(system, final, cycles=cycles) if cycles else ()
+    display(epp.table(knocks))
+except epp.EppError as reason:
+    print(reason)"""
+
+_BRANCH = """\
+try:
+    start = "{near}" if cycles and cycles.stable else "{far}"
+    branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
+    display(branch.plot({signal}at=case.value("{name}")))
+    for special in branch.special:
+        print(special.kind, "at", case.text("{name}", special.value) + ":", special.note)
+    print(branch.message)
+except epp.EppError as reason:
+    print(reason)"""
+
+_MAP = """\
+try:
+    axes = {axes}
+    cells = epp.sweep(case, axes, progress=False)
+    figure = epp.plot_design_map(cells)
+    {mark}
+    display(figure)
+except epp.EppError as reason:
+    print(reason)"""
+
+_PROVENANCE = """\
+from datetime import datetime
+
+method = {name: fact for name, fact in ladder.provenance.items() if name != "case"}
+display(epp.table(case.provenance()), epp.table(method))
+print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
+
+
+def _margins(case: Case) -> str:
+    return _MARGINS
+
+
+def _branch(case: Case) -> str:
+    """Over the backlash of an elbow, over the gain or the first positive parameter of another loop."""
+    names = branch_parameters(case)
+    if not names or case.to_system().time_step:
+        return ""
+    name = names[0]
+    value = case.value(name)
+    if case.kind == "elbow":
+        near, far, stop = max(1.3 * value, math.radians(0.5)), math.radians(4.0), math.radians(0.1)
+    else:
+        near, far, stop = value, value, 2.0 * value
+    places = {key: case.text(name, number) for key, number in (("near", near), ("far", far), ("stop", stop))}
+    signal = f"{case.expected.signal!r}, " if case.expected.signal else ""
+    return _BRANCH.format(name=name, signal=signal, **places)
+
+
+def _map(case: Case) -> str:
+    """Gain against backlash of an elbow, the first two positive parameters of another loop."""
+    if case.kind == "elbow":
+        axes = {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
+        names = list(axes)
+        factors = [1.0 / case.si(name, f"1 {axes[name].rpartition(':')[2]}") for name in names]
+    else:
+        names = branch_parameters(case)[:2]
+        if len(names) < 2:
+            return ""
+        axes = {name: _around(case, name) for name in names}
+        factors = [1.0, 1.0]
+    x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(names, factors, strict=True))
+    mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
+    return _MAP.format(axes=repr(axes), mark=mark)
+
+
+def _around(case: Case, name: str) -> str:
+    value, unit = case.value(name), case.unit(name)[0]
+    return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
+
+
+def branch_parameters(case: Case) -> list[str]:
+    """Parameters that a picture may run over, most telling first."""
+    if case.kind == "elbow":
+        return ["lock_pin.backlash"]
+    positive = [
+        name
+        for name, parameter in case.parameters.items()
+        if not isinstance(parameter.value, bool) and parameter.value > 0 and name != "loop.time_step"
+    ]
+    return sorted(positive, key=lambda name: (name != "loop.gain", name == "loop.delay"))
+
+
+SECTIONS: tuple[Section, ...] = (
+    Section(
+        "Case",
+        "Every value, with where it comes from: the paper, derived from its numbers, assumed, or measured.",
+        _always(_START),
+    ),
+    Section(
+        "Prediction",
+        "All limit cycles that describing functions predict, stable and unstable. In the picture a cycle is where the "
+        "curves meet; a filled circle is a stable one.",
+        _always(_PREDICTION),
+    ),
+    Section(
+        "Margins",
+        "Of the loop with each element as its steepest slope; a loop with good margins may still oscillate.",
+        _margins,
+    ),
+    Section(
+        "Ladder",
+        "Prediction and event-exact simulation side by side, with the error of first order in per cent.",
+        _always(_LADDER),
+    ),
+    Section(
+        "Limit cycles",
+        "All exact periodic orbits that were found; an unstable one separates rest from oscillation.",
+        _always(_CYCLES),
+    ),
+    Section(
+        "Knock",
+        "The smallest disturbance of the resting loop that starts an oscillation, in either direction.",
+        _always(_KNOCK),
+    ),
+    Section(
+        "Branch",
+        "How a limit cycle changes with a parameter; the dotted line is the case. Stable is solid, unstable dashed.",
+        _branch,
+    ),
+    Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
+    Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
+)

@@ -1,0 +1,221 @@
+"""Reports: complete or absent, one file without a network, re-runnable, and nothing in a case is markup."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+
+import nbformat
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.report import notebook as making, page, sections
+
+HOSTILE = """
+base = "fig8a_original"
+title = 'A <script>alert(1)</script> **elbow** [x](https://example.org/) with \"\"\" and \\ and $x$'
+lock_pin.backlash = { value = "1.6 deg", mark = "measured", note = "<img src=https://example.org/p.png> dial gauge" }
+"""
+
+
+class Links(HTMLParser):
+    """Everything that a page would fetch, and every element that runs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data", "action")]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("reports")
+
+
+@pytest.fixture(scope="module")
+def mine(folder) -> epp.Case:
+    path = folder / "my_elbow.toml"
+    path.write_text(HOSTILE, encoding="utf-8")
+    return epp.read_case(path)
+
+
+@pytest.fixture(scope="module")
+def written(folder, mine) -> Path:
+    return epp.report(mine, folder / "my.ipynb")
+
+
+@pytest.fixture(scope="module")
+def html(written) -> str:
+    return page.to_html(nbformat.read(written, 4))
+
+
+def outputs(notebook, heading: str) -> list:
+    """Outputs of the cells under a heading."""
+    found, inside = [], False
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            inside = cell.source.startswith(f"## {heading}")
+        elif inside:
+            found += cell.outputs
+    return found
+
+
+def test_every_section_has_something_to_show(written):
+    notebook = nbformat.read(written, 4)
+    for section in sections.SECTIONS:
+        kinds = {kind for out in outputs(notebook, section.title) for kind in out.get("data", {"text": ""})}
+        assert kinds & {"text/html", "image/png", "text"}, section.title
+    for title in ("Prediction", "Ladder", "Limit cycles", "Branch", "Design map"):
+        assert any("image/png" in out.get("data", {}) for out in outputs(notebook, title)), title
+
+
+def test_the_numbers_are_those_of_the_methods(written, mine):
+    said = "".join(out.get("text", "") for out in outputs(nbformat.read(written, 4), "Ladder"))
+    assert said.strip() == epp.ladder(mine).verdict
+    shown = [out["data"]["text/html"] for out in outputs(nbformat.read(written, 4), "Case") if "data" in out]
+    assert "1.6 deg" in shown[0] and "measured" in shown[0] and "0.0465 kg*m^2" in shown[0]
+
+
+def test_the_notebook_carries_its_case_and_uses_public_names_only(written, folder):
+    code = [cell.source for cell in nbformat.read(written, 4).cells if cell.cell_type == "code"]
+    plain = [re.sub(r"^%.*$", "", text, flags=re.MULTILINE) for text in code]
+    for tree in map(ast.parse, plain):
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "epp":
+                assert node.attr in dir(epp), node.attr
+            if isinstance(node, ast.Attribute):
+                assert not node.attr.startswith("_")
+            if isinstance(node, ast.ImportFrom):
+                assert node.module == "datetime"
+    assert str(folder) not in "".join(code)
+
+
+def test_the_page_is_one_file_that_fetches_and_runs_nothing(html):
+    links = Links()
+    links.feed(html)
+    assert [link[:40] for link in links.links if not link.startswith(("data:image/png;base64,", "#"))] == []
+    assert not links.tags & {"script", "iframe", "link", "object", "embed", "form"}
+    assert "@import" not in html and "url(" not in html
+    assert "default-src 'none'" in html
+
+
+def test_texts_of_the_case_are_texts(html):
+    assert "&lt;script&gt;" in html and "<script" not in html
+    assert "<img src=https" not in html
+    assert "<strong>elbow" not in html
+    assert 'href="https://example.org' not in html
+
+
+def test_pictures_say_what_they_are_of(html):
+    assert html.count("<figure>") >= 5
+    assert all(alt for alt in re.findall(r'<img alt="([^"]*)"', html))
+
+
+@pytest.mark.parametrize("text", ["plain", 'with """ and \\ and \n newline', 'ends in "', "\r\n\0\u2028"])
+def test_a_text_as_a_literal_is_the_text(text):
+    assert ast.literal_eval(making.literal(text)) == text
+
+
+def test_a_shipped_case_is_named_and_a_changed_one_is_not():
+    shipped = epp.case("relay_hyst_servo")
+    first = making.make_notebook([shipped]).cells[1].source
+    assert 'epp.case("relay_hyst_servo")' in first
+    changed = shipped.with_values({"title": "another"})
+    assert "case_from_text" in making.make_notebook([changed]).cells[1].source
+
+
+def test_several_cases_have_an_overview(folder, monkeypatch):
+    few = tuple(s for s in sections.SECTIONS if s.title in ("Case",))
+    monkeypatch.setattr(making, "SECTIONS", few)
+    path = epp.report([epp.case("relay_hyst_servo"), epp.case("sat_khalil710")], folder / "two.ipynb")
+    notebook = nbformat.read(path, 4)
+    table = outputs(notebook, "Overview")[-1]["data"]["text/html"]
+    assert "relay_hyst_servo" in table and "sat_khalil710" in table
+
+
+def test_a_cell_that_fails_is_one_sentence_and_no_file(folder, monkeypatch):
+    broken = (sections.Section("Broken", "Fails.", lambda case: "1 / 0"),)
+    monkeypatch.setattr(making, "SECTIONS", broken)
+    path = folder / "broken.html"
+    with pytest.raises(
+        EppError, match=r"broken.html: not written, because section 'Broken' failed \(ZeroDivisionError"
+    ):
+        epp.report(epp.case("fig8a_original"), path)
+    assert not path.exists() and not list(folder.glob(".broken*"))
+
+
+def test_an_old_report_outlives_a_failure(folder, monkeypatch):
+    path = folder / "old.html"
+    path.write_text("old")
+    monkeypatch.setattr(making, "SECTIONS", (sections.Section("Broken", "", lambda case: "exit(3)"),))
+    monkeypatch.setattr(page, "to_html", lambda notebook: 1 / 0)
+    with pytest.raises((EppError, ZeroDivisionError)):
+        epp.report(epp.case("fig8a_original"), path)
+    assert path.read_text() == "old" and not list(folder.glob(".old*"))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("report.docx", "expected one of .html, .ipynb, .pdf"),
+        ("no/such/report.html", "the folder 'no/such' does not exist"),
+    ],
+)
+def test_files_that_are_refused_at_once(name, expected):
+    with pytest.raises(EppError, match=re.escape(expected)):
+        epp.report(epp.case("fig8a_original"), name)
+
+
+def test_missing_libraries_are_named(monkeypatch, folder):
+    monkeypatch.setattr(sys.modules["eppanalysis.report"], "_NEEDED", ("nbformat", "no_such_library"))
+    with pytest.raises(
+        EppError, match=r"a report needs no_such_library; expected what 'pip install \"eppanalysis\[report"
+    ):
+        epp.report(epp.case("fig8a_original"), folder / "x.html")
+
+
+def test_without_a_browser_a_pdf_is_refused_at_once(monkeypatch, folder):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(page, "_MAC", "/no/such/program")
+    with pytest.raises(
+        EppError, match="a PDF is printed by Chromium or Chrome, and there is none; expected one installed"
+    ):
+        epp.report(epp.case("fig8a_original"), folder / "x.pdf")
+
+
+@pytest.mark.skipif(not any(map(shutil.which, page.BROWSERS)), reason="no Chromium or Chrome is installed")
+def test_pdf_is_printed_from_the_page(html, folder):
+    page.print_page(html, folder / "printed.pdf", folder / "printed.pdf")
+    content = (folder / "printed.pdf").read_bytes()
+    assert content.startswith(b"%PDF") and content.rstrip().endswith(b"%%EOF")
+    assert len(re.findall(rb"/Type /Page\b", content)) >= 3
+
+
+def test_a_browser_that_fails_is_one_sentence(monkeypatch, folder):
+    monkeypatch.setattr(shutil, "which", lambda name: sys.executable)
+    with pytest.raises(EppError, match="did not print it"):
+        page.print_page("<p>", folder / "none.pdf", folder / "none.pdf")
+    assert not (folder / "none.pdf").exists()
+
+
+def test_command_line_and_interrupt(folder):
+    call = [sys.executable, "-m", "eppanalysis", "report", "fig8a_original", "-o", str(folder / "late.html")]
+    running = subprocess.Popen(call, stderr=subprocess.PIPE, text=True)
+    time.sleep(4.0)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=30)
+    assert running.returncode == 130, said
+    assert "Traceback" not in said
+    assert not list(folder.glob("*late*"))
