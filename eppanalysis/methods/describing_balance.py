@@ -101,7 +101,7 @@ class Balance:
         """Mean outputs and gains of all elements, shapes (..., nw)."""
         means, gains = [], []
         for i, e in enumerate(self.system.elements):
-            mean, gain = _describe(e, a[..., i], b[..., i], omega)
+            mean, gain = describe(e, a[..., i], b[..., i], omega)
             means.append(mean)
             gains.append(gain)
         return np.concatenate(means, -1), np.concatenate(gains, -1)
@@ -123,7 +123,7 @@ class Balance:
             stack_a = np.stack([ai * s[0] for s in shifts])
             stack_b = np.stack([bi + s[1] for s in shifts])
             stack_w = np.stack([omega * s[2] for s in shifts])
-            means, gains = _describe(e, stack_a, stack_b, stack_w)
+            means, gains = describe(e, stack_a, stack_b, stack_w)
             mean[:, out], gain[:, out] = means[0], gains[0]
             for number, k in enumerate(wanted, start=1):
                 step = np.maximum(step_b, 1e-290)[:, None] if k == 1 else _STEP
@@ -212,7 +212,8 @@ class Balance:
         return np.concatenate([np.abs(total - 1.0), static], -1).max(-1)
 
 
-def _describe(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
+def describe(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
+    """Mean outputs and gains of one element, shapes (..., n_outputs)."""
     with np.errstate(all="ignore"):
         mean, gain = element.describing_function(a, b, omega)
     mean, gain = np.asarray(mean, float), np.asarray(gain, complex)
@@ -364,7 +365,7 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
         for i, e in enumerate(system.elements):
             scale = float(np.min(e.thresholds(), initial=np.inf))
             scale = 1e-9 * (scale if np.isfinite(scale) else 1.0)
-            mean, _ = _describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
+            mean, _ = describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
             w[system.output_slices[i]] = np.nan_to_num(mean)
     return z[rows]
 

@@ -34,7 +34,7 @@ def linear_margins(system: LureSystem) -> dict[str, float]:
         ``gain_margin`` (factor), ``phase_margin`` [rad], ``disk_margin``, and the crossover frequencies
         ``phase_crossover``, ``gain_crossover`` [rad/s]; empty where an element jumps or has no slope.
     """
-    gains = [_slope(e) for e in system.elements]
+    gains = [element_slope(e) for e in system.elements]
     if any(g is None for g in gains):
         return {}
     loop = _open_loop(system, [g for g in gains if g is not None])
@@ -67,10 +67,10 @@ def _nearest(margins: Array, distance: Array, omega: Array, low: float, high: fl
     return float(margins[best]), float(omega[best])
 
 
-def _slope(element: Nonlinearity) -> Array | None:
+def element_slope(element: Nonlinearity) -> Array | None:
     """Gains (n_outputs, n_inputs) of an element, or None."""
     if isinstance(element, SampledLaw | ParkingBandLaw):
-        inner = _slope(element.law)
+        inner = element_slope(element.law)
         return None if inner is None else np.hstack([inner, [[0.0]]])
     if isinstance(element, LockPin):
         return np.array([[element.stiffness, element.damping]])

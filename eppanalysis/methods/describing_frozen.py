@@ -1,0 +1,182 @@
+"""The loop cut at one element with all others frozen at their describing functions: a Nyquist picture for any loop.
+
+With several elements there is no single -1/N locus, because the gains of the others change with amplitude too. Frozen
+at the amplitudes of one given motion they leave a linear loop G, and that motion is a cycle of first order just where
+G(j omega) meets -1/N of the element at the cut, at the motion's own frequency and amplitude. Away from it the picture
+is an approximation, quick enough to follow a slider. At rest the others are as steep as they get, as for the margins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing_balance import Array, describe
+from eppanalysis.methods.describing_margins import element_slope
+from eppanalysis.methods.describing_search import frequency_scales
+from eppanalysis.models.lure import LureSystem, SignalMap
+
+ComplexArray = NDArray[np.complex128]
+
+_POINTS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenLoop:
+    """The loop cut at one element.
+
+    Attributes
+    ----------
+    element : str
+        Where it is cut.
+    omega, response : array, shape (n,)
+        [rad/s], and the response of the rest with negative feedback.
+    amplitude, locus : array, shape (k,)
+        Amplitudes at the element's input, and -1/N there.
+    point : complex or None
+        -1/N at the amplitude of the motion.
+    """
+
+    element: str
+    omega: Array
+    response: ComplexArray
+    amplitude: Array
+    locus: ComplexArray
+    point: complex | None
+
+
+def with_element_inputs(system: LureSystem, keep: tuple[str, ...]) -> LureSystem:
+    """The system with the signals `keep`, and after them the first input of every element, as "input of NAME".
+
+    Raises
+    ------
+    ModelError
+        If a signal of `keep` does not exist.
+    """
+    old = system.signals
+    for name in keep:
+        if name not in old.names:
+            raise ModelError(f"{system.name}: there is no signal {name!r}; expected one of {', '.join(old.names)}.")
+    kept = [old.names.index(name) for name in keep]
+    rows = [s.start for s in system.input_slices]
+    units = old.units or ("",) * len(old.names)
+    signals = SignalMap(
+        (*keep, *(input_name(name) for name in system.element_names)),
+        np.vstack([old.C[kept], system.C[rows]]),
+        np.vstack([old.D[kept], system.D[rows]]),
+        np.vstack([old.D_input[kept], system.D_input[rows]]),
+        np.concatenate([old.constant[kept], system.constant_input[rows]]),
+        (*(units[i] for i in kept), *("" for _ in rows)),
+    )
+    return replace(system, signals=signals)
+
+
+def input_name(element: str) -> str:
+    """What :func:`with_element_inputs` calls the first input of an element."""
+    return f"input of {element}"
+
+
+def frozen_loop(
+    system: LureSystem, amplitude: Mapping[str, float], bias: Mapping[str, float], omega: float | None
+) -> FrozenLoop | None:
+    """Cut the loop at its principal element: the band law, or the first one.
+
+    Parameters
+    ----------
+    system : LureSystem
+    amplitude, bias : mapping of str to float
+        Of the first input of each element, by the element's name; where there is no oscillation only the biases count.
+    omega : float or None
+        Angular frequency of the motion [rad/s]; None at rest.
+
+    Returns
+    -------
+    FrozenLoop or None
+        None where an element has neither a describing function nor a slope.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> found = frozen_loop(loop, {"relay": 0.2}, {"relay": 0.0}, 1.4)
+    >>> bool(abs(found.point + np.pi * 0.2 / 4) < 1e-12)
+    True
+    """
+    names = system.element_names
+    cut = names.index("bands") if "bands" in names else 0
+    with np.errstate(all="ignore"):
+        gains = [
+            _frozen(system, i, amplitude[n], bias[n], omega) if i != cut else np.zeros(_shape(system, i))
+            for i, n in enumerate(names)
+        ]
+        if any(g is None for g in gains):
+            return None
+        nodes = _nodes(system, omega)
+        response = _rest(system, cut, [g for g in gains if g is not None], nodes)
+        sizes = _amplitudes(system, cut, amplitude[names[cut]] if omega else None)
+        gain = describe(
+            system.elements[cut], sizes, np.full_like(sizes, bias[names[cut]]), np.full_like(sizes, omega or 1.0)
+        )
+        locus = -1.0 / gain[1][:, 0]
+    used = np.isfinite(locus)
+    if not used.any():
+        return None
+    point = _point(system, cut, amplitude[names[cut]], bias[names[cut]], omega) if omega else None
+    return FrozenLoop(names[cut], nodes, -response, sizes[used], locus[used], point)
+
+
+def _point(system: LureSystem, cut: int, amplitude: float, bias: float, omega: float) -> complex | None:
+    """-1/N of the motion; None where the element gives nothing."""
+    gain = describe(system.elements[cut], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0, 0]
+    return complex(-1.0 / gain) if np.isfinite(gain) and gain != 0 else None
+
+
+def _shape(system: LureSystem, i: int) -> tuple[int, int]:
+    return system.elements[i].n_outputs, system.elements[i].n_inputs
+
+
+def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: float | None) -> ComplexArray | None:
+    """Gains (n_outputs, n_inputs) of an element in the motion, or its slopes at rest."""
+    if omega is None:
+        found = element_slope(system.elements[i])
+        return None if found is None else found.astype(complex)
+    if not amplitude > 0:
+        return np.zeros(_shape(system, i), complex)
+    gain = describe(system.elements[i], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0]
+    found = np.zeros(_shape(system, i), complex)
+    found[:, 0] = gain
+    return found if np.all(np.isfinite(found)) else None
+
+
+def _rest(system: LureSystem, cut: int, gains: list[ComplexArray], omega: Array) -> ComplexArray:
+    """Response from the output of the element at the cut to its input, the other elements being gains."""
+    K = np.zeros((system.B.shape[1], system.C.shape[0]), complex)
+    for i, gain in enumerate(gains):
+        K[system.output_slices[i], system.input_slices[i]] = gain
+    L = system.frequency_response(omega)
+    closed = np.linalg.solve(np.eye(K.shape[1]) - L @ K, L[:, :, [system.output_slices[cut].start]])
+    return closed[:, system.input_slices[cut].start, 0]
+
+
+def _nodes(system: LureSystem, omega: float | None) -> Array:
+    """Frequencies round the poles of the linear part and round the motion's own."""
+    scales = frequency_scales(system)
+    scales = np.append(scales[scales > 0], [omega] if omega else [])
+    low, high = (scales.min() / 30, scales.max() * 30) if scales.size else (1e-2, 1e2)
+    if system.time_step:
+        high = min(high, np.pi / system.time_step)
+    near = omega * np.geomspace(0.5, 2.0, 101) if omega else np.zeros(0)
+    return np.unique(np.concatenate([np.geomspace(low, high, _POINTS), near[near <= high]]))
+
+
+def _amplitudes(system: LureSystem, cut: int, centre: float | None) -> Array:
+    """Amplitudes round the motion's own and just above every threshold, where the locus moves fast."""
+    thresholds = np.abs(np.asarray(system.elements[cut].thresholds(), float)).ravel()
+    thresholds = thresholds[thresholds > 0][:20]
+    middle = [centre] if centre else [*thresholds] or [1.0]
+    above = thresholds[:, None] * (1.0 + np.geomspace(1e-6, 0.3, 40))
+    return np.unique(np.concatenate([np.geomspace(min(middle) / 30, max(middle) * 30, _POINTS), above.ravel()]))
