@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 
 from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
+from eppanalysis.cli_identify import identify
 from eppanalysis.cli_report import report
 from eppanalysis.cli_sweep import sweep
 from eppanalysis.errors import EppError
@@ -157,6 +158,7 @@ def list_cases(as_json: Json = False) -> None:
 app.command("cycles")(cycles)
 app.command("branch")(branch)
 app.command("sweep")(sweep)
+app.command("identify")(identify)
 app.command("report")(report)
 
 

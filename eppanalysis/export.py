@@ -174,6 +174,12 @@ def write_table(table: Table, path: Path) -> None:
         writer.writerows([_csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
 
 
+def write_text(text: str, path: Path) -> None:
+    """Write a text in UTF-8."""
+    with _atomic(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
 def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
     """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3)."""
     from importlib.util import find_spec

@@ -1,0 +1,205 @@
+"""The command ``eppanalysis identify``: measured CSV files to a case whose parameters are marked as measured."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+    from eppanalysis.identify import BenchFit, Identification
+    from eppanalysis.identify.reading import Progress
+
+_NONE: list[str] = []
+_NO_FILES: list[Path] = []
+_PICTURES = (".png", ".svg", ".pdf")
+_FILES = (".toml", ".csv", *_PICTURES)
+
+Measured = Annotated[Path | None, typer.Option(metavar="CSV", show_default=False)]
+Outputs = Annotated[
+    list[Path],
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of "
+        "a picture stands for tray or backlash.",
+        show_default=False,
+    ),
+]
+
+
+def identify(
+    case: Annotated[str, typer.Argument(metavar="CASE", help="What is known: a case file, or a shipped case.")],
+    tray: Annotated[
+        Path | None,
+        typer.Option("--tray", metavar="CSV", help="Weight tray: force, voltage [, time].", show_default=False),
+    ] = None,
+    backlash: Annotated[
+        Path | None,
+        typer.Option("--backlash", metavar="CSV", help="Cycling: angle, force [, time, torque].", show_default=False),
+    ] = None,
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--column",
+            metavar="ROLE=HEADER:UNIT",
+            help='Which column is what, as in force="F (lbf):lbf"; by default headers are "force [lbf]". Repeatable.',
+        ),
+    ] = _NONE,
+    settings: Annotated[
+        list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
+    ] = _NONE,
+    wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
+    press: Annotated[
+        str, typer.Option("--press", help="Largest torque of the hand in cycling, where none is recorded.")
+    ] = "0 N*m",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units.")] = False,
+    outputs: Outputs = _NO_FILES,
+) -> None:
+    """Identify parameters with intervals from measured CSV files; what the data cannot tell is named."""
+    from eppanalysis.identify import identify as run
+
+    benches = [name for name, path in (("tray", tray), ("backlash", backlash)) if path is not None]
+    for output in outputs:
+        _check_output(output, benches)
+    chosen = _choices(columns)
+    angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
+    base = _load(case, settings)
+    with _progress() as progress:
+        found = run(
+            base, tray=tray, backlash=backlash, columns=chosen, wrap=angle, press=torque,
+            progress=progress,
+        )  # fmt: skip
+    if as_json:
+        _print_json(found)
+    else:
+        for part in found.fits:
+            _show(part)
+    for output in outputs:
+        _write(found, output, benches)
+
+
+def _choices(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
+    from eppanalysis.identify.columns import parse_choice
+
+    out: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        role, header, unit = parse_choice(text)
+        if role in out:
+            raise EppError(f"--column {text}: {role} is given twice; expected each role once.")
+        out[role] = (header, unit)
+    return out
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    from eppanalysis.errors import CaseError
+    from eppanalysis.units import QuantityError, parse_quantity
+
+    try:
+        return parse_quantity(text, unit)
+    except QuantityError as error:
+        raise CaseError(option, "", text, error.expected) from None
+
+
+def _check_output(output: Path, benches: Sequence[str]) -> None:
+    from eppanalysis.export import check_target
+
+    check_target(output, _FILES)
+    if output.suffix.lower() in _PICTURES and len(benches) > 1 and "{bench}" not in output.name:
+        raise EppError(f"{output}: is one picture for {len(benches)} tests; expected {{bench}} in its name.")
+
+
+def _load(text: str, settings: Sequence[str]) -> Case:
+    """The case of a file or of a shipped name, with the fields of ``--set`` in place."""
+    from eppanalysis.case import case, read_case
+
+    found = read_case(text) if text.endswith(".toml") or Path(text).is_file() else case(text)
+    values = {}
+    for item in settings:
+        name, separator, value = item.partition("=")
+        if not separator or not name.strip():
+            raise EppError(f"--set {item}: has no field and value; expected FIELD=VALUE.")
+        values[name.strip()] = value.strip()
+    return found.with_values(values, "--set") if values else found
+
+
+@contextmanager
+def _progress() -> Iterator[Progress | None]:
+    """A bar on the terminal; nothing where the output goes elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("identify", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _show(fit: BenchFit) -> None:
+    typer.echo()
+    typer.secho(f"{fit.bench}: {fit.source}", bold=True)
+    for estimate in fit.estimates:
+        note = f" ({estimate.note})" if estimate.note and estimate.identified else ""
+        told = "" if estimate.identified else f"  NOT TOLD BY THESE DATA: {estimate.note}"
+        typer.echo(f"  {estimate}{note}{told}")
+    for role, left in fit.residuals.items():
+        typer.echo(
+            f"  residual of {role}: {left.rms:.3g} {left.unit} rms, autocorrelation {left.autocorrelation:+.2f}, "
+            f"drift {left.drift:+.2g} {left.unit}"
+        )
+    typer.echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
+    if not fit.status.ok:
+        typer.echo(f"  {fit.status.value}")
+
+
+def _print_json(found: Identification) -> None:
+    import json
+
+    from eppanalysis import __version__
+
+    document = {
+        "eppanalysis": __version__,
+        "command": "identify",
+        "cases": [{"name": found.case.name, "title": found.case.title, "kind": "elbow", "result": found.to_dict()}],
+    }
+    sys.stdout.write(json.dumps(_plain(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """Plain JSON: what is not finite as null."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    return value
+
+
+def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
+    from eppanalysis.export import Table, write_figure, write_table, write_text
+
+    if output.suffix.lower() == ".toml":
+        write_text(found.to_toml(), output)
+    elif output.suffix.lower() == ".csv":
+        rows = [
+            {"test": fit.bench, "parameter": e.name, **{k: v for k, v in e.to_dict().items() if k != "note"}}
+            for fit in found.fits
+            for e in fit.estimates
+        ]
+        write_table(Table.from_rows(rows), output)
+    else:
+        for name, fit in zip(benches, found.fits, strict=True):
+            write_figure(fit.plot(), output.with_name(output.name.replace("{bench}", name)))

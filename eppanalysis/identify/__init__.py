@@ -1,0 +1,153 @@
+"""Measured data to parameters: weight tray and backlash cycling; each with intervals, and a case of them.
+
+Every bench test is a CSV file. What one of them tells the next one takes as known, within its tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from eppanalysis.case import Case, Parameter
+from eppanalysis.errors import EppError
+from eppanalysis.identify.estimate import BenchFit, Estimate, Residual
+from eppanalysis.identify.reading import Progress, Recording, read_recording
+
+__all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
+
+#: Columns by header and unit where the header is not the role, as ``--column`` gives them.
+Choices = Mapping[str, tuple[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What bench tests told of an elbow.
+
+    Attributes
+    ----------
+    case : Case
+        The elbow with every identified parameter marked "measured", with its tolerance.
+    fits : tuple of BenchFit
+        One for each test, in the order in which they were used.
+    """
+
+    case: Case
+    fits: tuple[BenchFit, ...]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The last estimate of a parameter."""
+        for fit in reversed(self.fits):
+            for estimate in fit.estimates:
+                if estimate.name == name:
+                    return estimate
+        raise KeyError(name)
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """The last estimate of every parameter."""
+        return tuple({e.name: e for fit in self.fits for e in fit.estimates}.values())
+
+    @property
+    def limited_by(self) -> str:
+        """The parameter that the data tell least, relative to its size."""
+        return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name
+
+    def to_toml(self) -> str:
+        """The case as a file."""
+        return self.case.to_toml()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "limited_by": self.limited_by,
+            "fits": [fit.to_dict() for fit in self.fits],
+            "provenance": dict(self.provenance),
+        }
+
+
+def identify(
+    case: Case,
+    *,
+    tray: str | Path | None = None,
+    backlash: str | Path | None = None,
+    columns: Choices | None = None,
+    wrap: float = math.pi,
+    press: float = 0.0,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify an elbow from bench tests.
+
+    Parameters
+    ----------
+    case : Case
+        The elbow with what is known of it; what the tests do not tell stays as it is there.
+    tray : path, optional
+        Weight-tray test: columns force, voltage and, where there is one, time.
+    backlash : path, optional
+        Backlash cycling: columns angle, force and, where there are any, time and torque (of the hand).
+    columns : mapping of str to (str, str), optional
+        Header and unit of a role whose column has another name.
+    wrap : float
+        Angle psi at which the pulley was loaded in the weight-tray test [rad].
+    press : float
+        Largest torque with which the hand may have pressed in backlash cycling without recorded torque [N*m].
+    progress : callable, optional
+        Called with what is done and what there is to do.
+
+    Raises
+    ------
+    EppError
+        If a file is no table of numbers, or its data cannot tell what they are asked for.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> from eppanalysis.case import shipped_cases_folder
+    >>> tray = shipped_cases_folder() / "measured" / "weight_tray.csv"
+    >>> found = epp.identify(epp.case("elbow"), tray=tray)
+    >>> found["pulley.friction"].low < 0.05 < found["pulley.friction"].high
+    True
+    >>> found.case.parameters["sensor.gain"].mark
+    'measured'
+    """
+    case.elbow_parameters  # noqa: B018  (refuses generic loops)
+    if tray is None and backlash is None:
+        raise EppError("identify: no measured file is given; expected a weight tray or backlash cycling.")
+    fits: list[BenchFit] = []
+    found = case
+    if tray is not None:
+        from eppanalysis.identify.tray import fit_tray
+
+        recording = read_recording(tray, ("force", "voltage"), ("time",), columns, progress=progress)
+        fits.append(fit_tray(recording, wrap=wrap))
+        found = with_estimates(found, fits[-1])
+    if backlash is not None:
+        from eppanalysis.identify.backlash import fit_backlash
+
+        recording = read_recording(backlash, ("angle", "force"), ("time", "torque"), columns, progress=progress)
+        fits.append(fit_backlash(recording, found, press=press))
+        found = with_estimates(found, fits[-1])
+    return Identification(_titled(found, fits), tuple(fits), fits[-1].provenance)
+
+
+def with_estimates(case: Case, fit: BenchFit) -> Case:
+    """The case with what a bench test told, marked "measured" and with tolerances."""
+    values = {}
+    for estimate in fit.estimates:
+        section, dot, _ = estimate.name.partition(".")
+        if not dot or " " in section or not estimate.identified:
+            continue
+        note = f"{fit.bench}, {Path(fit.source).name}" + (f"; {estimate.note}" if estimate.note else "")
+        values[estimate.name] = Parameter(
+            estimate.value, *case.unit(estimate.name), "measured", note, estimate.tolerance
+        )
+    return case.with_values(values, fit.source) if values else case
+
+
+def _titled(case: Case, fits: Sequence[BenchFit]) -> Case:
+    names = ", ".join(Path(fit.source).name for fit in fits)
+    return case.with_values({"title": f"{case.title}; identified from {names}"[:2000]}, "identify")

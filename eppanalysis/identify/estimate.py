@@ -1,0 +1,201 @@
+"""What a bench test gives: estimates with their intervals, what the data could not tell, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.results import Status
+from eppanalysis.units import format_si
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+#: Share of repeated experiments in which an interval holds the true value.
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter from measured data.
+
+    Attributes
+    ----------
+    name : str
+        Field of the case file ("pulley.friction"), or plain words for what is no field of it.
+    value, low, high : float
+        Estimate and ends of its 95 % interval, in `unit`.
+    unit, friendly : str
+        SI unit, and the unit that people use.
+    identified : bool
+        Whether the data tell it; where they do not, the interval says how little, and the case keeps its own value.
+    note : str
+        What the value rests on, or why it could not be told.
+
+    Examples
+    --------
+    >>> str(Estimate("lock_pin.backlash", 0.0436, 0.0432, 0.0442, "rad", "deg"))
+    'lock_pin.backlash = 2.498 deg, 95 % interval 2.475 deg to 2.532 deg'
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str = ""
+    friendly: str = ""
+    identified: bool = True
+    note: str = ""
+
+    @property
+    def tolerance(self) -> float:
+        """Half width of an interval about the value that holds the estimate's own interval."""
+        return max(self.high - self.value, self.value - self.low)
+
+    @property
+    def relative_width(self) -> float:
+        """Half the interval over the value; over the larger end where the value is zero, 0 where both are."""
+        size = abs(self.value) or max(abs(self.low), abs(self.high))
+        return 0.5 * (self.high - self.low) / size if size else 0.0
+
+    def text(self, value: float, digits: int = 4) -> str:
+        """A value of this parameter as people write it."""
+        return format_si(value, self.unit, self.friendly or self.unit, digits)
+
+    def __str__(self) -> str:
+        interval = f"{self.text(self.low)} to {self.text(self.high)}"
+        return f"{self.name} = {self.text(self.value)}, {LEVEL:.0%} interval {interval}".replace("95%", "95 %")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "unit": self.unit,
+            "identified": self.identified,
+            "note": self.note,
+        }
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What a fit leaves of one measured column.
+
+    Attributes
+    ----------
+    rms : float
+        In `unit`.
+    autocorrelation : float
+        Of neighbouring samples; near zero where the model leaves nothing but noise.
+    drift : float
+        Linear drift that was fitted beside the model, in `unit` over the whole record.
+    """
+
+    rms: float
+    autocorrelation: float
+    drift: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class BenchFit:
+    """Result of one bench test.
+
+    Attributes
+    ----------
+    bench : str
+        "weight tray", "backlash cycling" or "step response".
+    source : str
+        The measured file.
+    estimates : tuple of Estimate
+    residuals : dict of str to Residual
+        By the role of the column.
+    notes : tuple of str
+        What else there is to know, a sentence each.
+    n_rows, n_used : int
+        Rows in the file; points that were fitted.
+    status : Status
+    curves : mapping
+        What the picture needs: ``panels`` of measured points and fit, by role.
+    provenance : dict
+    """
+
+    bench: str
+    source: str
+    estimates: tuple[Estimate, ...]
+    residuals: dict[str, Residual]
+    notes: tuple[str, ...] = ()
+    n_rows: int = 0
+    n_used: int = 0
+    status: Status = Status.CONVERGED
+    curves: Mapping[str, Any] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Estimate:
+        for estimate in self.estimates:
+            if estimate.name == name:
+                return estimate
+        raise KeyError(name)
+
+    @property
+    def unidentified(self) -> tuple[Estimate, ...]:
+        """What the data could not tell."""
+        return tuple(e for e in self.estimates if not e.identified)
+
+    @property
+    def limited_by(self) -> str:
+        """The parameter that the data tell least, relative to its size."""
+        return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name if self.estimates else ""
+
+    def limit_sentence(self) -> str:
+        """Which parameter limits the identification, and how well it is known."""
+        if not self.estimates:
+            return ""
+        worst = self[self.limited_by]
+        if not worst.identified:
+            return f"Limited by {worst.name}: {worst.note}"
+        width = worst.relative_width
+        known = f"known to ±{100 * width:.2g} %" if width < 1 else "not known better than its own size"
+        return f"Limited by {worst.name}, {known}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "bench": self.bench,
+            "source": self.source,
+            "status": self.status.name.lower(),
+            "message": self.status.value,
+            "estimates": {e.name: e.to_dict() for e in self.estimates},
+            "unidentified": [e.name for e in self.unidentified],
+            "limited_by": self.limited_by,
+            "residuals": {k: vars(r) | {} for k, r in self.residuals.items()},
+            "notes": list(self.notes),
+            "n_rows": self.n_rows,
+            "n_used": self.n_used,
+            "provenance": dict(self.provenance),
+        }
+
+    def plot(self) -> Figure:
+        """Data with the fit, residuals, and the intervals."""
+        from eppanalysis.plots_identify import plot_bench
+
+        return plot_bench(self)
+
+
+def lag_one(residual: Array) -> float:
+    """Autocorrelation of neighbours; 0 for what does not vary.
+
+    Examples
+    --------
+    >>> lag_one(np.array([1.0, -1.0, 1.0, -1.0]))
+    -0.75
+    """
+    r = residual - residual.mean() if residual.size else residual
+    power = float(r @ r)
+    return float(r[1:] @ r[:-1]) / power if power > 0 else 0.0

@@ -1,0 +1,137 @@
+"""Bench tests with known truth: intervals hold it, and what the data cannot tell is named."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.identify.estimate import BenchFit
+from tests.reference.benches import Bench, backlash_cycling, weight_tray
+
+LBF = 4.4482216152605
+
+
+def identify(bench: Bench, tmp_path, test: str, **options) -> BenchFit:
+    path = bench.write(tmp_path / f"{test}.csv")
+    base = epp.case("fig8a_original").with_values({k: v for k, v in bench.setting.items() if "." in k})
+    return epp.identify(base, press=bench.setting.get("press", 0.0), **{test: path}, **options).fits[0]
+
+
+def coverage(benches, tmp_path, test: str) -> dict[str, float]:
+    hits: dict[str, list[bool]] = defaultdict(list)
+    for bench in benches:
+        fit = identify(bench, tmp_path, test)
+        for name, value in bench.truth.items():
+            found = [e for e in fit.estimates if e.name == name]
+            hits[name] += [e.low <= value <= e.high for e in found]
+    return {name: float(np.mean(h)) for name, h in hits.items()}
+
+
+def test_weight_tray_intervals_cover(tmp_path):
+    found = coverage([weight_tray(seed) for seed in range(100, 120)], tmp_path, "tray")
+    assert set(found) == {"pulley.friction", "pulley.kinetic_ratio", "sensor.gain", "sensor.full_scale"}
+    assert min(found.values()) >= 0.8  # 95 % each; of 20 benches, 4 misses or more are one case in a hundred
+
+
+def test_backlash_intervals_cover(tmp_path):
+    found = coverage([backlash_cycling(seed) for seed in range(100, 130)], tmp_path, "backlash")
+    assert set(found) == {"lock_pin.backlash", "lock_pin.stiffness", "cable.stiffness", "K R"}
+    assert min(found.values()) >= 0.83
+
+
+def test_ball_bearing_shows_no_friction(tmp_path):
+    fit = identify(weight_tray(0, bearing=True), tmp_path, "tray")
+    friction = fit["pulley.friction"]
+    assert friction.value == friction.low == 0.0
+    assert friction.high < 0.002
+
+
+def test_loading_alone_cannot_tell_friction_from_gain(tmp_path):
+    bench = weight_tray(3, continuous=True)
+    rising = replace(bench, rows=bench.rows[: int(np.argmax(bench.rows[:, 1]))])
+    with pytest.raises(epp.EppError, match=r"only rises, so sensor gain and pulley friction cannot be told apart"):
+        identify(rising, tmp_path, "tray")
+
+
+def test_unloading_that_stays_in_the_standstill_cannot_either(tmp_path):
+    bench = weight_tray(3, continuous=True, known={"pulley.friction": 0.08})
+    top = int(np.argmax(bench.rows[:, 1]))
+    short = replace(bench, rows=bench.rows[: top + 25])
+    with pytest.raises(epp.EppError, match="cannot tell sensor gain and pulley friction apart"):
+        identify(short, tmp_path, "tray")
+
+
+def test_falling_voltage_is_refused(tmp_path):
+    bench = weight_tray(3)
+    rows = bench.rows.copy()
+    rows[:, 2] *= -1.0
+    with pytest.raises(epp.EppError, match="the voltage falls as the force rises"):
+        identify(replace(bench, rows=rows), tmp_path, "tray")
+
+
+def test_saturation_that_is_not_reached_is_not_told(tmp_path):
+    fit = identify(weight_tray(1, known={"sensor.full_scale": 20.0}), tmp_path, "tray")
+    assert "sensor.full_scale" not in [e.name for e in fit.estimates]
+    assert any("never saturates" in note for note in fit.notes)
+
+
+def test_friction_scales_with_the_angle_of_the_pulley(tmp_path):
+    full = identify(weight_tray(4), tmp_path, "tray")["pulley.friction"]
+    half = identify(weight_tray(4), tmp_path, "tray", wrap=np.pi / 3)["pulley.friction"]
+    assert half.value == pytest.approx(2.0 * full.value)
+
+
+def test_a_forearm_that_never_rests_is_refused(tmp_path):
+    bench = backlash_cycling(2, torque=False)
+    rows = bench.rows[: len(bench.rows) // 8]
+    with pytest.raises(epp.EppError, match="rests . times at an end"):
+        identify(replace(bench, rows=rows), tmp_path, "backlash")
+
+
+def test_a_slack_cable_is_refused(tmp_path):
+    bench = backlash_cycling(2, torque=False)
+    rows = bench.rows.copy()
+    rows[:, 2] = rows[::-1, 2]
+    rows[:, 2] = 5.0 - rows[::-1, 2]
+    with pytest.raises(epp.EppError, match="the force does not fall as the forearm flexes"):
+        identify(replace(bench, rows=rows), tmp_path, "backlash")
+
+
+def test_a_pulley_that_never_slides_leaves_the_stiffness_unknown(tmp_path):
+    known = {"backlash": np.radians(0.3), "pulley_friction": 0.06}
+    fit = identify(backlash_cycling(5, torque=False, known=known), tmp_path, "backlash")
+    assert [e.name for e in fit.unidentified] == ["cable.stiffness", "K R"]
+    assert "the pulley's friction holds the force" in fit.limit_sentence()
+    assert fit["lock_pin.backlash"].identified
+
+
+def test_equation_of_the_paper(tmp_path):
+    """Equations (1) and (2): 2.5 deg of backlash and K R of 0.5 lbf/deg change the force by 1.25 lbf."""
+    known = {"backlash": np.radians(2.5), "cable_stiffness": 6705.263}
+    fit = identify(backlash_cycling(6, torque=False, known=known), tmp_path, "backlash")
+    change = fit["force change over the travel"]
+    assert change.value == pytest.approx(1.25 * LBF, rel=0.01)
+
+
+def test_case_carries_marks_and_tolerances(tmp_path):
+    tray = weight_tray(7).write(tmp_path / "tray.csv")
+    found = epp.identify(epp.case("elbow"), tray=tray)
+    path = tmp_path / "identified.toml"
+    path.write_text(found.to_toml())
+    again = epp.read_case(path)
+    gain = again.parameters["sensor.gain"]
+    assert gain.mark == "measured"
+    assert gain.value == pytest.approx(found["sensor.gain"].value, rel=1e-12)
+    assert gain.tolerance == pytest.approx(found["sensor.gain"].tolerance, rel=1e-9)
+    assert "tray.csv" in gain.note
+    assert again.parameters["drive.inertia"].mark == "assumed"
+
+
+def test_pictures_have_labels_and_units(tmp_path):
+    figure = identify(backlash_cycling(3, torque=True), tmp_path, "backlash").plot()
+    labels = {ax.get_ylabel() for ax in figure.axes}
+    assert {"angle [deg]", "force [N]", "residual"} <= labels
