@@ -30,7 +30,7 @@ Outputs = Annotated[
         "--output",
         metavar="FILE",
         help="A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of "
-        "a picture stands for tray or backlash.",
+        "a picture stands for tray, backlash or step.",
         show_default=False,
     ),
 ]
@@ -46,6 +46,10 @@ def identify(
         Path | None,
         typer.Option("--backlash", metavar="CSV", help="Cycling: angle, force [, time, torque].", show_default=False),
     ] = None,
+    step: Annotated[
+        Path | None,
+        typer.Option("--step", metavar="CSV", help="Step: time, angle [, force, harness].", show_default=False),
+    ] = None,
     columns: Annotated[
         list[str],
         typer.Option(
@@ -57,17 +61,21 @@ def identify(
     settings: Annotated[
         list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
     ] = _NONE,
+    fit: Annotated[
+        list[str], typer.Option("--fit", metavar="FIELD", help="What the step response is to tell; repeatable.")
+    ] = _NONE,
     wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
     press: Annotated[
         str, typer.Option("--press", help="Largest torque of the hand in cycling, where none is recorded.")
     ] = "0 N*m",
+    seed: Annotated[int, typer.Option("--seed", help="Of the starts of the step response's fit.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units.")] = False,
     outputs: Outputs = _NO_FILES,
 ) -> None:
     """Identify parameters with intervals from measured CSV files; what the data cannot tell is named."""
     from eppanalysis.identify import identify as run
 
-    benches = [name for name, path in (("tray", tray), ("backlash", backlash)) if path is not None]
+    benches = [name for name, path in (("tray", tray), ("backlash", backlash), ("step", step)) if path is not None]
     for output in outputs:
         _check_output(output, benches)
     chosen = _choices(columns)
@@ -75,8 +83,8 @@ def identify(
     base = _load(case, settings)
     with _progress() as progress:
         found = run(
-            base, tray=tray, backlash=backlash, columns=chosen, wrap=angle, press=torque,
-            progress=progress,
+            base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
+            fit=fit or None, seed=seed, progress=progress,
         )  # fmt: skip
     if as_json:
         _print_json(found)

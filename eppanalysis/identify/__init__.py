@@ -1,4 +1,4 @@
-"""Measured data to parameters: weight tray and backlash cycling; each with intervals, and a case of them.
+"""Measured data to parameters: weight tray, backlash cycling, step response; each with intervals, and a case of them.
 
 Every bench test is a CSV file. What one of them tells the next one takes as known, within its tolerance.
 """
@@ -74,9 +74,12 @@ def identify(
     *,
     tray: str | Path | None = None,
     backlash: str | Path | None = None,
+    step: str | Path | None = None,
     columns: Choices | None = None,
     wrap: float = math.pi,
     press: float = 0.0,
+    fit: Sequence[str] | None = None,
+    seed: int = 0,
     progress: Progress | None = None,
 ) -> Identification:
     """Identify an elbow from bench tests.
@@ -89,12 +92,18 @@ def identify(
         Weight-tray test: columns force, voltage and, where there is one, time.
     backlash : path, optional
         Backlash cycling: columns angle, force and, where there are any, time and torque (of the hand).
+    step : path, optional
+        Step response: columns time, angle and, where there are any, force and harness (its motion).
     columns : mapping of str to (str, str), optional
         Header and unit of a role whose column has another name.
     wrap : float
         Angle psi at which the pulley was loaded in the weight-tray test [rad].
     press : float
         Largest torque with which the hand may have pressed in backlash cycling without recorded torque [N*m].
+    fit : sequence of str, optional
+        Fields that the step response is to tell; drive inertia and friction, lag and delay by default.
+    seed : int
+        Of the starts of the step response's fit.
     progress : callable, optional
         Called with what is done and what there is to do.
 
@@ -115,8 +124,10 @@ def identify(
     'measured'
     """
     case.elbow_parameters  # noqa: B018  (refuses generic loops)
-    if tray is None and backlash is None:
-        raise EppError("identify: no measured file is given; expected a weight tray or backlash cycling.")
+    if tray is None and backlash is None and step is None:
+        raise EppError(
+            "identify: no measured file is given; expected a weight tray, backlash cycling or step response."
+        )
     fits: list[BenchFit] = []
     found = case
     if tray is not None:
@@ -131,6 +142,12 @@ def identify(
         recording = read_recording(backlash, ("angle", "force"), ("time", "torque"), columns, progress=progress)
         fits.append(fit_backlash(recording, found, press=press))
         found = with_estimates(found, fits[-1])
+    if step is not None:
+        from eppanalysis.identify.step import fit_step
+
+        recording = read_recording(step, ("time", "angle"), ("force", "harness"), columns, progress=progress)
+        fits.append(fit_step(recording, found, fit, seed=seed, progress=progress))
+        found = with_estimates(found, fits[-1])
     return Identification(_titled(found, fits), tuple(fits), fits[-1].provenance)
 
 
@@ -139,7 +156,7 @@ def with_estimates(case: Case, fit: BenchFit) -> Case:
     values = {}
     for estimate in fit.estimates:
         section, dot, _ = estimate.name.partition(".")
-        if not dot or " " in section or not estimate.identified:
+        if not dot or " " in section or not (estimate.identified or estimate.kept):
             continue
         note = f"{fit.bench}, {Path(fit.source).name}" + (f"; {estimate.note}" if estimate.note else "")
         values[estimate.name] = Parameter(

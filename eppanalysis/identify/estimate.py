@@ -36,6 +36,8 @@ class Estimate:
         Whether the data tell it; where they do not, the interval says how little, and the case keeps its own value.
     note : str
         What the value rests on, or why it could not be told.
+    kept : bool
+        Whether the case takes the value although it is told only together with another one that the case keeps.
 
     Examples
     --------
@@ -51,6 +53,7 @@ class Estimate:
     friendly: str = ""
     identified: bool = True
     note: str = ""
+    kept: bool = False
 
     @property
     def tolerance(self) -> float:

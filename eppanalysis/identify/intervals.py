@@ -40,7 +40,7 @@ class Weighted:
     critical : float
         Factor that makes 95 % half widths of standard errors.
     power : array, shape (n,)
-        Variance of every cosine coefficient of the noise.
+        Variance of every cosine coefficient of the noise, the mean over what the record leaves possible.
     """
 
     step: Array
@@ -119,7 +119,7 @@ def weighted(jacobian: Array, residual: Array, floor: float = 0.0) -> Weighted:
     share /= share.sum()
     step = sum(w * f[0] for w, f in zip(share, fits, strict=True))
     matrix = sum(w * (f[1] + np.outer(f[0] - step, f[0] - step)) for w, f in zip(share, fits, strict=True))
-    power = fits[int(np.argmax(share))][2]
+    power = sum(w * f[2] for w, f in zip(share, fits, strict=True) if w > 1e-6)
     return Weighted(step / size, matrix / np.outer(size, size), float(student.ppf(0.975, freedom)), power)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.reference.elbow_reference import DEG, LBF, nominal
+from tests.reference.elbow_reference import DEG, LBF, nominal, simulate_reference
 
 Array = NDArray[np.float64]
 
@@ -193,3 +193,53 @@ def backlash_cycling(seed: int, torque: bool | None = None, known: dict[str, flo
     rows = thin(rng, np.column_stack(columns), rng.uniform(0, 0.05))
     setting = {"pulley.friction": p["pulley_friction"]}
     return Bench(tuple(header), rows, truth, setting if with_torque else {**setting, "press": 0.02})
+
+
+#: Names of the reference's parameters by the field of the case file.
+FIELDS = {
+    "drive.inertia": "drive_inertia",
+    "drive.coulomb_friction": "coulomb_friction",
+    "drive.electrical_time_constant": "electrical_time_constant",
+    "controller.delay": "delay",
+    "lock_pin.backlash": "backlash",
+    "cable.stiffness": "cable_stiffness",
+    "pulley.friction": "pulley_friction",
+    "lock_pin.stiffness": "pin_stiffness",
+}
+
+
+def step_response(
+    seed: int, known: dict[str, float] | None = None, force: bool = True, t_end: float = 2.0, rate: float = 500.0
+) -> Bench:
+    """Step response, with a limit cycle or without, whose case knows backlash and cable only within tolerances."""
+    rng = np.random.default_rng([3, seed])
+    truth = {
+        "drive.inertia": rng.uniform(0.02, 0.045),
+        "drive.coulomb_friction": rng.uniform(0.15, 0.5),
+        "drive.electrical_time_constant": rng.uniform(0.5e-3, 2e-3),
+        "controller.delay": rng.uniform(0.5e-3, 4e-3),
+        "lock_pin.backlash": rng.uniform(0.3, 3.0) * DEG,
+        "cable.stiffness": 6705.263 * rng.uniform(0.8, 1.2),
+    } | (known or {})
+    p = nominal(**{FIELDS[name]: value for name, value in truth.items()})
+    t = np.arange(-0.02, t_end, 1.0 / rate)
+    t = np.sort(t + rng.uniform(-0.3, 0.3, t.size) / rate)
+    after = t[t > 0]
+    run = simulate_reference(p, t_end=t_end + 0.01, t_eval=after, rtol=1e-8, atol=1e-10)
+    still = np.zeros(t.size - after.size)
+    theta = np.concatenate([still, run.signals["theta"]])
+    tension = np.concatenate([still + p["band_centre"], run.signals["sensor_force"]])
+    theta = disturbed(
+        rng, theta + 0.3, rng.uniform(0.01, 0.05) * DEG, rng.normal(0, 0.2) * DEG, rng.uniform(0, 0.02) * DEG
+    )
+    tension = disturbed(rng, tension, rng.uniform(0.005, 0.03) * LBF, rng.normal(0, 0.03) * LBF, 0.005 * LBF)
+    columns = [t, quantise(theta, 0.0, 150.0 * DEG) / DEG]
+    header = ["time [s]", "angle [deg]"]
+    if force:
+        columns.append(quantise(tension, 0.0, 20.0 * LBF) / LBF)
+        header.append("force [lbf]")
+    rows = thin(rng, np.column_stack(columns), rng.uniform(0, 0.05))
+    setting = {}
+    for name, share in (("lock_pin.backlash", 0.02), ("cable.stiffness", 0.02)):
+        setting[name] = truth[name] * (1 + share / 1.96 * rng.normal())
+    return Bench(tuple(header), rows, truth, setting)
