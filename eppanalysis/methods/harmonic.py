@@ -142,6 +142,30 @@ def _begin(system: LureSystem, guess: LimitCycle, input_value: Mapping[str, floa
     return loop, _anchored(inputs_of(loop, guess), guess.omega)
 
 
+def settled(loop: Loop, Z: ComplexArray, omega: float) -> tuple[ComplexArray, float] | None:
+    """Newton's method from inputs (F, n + 1) and a frequency that nearly balance; None where it fails.
+
+    Parameters
+    ----------
+    loop : Loop
+    Z : array, shape (F, n + 1)
+        Coefficients of the elements' free inputs, of the order that is wanted.
+    omega : float
+        [rad/s].
+    """
+    with np.errstate(all="ignore"):
+        start = _anchored(Z, omega)
+        found = _solve(loop, start, start.order)
+    return (found.Z, found.omega) if found.converged else None
+
+
+def cycle_of(loop: Loop, Z: ComplexArray, omega: float) -> LimitCycle:
+    """The limit cycle with balanced inputs (F, n + 1) of the elements, as from :func:`settled`."""
+    with np.errstate(all="ignore"):
+        point = replace(_anchored(Z, omega), converged=True)
+        return _cycle(loop.system, loop, point, [point])
+
+
 @dataclass(frozen=True, eq=False)
 class _Point:
     """A solution (or the last iterate): free inputs (F, n + 1), omega, and how good it is."""

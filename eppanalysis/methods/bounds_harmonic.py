@@ -1,0 +1,345 @@
+"""Bounds by harmonic balance over a sweep: which end of the range is free of cycles, and the fold at each value.
+
+The search begins where cycles exist. They are found once, by describing functions (or, where these see none, as exact
+orbits), at some values of the limiting parameter; from value to value of the other parameter they are carried over by
+Newton's method. Each bound is sought from the last one (a warm start) and from the carried cycles (several starts), in
+first order and in the order at which the bound ceases to change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, extreme
+from eppanalysis.methods.bounds_numbers import Numbers, loop_of
+from eppanalysis.methods.continuation import CaseLike
+from eppanalysis.methods.cycles import find_limit_cycles
+from eppanalysis.methods.describing import predict_limit_cycles
+from eppanalysis.methods.harmonic import settled
+from eppanalysis.methods.harmonic_elements import Unsettled
+from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.signals import standing_inputs
+from eppanalysis.results import LimitCycle
+
+#: Orders tried in turn, and the relative change of the bound from one to the next at which they end.
+ORDERS = (3, 5, 7, 9, 11, 13, 15, 17, 19)
+CHANGE = 0.02
+N_SCAN = 5
+_SCALED = (0.5, 2.0)
+
+
+class Finding(Enum):
+    """What is known of a cell; the value is a sentence for people."""
+
+    BOUND = "A bound was found."
+    NONE = "No limit cycle exists anywhere in the range of the limiting parameter, so nothing bounds it there."
+    ALWAYS = "A limit cycle exists at both ends of the range of the limiting parameter: no value in it is free of them."
+    SCALES = (
+        "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
+        "or smaller in proportion, so no finite bound on it exists."
+    )
+    BEYOND = "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
+    FAILED = "The bound could not be computed: no start led to a solution."
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A case with the parameter that runs and the one that is bounded.
+
+    Attributes
+    ----------
+    case : Case
+    limit : str
+        The parameter that is bounded.
+    low, high : float
+        Range in which its bound is sought [SI].
+    over : str or None
+        The parameter that runs.
+    """
+
+    case: CaseLike
+    limit: str
+    low: float
+    high: float
+    over: str | None = None
+
+    def at(self, value: float) -> Question:
+        """The same question at a value of the parameter that runs."""
+        return self if self.over is None else replace(self, case=self.case.with_values({self.over: value}), over=None)
+
+    def case_at(self, value: float) -> CaseLike:
+        """The case with a value of the limiting parameter."""
+        return self.case.with_values({self.limit: value})
+
+    def numbers(self) -> Numbers:
+        """The loop's numbers over the limiting parameter."""
+        return Numbers(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
+
+
+def inputs_at_end(case: CaseLike, system: LureSystem) -> dict[str, float]:
+    """Where the external inputs of a case stand when its motion is over [SI]."""
+    return standing_inputs(system.input_names, system.v0, case.input, case.t_end)
+
+
+def steady_loop(case: CaseLike) -> Loop:
+    """The loop of a case at the operating point of its limit cycles."""
+    system = case.to_system()
+    inputs = inputs_at_end(case, system)
+    return loop_of(system, np.array([inputs[name] for name in system.input_names]))
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Where cycles exist: their side of the range, and the cycles from which bounds are sought.
+
+    Attributes
+    ----------
+    finding : Finding
+        BOUND where there are cycles at some values of the limiting parameter and none at others.
+    sign : float
+        1 where large values have cycles (the bound is the least of them), -1 where small ones have.
+    cycles : tuple of Cycle
+        At the value farthest from the bound.
+    note : str
+        What else is known.
+    """
+
+    finding: Finding
+    sign: float = 1.0
+    cycles: tuple[Cycle, ...] = ()
+    note: str = ""
+
+
+def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
+    """Scan the range of the limiting parameter for cycles.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    n_scan : int
+        Number of values.
+    """
+    spread = np.geomspace if question.low > 0 else np.linspace
+    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
+    found = [_cycles_at(question, v, predict_limit_cycles) for v in values]
+    if not any(found) or all(found):
+        # What first order says of every value is put to the exact search before it is believed.
+        ends = {0, n_scan - 1} | ({n_scan // 2} if not any(found) else set())
+        for i in ends:
+            found[i] = _cycles_at(question, values[i], find_limit_cycles)
+    there = [bool(f) for f in found]
+    if not any(there):
+        return Outlook(Finding.NONE)
+    first = found[-1] or next(f for f in found if f)
+    if scales(question, first[-1]):
+        return Outlook(Finding.SCALES)
+    if there[0] and there[-1]:
+        inside = " Some values between have none." if not all(there) else ""
+        return Outlook(Finding.ALWAYS, note=inside.strip())
+    if there[-1] or not there[0]:
+        last = max(i for i, t in enumerate(there) if t)
+        above = "" if there[-1] else f"No cycle is left above {values[last + 1]:.6g} either."
+        return Outlook(Finding.BOUND, 1.0, tuple(found[last]), above)
+    return Outlook(Finding.BOUND, -1.0, tuple(found[0]))
+
+
+def _cycles_at(question: Question, value: float, search: Callable[..., Iterable[LimitCycle]]) -> list[Cycle]:
+    """Cycles at a value, as inputs of the elements, smallest first."""
+    case = question.case_at(value)
+    system = case.to_system()
+    try:
+        loop = steady_loop(case)
+        found = search(system, inputs_at_end(case, system))
+        return [_of_order_one(loop, value, c) for c in found]
+    except ModelError:
+        return []
+
+
+def _of_order_one(loop: Loop, value: float, cycle: LimitCycle) -> Cycle:
+    Z = inputs_of(loop, cycle)
+    return Cycle(value, Z[:, :2], cycle.omega)
+
+
+def scales(question: Question, cycle: Cycle) -> bool:
+    """Whether the cycle, made larger in proportion to the limiting parameter, is again one.
+
+    True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
+    """
+    for factor in _SCALED:
+        value = cycle.value * factor
+        try:
+            loop = steady_loop(question.case_at(value))
+            equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
+            Z = cycle.Z * factor
+            W, _ = loop.answers(Z, cycle.omega)
+        except (EppError, Unsettled):
+            return False
+        r = equations.residual(Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
+        _, rows = equations.scales(equations.pack(Z, cycle.omega), W)
+        if not float(np.abs(r / rows[:-1]).max()) < 1e-8:
+            return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicBound:
+    """The bound by harmonic balance at one value of the parameter that runs.
+
+    Attributes
+    ----------
+    finding : Finding
+    sign : float
+        1: free below the bound; -1: free above it.
+    first_order : float
+        By describing functions [SI]; nan where there is none.
+    value : float
+        In the order chosen [SI]; nan where there is none.
+    order : int
+        The order chosen; 0 where there is none.
+    error_estimate : float
+        Relative change of the bound from the order before.
+    fold : Fold or None
+        Of the order chosen.
+    first_fold : Fold or None
+    message : str
+    """
+
+    finding: Finding
+    sign: float
+    first_order: float = float("nan")
+    value: float = float("nan")
+    order: int = 0
+    error_estimate: float = float("nan")
+    fold: Fold | None = None
+    first_fold: Fold | None = None
+    message: str = ""
+
+
+@dataclass
+class HarmonicSweep:
+    """Bounds at one value after another, each begun from the last; lives for one sweep.
+
+    Attributes
+    ----------
+    question : Question
+    outlook : Outlook or None
+        Of the first value.
+    folds : dict of int to Fold
+        The last fold of each order.
+    """
+
+    question: Question
+    programmes: Programmes = field(default_factory=Programmes)
+    outlook: Outlook | None = None
+    far: tuple[Cycle, ...] = ()
+    folds: dict[int, Fold] = field(default_factory=dict)
+    last_order: int = 0
+
+    def bound(self, value: float) -> HarmonicBound:
+        """The bound at a value of the parameter that runs."""
+        question = self.question.at(value)
+        numbers = question.numbers()
+        if not self._ready(question, numbers):
+            assert self.outlook is not None
+            return HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
+        assert self.outlook is not None
+        sign = self.outlook.sign
+        first = self._first(numbers, sign)
+        found, error = self._chosen(numbers, sign)
+        note = self.outlook.note
+        if found is None and first is None:
+            return HarmonicBound(Finding.FAILED, sign, message=note)
+        best = found or first
+        assert best is not None
+        return HarmonicBound(
+            finding=Finding.BEYOND if best.at_end else Finding.BOUND,
+            sign=sign,
+            first_order=float("nan") if first is None else first.cycle.value,
+            value=best.cycle.value,
+            order=best.cycle.order,
+            error_estimate=error,
+            fold=best,
+            first_fold=first,
+            message=note,
+        )
+
+    def _ready(self, question: Question, numbers: Numbers) -> bool:
+        """Cycles to begin from: carried over from the last value, or sought anew."""
+        carried = tuple(c for c in (_carried(numbers, c) for c in self.far) if c is not None)
+        if carried and self.outlook is not None:
+            self.far = carried
+            return True
+        self.outlook = look(question)
+        self.far = self.outlook.cycles
+        return self.outlook.finding is Finding.BOUND and bool(self.far)
+
+    def _first(self, numbers: Numbers, sign: float) -> Fold | None:
+        """First order: from the last fold, and from every carried cycle."""
+        starts = [self.folds[1].cycle] if 1 in self.folds else []
+        found = [extreme(numbers, self.programmes, c, sign) for c in [*starts, *self.far]]
+        best = _farthest(found, sign)
+        if best is not None:
+            self.folds[1] = best
+        return best
+
+    def _chosen(self, numbers: Numbers, sign: float) -> tuple[Fold | None, float]:
+        """The order at which the bound ceases to change, and how much it changed last."""
+        first = ORDERS.index(self.last_order) - 1 if self.last_order in ORDERS[1:] else 0
+        last: Fold | None = None
+        best: tuple[Fold | None, float] = (None, float("nan"))
+        for n in ORDERS[first:]:
+            fold = self._of_order(numbers, sign, n)
+            if fold is None:
+                continue
+            self.folds[n] = fold
+            if last is not None:
+                change = abs(fold.cycle.value / last.cycle.value - 1.0)
+                if best[0] is None or change < best[1]:
+                    best = fold, change
+                if change < CHANGE:
+                    break
+            last = fold
+        if best[0] is None:
+            return last, float("nan")
+        self.last_order = best[0].cycle.order
+        return best
+
+    def _of_order(self, numbers: Numbers, sign: float, n: int) -> Fold | None:
+        """The fold of an order: from the last one, else from the carried cycles."""
+        if n in self.folds:
+            found = extreme(numbers, self.programmes, self.folds[n].cycle, sign, 0.1)
+            if found is not None:
+                return found
+        starts = [c for c in (raised(numbers, c, n) for c in self.far) if c is not None]
+        return _farthest([extreme(numbers, self.programmes, c, sign) for c in starts], sign)
+
+
+def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
+    there = [f for f in found if f is not None]
+    return min(there, key=lambda f: sign * f.cycle.value) if there else None
+
+
+def _carried(numbers: Numbers, cycle: Cycle) -> Cycle | None:
+    """The same cycle of a loop whose other parameter has changed a little."""
+    true = settled(numbers.loop(cycle.value), cycle.Z, cycle.omega)
+    return None if true is None else Cycle(cycle.value, *true)
+
+
+def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
+    """The cycle in a higher order, by way of those between; None where Newton's method fails."""
+    loop, here = numbers.loop(cycle.value), cycle
+    for n in [*(n for n in (3, 5, 9) if cycle.order < n < order), order]:
+        try:
+            true = settled(loop, loop.continued(here.Z, here.omega, n), here.omega)
+        except Unsettled:
+            true = None
+        if true is not None:
+            here = Cycle(cycle.value, *true)
+    return here if here.order == order else None
