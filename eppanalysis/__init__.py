@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         NotConverged as NotConverged,
     )
     from eppanalysis.identify import Identification as Identification, identify as identify
+    from eppanalysis.methods.bounds import DesignBounds as DesignBounds, design_bounds as design_bounds
     from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
     from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
     from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
@@ -105,6 +106,7 @@ _NAMES = {
     "case": ("Case", "case", "case_from_text", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
     "identify": ("Identification", "identify"),
+    "methods.bounds": ("DesignBounds", "design_bounds"),
     "methods.continuation": ("Branch", "continue_branch"),
     "methods.cycles": ("CycleSearch", "find_limit_cycles"),
     "methods.describing": ("predict_limit_cycles",),

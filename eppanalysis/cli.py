@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from eppanalysis.cli_bounds import bounds
 from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
 from eppanalysis.cli_identify import identify
@@ -158,6 +159,7 @@ def list_cases(as_json: Json = False) -> None:
 app.command("cycles")(cycles)
 app.command("branch")(branch)
 app.command("sweep")(sweep)
+app.command("bounds")(bounds)
 app.command("identify")(identify)
 app.command("report")(report)
 

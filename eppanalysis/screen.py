@@ -13,6 +13,7 @@ from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
+    from eppanalysis.methods.bounds_result import DesignBounds
     from eppanalysis.methods.knock import Knock
     from eppanalysis.methods.ladder import Ladder
     from eppanalysis.results import LimitCycle, Trajectory
@@ -222,6 +223,40 @@ class TruthTable:
         """How many cases came out as they must; empty where none says."""
         whom = "the paper found" if self.from_paper else "their sources say"
         return f"{self.found.count('ok')} of {len(self.found)} as {whom}." if self.found else ""
+
+
+def bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds by every method, over the parameter that runs."""
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    table = _table(
+        _with_unit(bounds.over, x_unit),
+        _with_unit("first order", y_unit),
+        "",
+        _with_unit("harmonic balance", y_unit),
+        "",
+        "order",
+        _with_unit("exact", y_unit),
+        "frequency [Hz]",
+        "verified",
+    )
+    for c in bounds:
+        if c.finding != "bound":
+            table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding)
+            continue
+        tested = f"yes, {c.n_settled} runs" if c.verified else "no"
+        side = " unsafe" if c.first_order_unsafe else ""
+        table.add_row(
+            _number(x * c.value),
+            _number(y * c.first_order),
+            _signed_percent(c.first_order_error) + side,
+            _number(y * c.harmonic),
+            _signed_percent(c.harmonic_error),
+            str(c.order),
+            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
+            _number(c.frequency),
+            tested,
+        )
+    return table
 
 
 def as_found(case: Case, ladder: Ladder) -> str:

@@ -177,6 +177,17 @@ class Case:
         quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
+    def readable(self, name: str) -> tuple[str, float]:
+        """The unit that people use for a parameter, and the factor from SI to it.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter.
+        """
+        unit, shown = self.unit(name)
+        return shown, 1.0 / parse_quantity(f"1 {shown}", unit) if shown and shown != unit else 1.0
+
     def text(self, name: str, value: float, digits: int = 6) -> str:
         """A value of a parameter, given in SI units, as people write it."""
         return format_si(value, *self.unit(name), digits)

@@ -17,6 +17,7 @@ from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import Question, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers
 from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_branch
+from eppanalysis.methods.continuation_steps import Point
 from eppanalysis.methods.harmonic import cycle_of, settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.results import LimitCycle
@@ -24,7 +25,9 @@ from eppanalysis.results import LimitCycle
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
-_TURNS = ("fold", "turning change of sequence")
+_KINDS = {"fold": "fold", "turning change of sequence": "corner"}
+#: Where an orbit is looked for beyond a corner, relative to its value, and how often.
+_BEYOND, _MOST_CORNERS = (2e-4, 1e-3, 4e-3), 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +44,8 @@ class ExactBound:
         The orbit there.
     kind : str
         "fold" or "corner".
+    point : Point or None
+        The orbit with the direction of its branch.
     message : str
         Why there is none.
     """
@@ -49,6 +54,7 @@ class ExactBound:
     period: float = float("nan")
     cycle: LimitCycle | None = None
     kind: str = ""
+    point: Point | None = None
     message: str = ""
 
 
@@ -69,25 +75,48 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
         inside = near.value * (1.0 + sign * share)
         if not question.low <= inside <= question.high:
             continue
-        stop = np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high)
+        stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
         for start in _cycles_inside(question, near, inside):
-            try:
-                branch = continue_branch(
-                    question.case, question.limit, inside, float(stop), cycle=start, n_points=150, max_step=0.08
-                )
-            except EppError:
+            branch = _branch(question, inside, stop, start)
+            if branch is None:
                 continue
-            turn = _extreme(branch, sign)
+            turn = _last_turn(question, branch, stop, sign)
             if turn is not None:
-                kind = "fold" if turn.kind == "fold" else "corner"
-                return ExactBound(turn.value, turn.cycle.period, turn.cycle, kind)
+                return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
             message = f"the branch of exact orbits has no fold near: {branch.message[0].lower()}{branch.message[1:]}"
     return ExactBound(message=message)
 
 
-def _extreme(branch: Branch, sign: float) -> SpecialPoint | None:
-    turns = [s for s in branch.special if s.kind in _TURNS]
-    return min(turns, key=lambda s: sign * s.value) if turns else None
+def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
+    """The branch from a cycle near an orbit at `start`; None where there is no such orbit."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return continue_branch(question.case, question.limit, start, stop, cycle=cycle, n_points=150, max_step=0.08)
+    except EppError:
+        return None
+
+
+def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> SpecialPoint | None:
+    """The farthest place at which a branch turns back.
+
+    At a corner the step on to the new sequence of events may have been taken the wrong way round. Where an orbit near
+    the one at the corner exists beyond it, the branch goes on from there.
+    """
+    for _ in range(_MOST_CORNERS):
+        turns = [s for s in branch.special if s.kind in _KINDS]
+        turn = min(turns, key=lambda s: sign * s.value) if turns else None
+        if turn is None or turn.kind == "fold":
+            return turn
+        further = None
+        for share in _BEYOND:
+            value = turn.value * (1.0 - sign * share)
+            further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
+            if further is not None:
+                break
+        if further is None:
+            return turn
+        branch = further
+    return turn
 
 
 def _cycles_inside(question: Question, near: Cycle, value: float) -> Iterator[LimitCycle]:

@@ -31,7 +31,7 @@ _SHORTEST, _GENUINE = 1e-3, 1e-6
 _BEYOND = (1e-4, 1e-3, 5e-3)
 #: Switches of one element this close in phase may be about to merge.
 _CLOSE = 1e-2
-_OPTIONS = {
+_OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "print_time": False,
@@ -129,7 +129,7 @@ def _solver(expressions: Expressions, dependence: Dependence) -> Any:
     theta = polynomials(dependence, expressions.used, V[-1], constants, coefficients)
     equations = expressions.residual(V[:-1] * scales, theta) / sizes
     dwells = [_dwells(V[s] * scales[s]) for s in layout.phases if s.stop > s.start]
-    problem: Any = {
+    problem = {
         "x": V,
         "f": sign * V[-1],
         "g": ca.vertcat(equations, *dwells),

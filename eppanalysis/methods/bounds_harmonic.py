@@ -242,23 +242,23 @@ class HarmonicSweep:
     folds: dict[int, Fold] = field(default_factory=dict)
     last_order: int = 0
 
-    def bound(self, value: float) -> HarmonicBound:
-        """The bound at a value of the parameter that runs."""
+    def bound(self, value: float) -> tuple[Question, HarmonicBound]:
+        """The question and the bound at a value of the parameter that runs."""
         question = self.question.at(value)
         numbers = question.numbers()
         if not self._ready(question, numbers):
             assert self.outlook is not None
-            return HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
+            return question, HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
         assert self.outlook is not None
         sign = self.outlook.sign
         first = self._first(numbers, sign)
         found, error = self._chosen(numbers, sign)
         note = self.outlook.note
         if found is None and first is None:
-            return HarmonicBound(Finding.FAILED, sign, message=note)
+            return question, HarmonicBound(Finding.FAILED, sign, message=note)
         best = found or first
         assert best is not None
-        return HarmonicBound(
+        return question, HarmonicBound(
             finding=Finding.BEYOND if best.at_end else Finding.BOUND,
             sign=sign,
             first_order=float("nan") if first is None else first.cycle.value,

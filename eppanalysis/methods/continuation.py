@@ -71,6 +71,9 @@ class CaseLike(Protocol):
     def unit(self, name: str) -> tuple[str, str]:
         """SI unit and the unit people use."""
 
+    def readable(self, name: str) -> tuple[str, float]:
+        """The unit people use, and the factor from SI to it."""
+
 
 @dataclass(frozen=True, eq=False)
 class SpecialPoint:

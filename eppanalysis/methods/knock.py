@@ -97,7 +97,7 @@ def knock(
     hybrid = steady_hybrid(system, input_value)
     swing = np.max([np.ptp(c.provenance["corners"], axis=0) for c in found], axis=0)
     size = np.concatenate([swing, np.zeros(hybrid.x0.size - swing.size)])
-    to = _Judge(40.0 * max(c.period for c in found), size)
+    to = Judge(40.0 * max(c.period for c in found), size)
     rest = _rest(hybrid, system, to)
     out: list[Knock] = []
     for name, apply, scale in _directions(system, hybrid, rest, swing, states):
@@ -107,7 +107,7 @@ def knock(
 
 
 @dataclass(frozen=True, eq=False)
-class _Judge:
+class Judge:
     """Where a run ends, with sizes that tell rest from motion."""
 
     horizon: float
@@ -116,7 +116,7 @@ class _Judge:
     def ends(self, start: HybridSystem) -> tuple[Status, Run]:
         """SETTLED, LIMIT_CYCLE or what else it is, and the run."""
         t = self.horizon
-        for _ in range(3):
+        for _ in range(4):
             run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 100_000, 600)
             status, _ = judge(start, run, t)
             if status is Status.UNDECIDED and fades(start, run, t, self.horizon, self.size):
@@ -127,7 +127,7 @@ class _Judge:
         return status, run
 
 
-def _rest(hybrid: HybridSystem, system: LureSystem, to: _Judge) -> HybridSystem:
+def _rest(hybrid: HybridSystem, system: LureSystem, to: Judge) -> HybridSystem:
     """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
     for scale in (1.0, 0.0, 0.01):
         x0 = hybrid.x0.copy()
@@ -173,7 +173,7 @@ def _directions(
             yield name, moved(place), float(swing[place]) or 1.0
 
 
-def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: _Judge) -> Knock:
+def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Knock:
     """The first size on the grid that starts a cycle, and bisection between it and the one before."""
     below = 0.0
     for share in _GRID:

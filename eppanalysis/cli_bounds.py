@@ -1,0 +1,190 @@
+"""The command ``eppanalysis bounds``: how far one parameter may go at each value of another, and its picture."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.case import Case
+    from eppanalysis.export import Table
+    from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+
+Field = Annotated[str, typer.Option("--over", metavar="FIELD", help="The parameter that runs, as in bands.range.")]
+Limit = Annotated[
+    str, typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded, as in lock_pin.backlash.")
+]
+Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
+        show_default=False,
+    ),
+]
+
+
+def bounds(
+    case: CaseName,
+    over: Field,
+    limit: Limit,
+    settings: Settings = NOTHING,
+    start: Annotated[str | None, typer.Option("--from", metavar="VALUE", help="First value of --over.")] = None,
+    stop: Annotated[str | None, typer.Option("--to", metavar="VALUE", help="Last value of --over.")] = None,
+    points: Annotated[int, typer.Option("--points", help="Number of values of --over.")] = 9,
+    within: Annotated[
+        str | None,
+        typer.Option("--within", metavar="LOW:HIGH", help='Range of --limit to look in, as in "0.1 deg:5 deg".'),
+    ] = None,
+    verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
+    margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
+    starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
+    workers: Workers = None,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
+    """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
+    from eppanalysis.export import check_target
+    from eppanalysis.methods.bounds import cores, design_bounds
+
+    if output is not None:
+        check_target(output)
+    found = load_case(case, settings)
+    with progress(f"bounds {found.name}") as report:
+        result = design_bounds(
+            found,
+            over,
+            limit,
+            start=start,
+            stop=stop,
+            points=points,
+            within=_range(within),
+            verify=verify,
+            margin=margin,
+            starts=starts,
+            seed=seed,
+            workers=workers or cores(),
+            progress=report,
+        )
+    if as_json:
+        print_json("bounds", [(found, result.to_dict())], settings)
+    else:
+        _show(found, result)
+    if output is not None:
+        from eppanalysis.export import write_result
+
+        write_result(result, bounds_columns, output)
+
+
+def bounds_columns(result: DesignBounds) -> Table:
+    """One row a cell, in SI units, for files."""
+    from eppanalysis.export import Table
+
+    rows = [
+        {
+            result.over: c.value,
+            "first_order": c.first_order,
+            "harmonic": c.harmonic,
+            "order": c.order,
+            "exact": c.exact,
+            "frequency": c.frequency,
+            "safe_value": c.safe_value,
+            "runs": c.n_runs,
+            "settled": c.n_settled,
+            "verified": c.verified,
+            "finding": c.finding,
+            "message": c.message,
+        }
+        for c in result
+    ]
+    unit = result.units[result.limit]
+    units = dict.fromkeys(("first_order", "harmonic", "exact", "safe_value"), unit)
+    return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
+
+
+def _range(text: str | None) -> tuple[str, str] | None:
+    if text is None:
+        return None
+    low, separator, high = text.partition(":")
+    if not separator or not low.strip() or not high.strip():
+        raise EppError(f'--within {text}: is no range; expected LOW:HIGH, as in "0.1 deg:5 deg".')
+    return low.strip(), high.strip()
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on the terminal that is told (done, of all); nothing where the errors go elsewhere.
+
+    Raises
+    ------
+    Exit
+        On an interrupt, with code 130.
+    """
+    try:
+        if not sys.stderr.isatty():
+            yield None
+            return
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task(what, total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+    except KeyboardInterrupt:
+        typer.echo("Interrupted: nothing is kept.", err=True)
+        raise typer.Exit(130) from None
+
+
+def _show(case: Case, result: DesignBounds) -> None:
+    from rich.console import Console
+
+    from eppanalysis.screen import bounds_table
+
+    typer.secho(f"{case.name}: {case.title}", bold=True)
+    if result.own:
+        typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
+    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 200).print(bounds_table(result))
+    for sentence in sentences(case, result):
+        typer.echo(sentence)
+
+
+def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
+    """What the table says in words, and what is missing in it."""
+    n_good = sum(c.verified for c in result)
+    n_bounds = sum(c.finding == "bound" for c in result)
+    if n_bounds:
+        margin = result.provenance["settings"]["margin"]
+        yield f"{n_good} of {n_bounds} bounds verified {100 * margin:g} % away from them on both sides."
+    unsafe = [c for c in result if c.first_order_unsafe]
+    if unsafe:
+        worst = max(unsafe, key=lambda c: abs(c.first_order_error))
+        yield (
+            f"First order is on the unsafe side in {len(unsafe)} of them, by up to "
+            f"{100 * abs(worst.first_order_error):.3g} %."
+        )
+    elif n_bounds:
+        yield "First order is on the safe side in all of them."
+    for cell in result:
+        if cell.message and not (cell.finding == "bound" and cell.verified):
+            yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"
+
+
+def limits_text(case: Case, result: DesignBounds, cell: BoundCell) -> str:
+    """A plain sentence on one cell."""
+    side = "under" if cell.sign > 0 else "over"
+    return (
+        f"at {result.over} {case.text(result.over, cell.value, 4)} keep {result.limit} {side} "
+        f"{case.text(result.limit, cell.bound, 4)}"
+    )

@@ -1,0 +1,320 @@
+"""Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
+
+Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
+exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``bounds_harmonic`` (search
+and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its equations), ``bounds_exact``,
+``bounds_verify`` and ``bounds_elasticity``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
+from eppanalysis.methods.bounds_exact import ExactBound, correct
+from eppanalysis.methods.bounds_fold import Cycle
+from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question
+from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
+from eppanalysis.methods.continuation import CaseLike, continue_branch
+from eppanalysis.provenance import provenance
+
+__all__ = ["BoundCell", "DesignBounds", "Finding", "design_bounds"]
+
+Report = Callable[[int, int], None]
+
+#: Where a bound is sought, relative to the case's own value; how far the other parameter runs.
+_WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
+_SEED = 20050901
+_MOST_FAMILIES = 3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How bounds are tested: see :func:`design_bounds`."""
+
+    exact: bool = True
+    verify: bool = True
+    margin: float = 0.01
+    starts: int = 1000
+    seed: int = _SEED
+
+
+def design_bounds(
+    case: CaseLike,
+    over: str,
+    limit: str,
+    *,
+    start: object = None,
+    stop: object = None,
+    points: int = 9,
+    within: tuple[object, object] | None = None,
+    exact: bool = True,
+    verify: bool = True,
+    margin: float = 0.01,
+    starts: int = 1000,
+    seed: int = _SEED,
+    workers: int = 1,
+    progress: Report | None = None,
+) -> DesignBounds:
+    """The bound on one parameter of a case at each of a row of values of another.
+
+    Parameters
+    ----------
+    case : Case
+    over, limit : str
+        Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
+    start, stop : str or number, optional
+        First and last value of `over` (plain numbers are SI); 0.4 and 2 times the case's own by default.
+    points : int
+        Number of values of `over`, evenly spaced.
+    within : (quantity, quantity), optional
+        Range of `limit` in which its bound is sought; 0.05 to 2 times the case's own value by default.
+    exact : bool
+        Correct every bound to the exact fold.
+    verify : bool
+        Test every corrected bound on both sides.
+    margin : float
+        Distance of the tests from the bound, relative to it.
+    starts : int
+        Runs of each test, from a seeded cloud of initial states and steps of the inputs.
+    seed : int
+    workers : int
+        Processes that correct and test; results do not depend on their number. More than one needs a script that is
+        guarded by ``if __name__ == "__main__"``.
+    progress : callable, optional
+        Is told the number of cells done and of all cells.
+
+    Returns
+    -------
+    DesignBounds
+
+    Raises
+    ------
+    EppError
+        If a parameter, a range or a setting is not valid.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("fig8a_original")
+    >>> found = epp.design_bounds(
+    ...     case, "bands.range", "lock_pin.backlash", start="2.5 lbf", points=1, verify=False
+    ... )
+    >>> case.text("lock_pin.backlash", found.cells[0].exact, 7)
+    '0.9785869 deg'
+    """
+    check_verification(margin, starts)
+    if points < 1 or workers < 1:
+        wrong = f"points is {points}" if points < 1 else f"workers is {workers}"
+        raise EppError(f"design_bounds: {wrong}; expected 1 or more.")
+    if over == limit:
+        raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
+    values = _values(case, over, start, stop, points)
+    low, high = _range(case, limit, within)
+    question = Question(case, limit, low, high, over)
+    settings = Settings(exact, verify and exact, margin, starts, seed)
+    cells = _cells(question, values, settings, workers, progress)
+    facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
+    own = getattr(case, "provenance", None)
+    return DesignBounds(
+        case=case.name,
+        over=over,
+        limit=limit,
+        units={name: case.unit(name)[0] for name in (over, limit)},
+        readable={name: case.readable(name) for name in (over, limit)},
+        own={name: case.value(name) for name in (over, limit)},
+        within=(low, high),
+        cells=tuple(cells),
+        provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
+    )
+
+
+def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
+    own = case.value(over) if start is None or (stop is None and points > 1) else 0.0
+    first = _RUN[0] * own if start is None else case.si(over, start)
+    last = first if points == 1 else _RUN[1] * own if stop is None else case.si(over, stop)
+    if points > 1 and first == last:
+        raise EppError(f"design_bounds: {over} runs from {start} to {stop}; expected two different values.")
+    return [float(v) for v in np.linspace(first, last, points)]
+
+
+def _range(case: CaseLike, limit: str, within: tuple[object, object] | None) -> tuple[float, float]:
+    if within is not None:
+        low, high = (case.si(limit, v) for v in within)
+        if not low < high:
+            raise EppError(f"design_bounds: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
+        return low, high
+    own = case.value(limit)
+    if not own > 0:
+        raise EppError(f"design_bounds: {limit} is {own:g} in this case; expected a range in which to seek its bound.")
+    return _allowed(case, limit, own, _WITHIN[0]), _allowed(case, limit, own, _WITHIN[1])
+
+
+def _allowed(case: CaseLike, limit: str, own: float, factor: float) -> float:
+    """A factor of the case's own value, taken back towards it until the case is valid."""
+    while abs(factor - 1.0) > 1e-3:
+        try:
+            case.with_values({limit: factor * own})
+            return factor * own
+        except EppError:
+            factor = 1.0 + 0.8 * (factor - 1.0)
+    raise EppError(f"design_bounds: {limit} cannot be changed in this case; expected a parameter that can.")
+
+
+def _cells(
+    question: Question, values: Sequence[float], settings: Settings, workers: int, report: Report | None
+) -> list[BoundCell]:
+    """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
+    sweep = HarmonicSweep(question)
+    cells: list[BoundCell | None] = [None] * len(values)
+    waiting: dict[int, tuple[BoundCell, Future[_Checked]]] = {}
+    done = 0
+
+    def finish(i: int, cell: BoundCell, checked: _Checked | None) -> None:
+        nonlocal done
+        cells[i] = cell if checked is None else _joined(cell, checked)
+        done += 1
+        if report is not None:
+            report(done, len(values))
+
+    with _pool(workers) as pool:
+        for i, value in enumerate(values):
+            here, bound = sweep.bound(value)
+            cell = _from_harmonic(value, bound)
+            if bound.fold is not None:
+                cell = replace(cell, harmonic_elasticities=elasticities(here, sweep.programmes, bound.fold))
+            if not settings.exact or bound.fold is None or bound.finding is not Finding.BOUND:
+                finish(i, cell, None)
+                continue
+            job = (here, bound.fold.cycle, bound.sign, settings)
+            if pool is None:
+                finish(i, cell, _check(*job))
+            else:
+                waiting[i] = cell, pool.submit(_check, *job)
+            for k in [k for k, (_, future) in waiting.items() if future.done()]:
+                ready, future = waiting.pop(k)
+                finish(k, ready, future.result())
+        for k, (ready, future) in waiting.items():
+            finish(k, ready, future.result())
+    return [c for c in cells if c is not None]
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[Executor | None]:
+    """Processes, or None for one worker; what has not begun is dropped on an interrupt."""
+    if workers == 1:
+        yield None
+        return
+    from multiprocessing import get_context
+
+    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Checked:
+    """What correction and tests of a cell gave, without what only the process that made it can hold."""
+
+    bound: ExactBound
+    verification: Verification | None
+    elasticities: dict[str, float]
+
+
+def _check(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
+    """Correct and test one bound; where the search on the safe side finds another family, its bound is the one."""
+    found = correct(question, near, sign)
+    if found.cycle is None:
+        return _Checked(found, None, {})
+    tested: Verification | None = None
+    for _ in range(_MOST_FAMILIES if settings.verify else 0):
+        assert found.cycle is not None
+        tested = verify(
+            question,
+            found.value,
+            sign,
+            found.cycle,
+            margin=settings.margin,
+            n_starts=settings.starts,
+            seed=settings.seed,
+        )
+        further = _other_family(question, tested, sign)
+        if further is None:
+            break
+        found = further
+    known = exact_elasticities(question, found.point) if found.kind == "fold" and found.point is not None else {}
+    return _Checked(replace(found, point=None), tested, known)
+
+
+def _other_family(question: Question, tested: Verification, sign: float) -> ExactBound | None:
+    """The bound of a family of cycles that the search found on the safe side."""
+    end = question.low if sign > 0 else question.high
+    for cycle in tested.search or ():
+        try:
+            branch = continue_branch(question.case, question.limit, tested.safe_value, end, cycle=cycle, n_points=150)
+        except EppError:
+            continue
+        if branch.folds:
+            turn = min(branch.folds, key=lambda s: sign * s.value)
+            return ExactBound(turn.value, turn.cycle.period, turn.cycle, "fold", turn.point)
+    return None
+
+
+def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
+    return BoundCell(
+        value=value,
+        finding=bound.finding.name.lower(),
+        sign=bound.sign,
+        first_order=bound.first_order,
+        harmonic=bound.value,
+        order=bound.order,
+        error_estimate=bound.error_estimate,
+        frequency=bound.fold.cycle.omega / (2.0 * np.pi) if bound.fold is not None else float("nan"),
+        message=" ".join(t for t in (bound.finding.value, bound.message) if t),
+    )
+
+
+def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
+    """A cell with what correction and tests gave."""
+    bound, test = checked.bound, checked.verification
+    if bound.cycle is None:
+        return replace(cell, message=f"Not corrected: {bound.message}. Not verified.")
+    cell = replace(
+        cell,
+        exact=bound.value,
+        kind=bound.kind,
+        frequency=1.0 / bound.period,
+        elasticities=checked.elasticities,
+        orbit=bound.cycle,
+    )
+    if test is None:
+        return replace(cell, message="Not verified.")
+    facts: dict[str, Any] = {
+        "safe_value": test.safe_value,
+        "other_value": test.other_value,
+        "n_runs": test.n_runs,
+        "n_settled": test.n_settled,
+        "n_cycles": 0 if test.search is None else len(test.search),
+        "other_orbit": test.orbit,
+        "verified": test.verified,
+    }
+    return replace(cell, message="" if test.verified else f"Not verified: {test.message}.", **facts)

@@ -1,0 +1,229 @@
+"""What design bounds return: a cell for every value of the parameter that runs, in SI units, with its tests."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.results import LimitCycle, Status
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class BoundCell:
+    """The bound at one value of the parameter that runs.
+
+    Attributes
+    ----------
+    value : float
+        Of the parameter that runs [SI].
+    finding : str
+        "bound", or why there is none: "none", "always", "scales", "beyond", "failed".
+    sign : float
+        1: the design is free of limit cycles below the bound; -1: above it.
+    first_order, harmonic, exact : float
+        The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown.
+    order : int
+    error_estimate : float
+        Relative change of the harmonic bound from the order before.
+    kind : str
+        "fold" or "corner" of the branch of exact orbits.
+    frequency : float
+        Of the cycle at the bound [Hz].
+    safe_value, other_value : float
+        Where the tests were made [SI].
+    n_runs, n_settled, n_cycles : int
+        Runs on the safe side, those that came to rest, and limit cycles that the search found there.
+    verified : bool
+        No limit cycle on the safe side, an exact orbit on the other.
+    orbit, other_orbit : LimitCycle or None
+        The exact orbit at the bound, and on the other side.
+    elasticities, harmonic_elasticities : dict of str to float
+        Relative change of the exact bound, and of the harmonic one, for a relative change of each parameter.
+    message : str
+        What is missing, or why there is no bound.
+    """
+
+    value: float
+    finding: str
+    sign: float = 1.0
+    first_order: float = _NAN
+    harmonic: float = _NAN
+    order: int = 0
+    error_estimate: float = _NAN
+    exact: float = _NAN
+    kind: str = ""
+    frequency: float = _NAN
+    safe_value: float = _NAN
+    other_value: float = _NAN
+    n_runs: int = 0
+    n_settled: int = 0
+    n_cycles: int = 0
+    verified: bool = False
+    orbit: LimitCycle | None = None
+    other_orbit: LimitCycle | None = None
+    elasticities: dict[str, float] = field(default_factory=dict)
+    harmonic_elasticities: dict[str, float] = field(default_factory=dict)
+    message: str = ""
+
+    @property
+    def bound(self) -> float:
+        """The best value that is known: exact, else by harmonic balance; nan where there is none."""
+        if self.finding != "bound":
+            return _NAN
+        return self.exact if math.isfinite(self.exact) else self.harmonic
+
+    @property
+    def first_order_error(self) -> float:
+        """Relative difference of the first-order bound from the best one."""
+        return self.first_order / self.bound - 1.0
+
+    @property
+    def harmonic_error(self) -> float:
+        """Relative difference of the harmonic bound from the exact one."""
+        return self.harmonic / self.exact - 1.0
+
+    @property
+    def first_order_unsafe(self) -> bool:
+        """Whether first order calls designs free of limit cycles that are not."""
+        return bool(self.sign * self.first_order_error > 0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        names = (
+            "value finding sign first_order harmonic order error_estimate exact kind frequency bound first_order_error "
+            "harmonic_error first_order_unsafe safe_value other_value n_runs n_settled n_cycles verified elasticities "
+            "harmonic_elasticities message"
+        )
+        found = {name: getattr(self, name) for name in names.split()}
+        for name in ("orbit", "other_orbit"):
+            cycle = getattr(self, name)
+            found[name] = None if cycle is None else _orbit(cycle)
+        return found
+
+
+def _orbit(cycle: LimitCycle) -> dict[str, Any]:
+    return {
+        "period": cycle.period,
+        "stable": cycle.stable,
+        "residual": cycle.residual,
+        "peak_to_peak": dict(cycle.peak_to_peak),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class DesignBounds:
+    """Bounds on one parameter at a row of values of another; behaves as a sequence of cells.
+
+    Attributes
+    ----------
+    case : str
+    over, limit : str
+        The parameter that runs, and the one that is bounded.
+    units : dict of str to str
+        SI unit of both.
+    readable : dict of str to (str, float)
+        The unit that people use for both, and the factor from SI to it.
+    own : dict of str to float
+        Their values in the case [SI].
+    within : (float, float)
+        Range in which bounds were sought [SI].
+    cells : tuple of BoundCell
+    provenance : dict
+    """
+
+    case: str
+    over: str
+    limit: str
+    units: dict[str, str]
+    readable: dict[str, tuple[str, float]]
+    own: dict[str, float]
+    within: tuple[float, float]
+    cells: tuple[BoundCell, ...]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def __getitem__(self, i: int) -> BoundCell:
+        return self.cells[i]
+
+    def __iter__(self):
+        return iter(self.cells)
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
+        good = all(c.verified or c.finding in ("none", "always", "scales", "beyond") for c in self.cells)
+        return Status.CONVERGED if good else Status.UNDECIDED
+
+    def array(self, name: str) -> Array:
+        """A number of every cell."""
+        return np.array([getattr(c, name) for c in self.cells], float)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "over": self.over,
+            "limit": self.limit,
+            "units": dict(self.units),
+            "within": list(self.within),
+            "status": self.status.name.lower(),
+            "cells": [c.to_dict() for c in self.cells],
+            "provenance": dict(self.provenance),
+        }
+
+    def to_dataset(self) -> xarray.Dataset:
+        """An xarray Dataset over the parameter that runs, with units, and the status of every cell."""
+        import json
+
+        import xarray
+
+        unit = self.units[self.limit]
+        columns: dict[str, Any] = {
+            name: (self.over, self.array(name), {"units": unit})
+            for name in ("first_order", "harmonic", "exact", "bound", "safe_value", "other_value")
+        }
+        columns |= {
+            "order": (self.over, np.array([c.order for c in self.cells])),
+            "frequency": (self.over, self.array("frequency"), {"units": "Hz"}),
+            "verified": (self.over, np.array([c.verified for c in self.cells])),
+            "n_runs": (self.over, np.array([c.n_runs for c in self.cells])),
+            "n_settled": (self.over, np.array([c.n_settled for c in self.cells])),
+            "finding": (self.over, np.array([c.finding for c in self.cells], object)),
+            "message": (self.over, np.array([c.message for c in self.cells], object)),
+        }
+        names = sorted({name for c in self.cells for name in c.elasticities})
+        if names:
+            values = [[c.elasticities.get(name, _NAN) for name in names] for c in self.cells]
+            columns["elasticity"] = ((self.over, "parameter"), np.array(values), {"units": "1"})
+        return xarray.Dataset(
+            columns,
+            coords={
+                self.over: (self.over, self.array("value"), {"units": self.units[self.over]}),
+                **({"parameter": names} if names else {}),
+            },
+            attrs={"limit": self.limit, "case": self.case, "provenance": json.dumps(self.provenance, default=str)},
+        )
+
+    def plot(self) -> Figure:
+        """The boundary: first order, harmonic balance, exact, and where runs confirmed it."""
+        from eppanalysis.plots_bounds import plot_bounds
+
+        return plot_bounds(self)
+
+    def plot_elasticities(self, cell: int = 0) -> Figure:
+        """Tornado of the elasticities in one cell."""
+        from eppanalysis.plots_bounds import plot_tornado
+
+        return plot_tornado(self, cell)
