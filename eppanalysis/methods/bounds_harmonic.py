@@ -172,6 +172,10 @@ def scales(question: Question, cycle: Cycle) -> bool:
 
     True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
     """
+    true = settled(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
+    if true is None:
+        return False
+    cycle = Cycle(cycle.value, *true)
     for factor in _SCALED:
         value = cycle.value * factor
         try:
