@@ -176,7 +176,7 @@ def write_table(table: Table, path: Path) -> None:
 
 def write_text(text: str, path: Path) -> None:
     """Write a text in UTF-8."""
-    with _atomic(path) as part:
+    with atomic(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
