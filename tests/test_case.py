@@ -480,3 +480,26 @@ def test_schema_is_json(kind: str) -> None:
 def test_schema_of_another_kind() -> None:
     with pytest.raises(CaseError):
         json_schema("arm")
+
+
+@pytest.mark.parametrize(
+    ("motion", "units"),
+    [
+        ({"kind": "step", "size": "20 mm"}, {"size": ("m", "mm"), "time": ("s", "ms")}),
+        ({"kind": "steps", "times": ["1 s"], "values": ["2 mm"]}, {}),
+        ({"kind": "ramp", "rate": "20 mm/s"}, {"rate": ("m/s", "mm/s"), "start": ("s", "ms"), "stop": ("s", "ms")}),
+        (
+            {"kind": "sine", "amplitude": "5 mm", "frequency": "1 Hz"},
+            {"frequency": ("Hz", "Hz"), "phase": ("rad", "deg")},
+        ),
+    ],
+)
+def test_run_time_and_numbers_of_the_input_have_units(motion, units):
+    changed = case("fig8a_original").with_values({"run.input": motion, "run.t_end": "4 s"})
+    assert changed.unit("run.t_end") == ("s", "s")
+    assert changed.value("run.t_end") == 4.0
+    for name, unit in units.items():
+        assert changed.unit(f"run.input.{name}") == unit
+    for name in ("kind", "values", "file"):
+        with pytest.raises(CaseError, match="not known"):
+            changed.unit(f"run.input.{name}")

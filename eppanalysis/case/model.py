@@ -33,6 +33,8 @@ _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
 #: SI unit of the external input by the kind of case, and the units in which people read lengths.
 _INPUT_UNIT = {"elbow": "m", "loop": ""}
 _FRIENDLY = {"m": "mm", "m/s": "mm/s"}
+#: Fields of an input motion that no quantity stands in.
+_NOT_A_NUMBER = ("kind", "file", "times", "values")
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +260,7 @@ class Case:
     def _known(self) -> list[str]:
         given = (self._raw.data.get("run") or {}).get("input") or {}
         motion = INPUTS[given["kind"]].model_fields if "kind" in given else {}
-        run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in ("kind", "file"))]
+        run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in _NOT_A_NUMBER)]
         if self.kind == "elbow":
             return [*section_fields(ElbowFile, SECTIONS), *run]
         return [*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]

@@ -177,7 +177,13 @@ class RecordedInput(_Model):
 
 
 #: Motions by their kind.
-INPUTS: dict[str, type[_Model]] = {"step": StepInput, "ramp": RampInput, "sine": SineInput, "recorded": RecordedInput}
+INPUTS: dict[str, type[_Model]] = {
+    "step": StepInput,
+    "steps": StepsInput,
+    "ramp": RampInput,
+    "sine": SineInput,
+    "recorded": RecordedInput,
+}
 
 
 class RunSection(_Model):
