@@ -21,7 +21,7 @@ def commands() -> list[tuple[str, str]]:
     found = []
     for page in PAGES:
         for block in BLOCK.findall(page.read_text(encoding="utf-8")):
-            found += [(page.stem, line) for line in block.splitlines() if line]
+            found += [(page.stem, line) for line in block.replace("\\\n", " ").splitlines() if line]
     return found
 
 

@@ -80,7 +80,7 @@ def run(
             "rows": rows,
             "threads": _threads(sweeps, side**2, turns),
             "chunks": _chunks(sweeps, side**2, chunks, clock),
-            "memory": [_memory(million, scheduler) for scheduler in ("threads", "processes")],
+            "memory": [_memory(million, scheduler) for scheduler in ("threads", "processes")],  # all compiled by now
         }
 
 
