@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures_harmonic import harmonic_convergence
+from first_order_tables import first_order_errors
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -192,7 +194,12 @@ def make_all(folder: Path) -> None:
     """Make every picture of the pages."""
     for name, drawing in drawings().items():
         save(draw_element(drawing), folder / f"{name}.png")
-    pictures: Sequence[Callable[[], Figure]] = (nyquist_play, nyquist_relay_dead_zone)
+    pictures: Sequence[Callable[[], Figure]] = (
+        nyquist_play,
+        nyquist_relay_dead_zone,
+        harmonic_convergence,
+        first_order_errors,
+    )
     for make in pictures:
         save(make(), folder / f"{make.__name__}.png")
 

@@ -1,17 +1,13 @@
-"""Picture of the convergence of harmonic balance: ``python docs/figures_harmonic.py``."""
+"""Picture of the convergence of harmonic balance to the exact orbit."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
-from eppanalysis.methods.harmonic import harmonic_balance
 from eppanalysis.plots import BLUE, GREEN, GREY, VERMILLION
 
-HERE = Path(__file__).parent
 ORDERS = (1, 3, 5, 7, 9, 13, 17, 25, 35, 49, 65)
 
 #: Case, label, order n**-rate that the smoothness of the element and the relative degree of the plant predict.
@@ -29,7 +25,7 @@ def errors(name: str) -> tuple[list[float], list[float]]:
     case = epp.case(name)
     system, exact = case.to_system(), case.expected.exact[-1]
     guess = epp.predict_limit_cycles(system)[-1]
-    cycles = [harmonic_balance(system, guess, n) for n in ORDERS]
+    cycles = [epp.harmonic_balance(system, guess, n) for n in ORDERS]
     return [abs(c.omega / exact.omega - 1) for c in cycles], [c.error_estimate for c in cycles]
 
 
@@ -56,9 +52,3 @@ def harmonic_convergence() -> Figure:
     ax.plot([], [], color="black", linewidth=0.8, linestyle=":", label="estimate (frequency and fundamentals)")
     ax.legend(fontsize=7.5, loc="lower left")
     return figure
-
-
-if __name__ == "__main__":
-    generated = HERE / "_generated"
-    generated.mkdir(exist_ok=True)
-    harmonic_convergence().savefig(generated / "harmonic_convergence.png", dpi=150)

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import control
+import first_order_tables
 import numpy as np
 
 import eppanalysis as epp
@@ -280,6 +281,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "textbook_simulation": textbook_simulation,
     "both_directions": both_directions,
     "python_control": python_control,
+    "first_order_by_element": lambda: markdown(*first_order_tables.by_element()),
+    "first_order_by_filter": lambda: markdown(*first_order_tables.by_filter()),
+    "first_order_by_ratio": lambda: markdown(*first_order_tables.by_ratio()),
 }
 
 

@@ -1,8 +1,8 @@
 """Describing-function prediction: all limit cycles that first-order harmonic balance with bias has.
 
 The equations are in ``describing_balance``, the searches in ``describing_search`` (one element) and
-``describing_multi`` (several), stability and error estimates in ``describing_quality``, what a picture needs in
-``describing_picture``.
+``describing_multi`` (several), stability in ``describing_quality``, error estimates in ``describing_error``, what a
+picture needs in ``describing_picture``.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import numpy as np
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, Balance, make_balance, mean_state
+from eppanalysis.methods.describing_error import error_estimate
 from eppanalysis.methods.describing_margins import linear_margins
 from eppanalysis.methods.describing_multi import choose_pivot, search_several
 from eppanalysis.methods.describing_picture import Curves, loop_gain_curves, nyquist_curves
-from eppanalysis.methods.describing_quality import Point, error_estimate, point, stability
+from eppanalysis.methods.describing_quality import Point, point, stability
 from eppanalysis.methods.describing_search import search_one
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Prediction, Status

@@ -1,20 +1,14 @@
-"""How far a predicted limit cycle may be trusted: stability, and its own error from the harmonics that it neglects."""
+"""Stability of a predicted limit cycle (its error estimate is in ``describing_error``)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray, equilibrate
-from eppanalysis.models.nonlinearities.base import Nonlinearity
-from eppanalysis.models.nonlinearities.parking import ParkingBandLaw, SampledLaw
-
-_SAMPLES = 512
-_HARMONICS = 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,81 +236,3 @@ def _transport(E: Array, F: Array, row: int, source: int, gain: float, angle: fl
     F[inner, source] += 2.0 / angle * D[1:, 0] * gain
     F[row, place + n_nodes - 1] = 1.0
     return place + n_nodes
-
-
-def error_estimate(balance: Balance, p: Point) -> tuple[float, float]:
-    """Estimated relative error of amplitudes and frequency, and the harmonic content of the inputs.
-
-    The outputs' harmonics 2 to 25 for sinusoidal inputs, passed through the linear part (closed by the elements' mean
-    slopes), are added to the inputs. The change of the fundamentals and means that they cause, as a disturbance of the
-    linearised balance, gives first-order corrections of amplitudes and frequency; the largest is the estimate.
-
-    Returns
-    -------
-    (error, content) : float, float
-        `content` is the largest root-sum-square of harmonics over the amplitude of the fundamental.
-    """
-    m = balance.m
-    orders = np.arange(2, _HARMONICS + 1)
-    if balance.system.time_step:
-        orders = orders[orders * p.omega * balance.system.time_step < np.pi]
-    none = np.zeros((m, len(orders)), complex)
-    plain_mean, plain = _outputs(balance, p, orders, none)
-    L = balance.system.frequency_response(orders * p.omega)[:, balance.rows, :]
-    slopes = _selector(balance) * p.slopes_of_mean[1][:, None]
-    closing = np.eye(m) - L @ slopes
-    harmonics = np.linalg.solve(closing, L @ plain[:, 1:].T[..., None])[..., 0].T
-    moved_mean, moved = _outputs(balance, p, orders, harmonics)
-    content = float((np.sqrt((np.abs(harmonics) ** 2).sum(1)) / p.amplitude).max())
-    Z = p.amplitude * np.exp(1j * p.phase)
-    ac = balance.linear(np.array([p.omega]))[0] @ (moved[:, 0] - plain[:, 0]) / Z
-    static = balance.on_mean @ (moved_mean - plain_mean)
-    matrix, right = p.jacobian[:, :-1], -np.concatenate([ac.real, ac.imag, static])
-    size = np.maximum(np.abs(matrix).max(1), 1e-300)
-    change = np.linalg.lstsq(matrix / size[:, None], right / size, rcond=None)[0]
-    logs = [0, 1, *range(2, 2 * m, 2)]
-    return float(np.abs(change[logs]).max()), content
-
-
-def _outputs(
-    balance: Balance, p: Point, orders: NDArray[np.intp], harmonics: ComplexArray
-) -> tuple[Array, ComplexArray]:
-    """Means (nw,) and phasors (nw, 1 + len(orders)) of the outputs for inputs with harmonics (m, len(orders))."""
-    angles = 2 * np.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    means, phasors = [], []
-    for i, element in enumerate(balance.system.elements):
-        own = np.concatenate([[p.amplitude[i] * np.exp(1j * p.phase[i])], harmonics[i]])
-        k = np.concatenate([[1], orders])
-        waves = np.exp(1j * k[:, None] * angles)
-        x = p.bias[i] + np.imag(own @ waves)
-        rate = p.omega * np.real((k * own) @ waves)
-        y = _sampled_output(element, x, rate, angles / p.omega)
-        spectrum = 2j / _SAMPLES * (np.conj(waves) @ y)
-        means += list(y.mean(0))
-        phasors += list(spectrum.T)
-    return np.array(means), np.array(phasors)
-
-
-def _sampled_output(element: Nonlinearity, x: Array, rate: Array, time: Array) -> Array:
-    """Settled output over one period, shape (samples, n_outputs)."""
-    timed = isinstance(element, ParkingBandLaw | SampledLaw)
-    inputs = [x] if element.n_inputs == 1 else [x, time if timed else rate]
-    first = element.output(_pick(inputs, 0), None)
-    if first[1] is None:
-        return np.asarray(element.output(inputs[0] if len(inputs) == 1 else tuple(inputs), None)[0]).reshape(len(x), -1)
-    memory, values = first[1], [first[0]]
-    if not timed:
-        # An excursion first: stuck inside its band from the start, an element would never join its closed loop.
-        memory = element.output(_pick([np.array([np.max(x) + 2.0 * np.ptp(x)]), *inputs[1:]], 0), memory)[1]
-    period = time[-1] - time[0] + (time[1] - time[0])
-    for turn in range(2):
-        values = []
-        for k in range(len(x)):
-            given = _pick(inputs, k) if not timed else (x[k], time[k] + turn * period)
-            y, memory = element.output(given, memory)
-            values.append(np.atleast_1d(y))
-    return np.array(values, float)
-
-
-def _pick(inputs: list[Array], k: int) -> Any:
-    return inputs[0][k] if len(inputs) == 1 else tuple(v[k] for v in inputs)

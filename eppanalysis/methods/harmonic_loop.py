@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing_balance import equilibrate, make_balance
+from eppanalysis.methods.describing_balance import Balance, equilibrate, make_balance
 from eppanalysis.methods.harmonic_coefficients import respond, stacked
 from eppanalysis.methods.harmonic_elements import PeriodicElement, Regime
 from eppanalysis.methods.harmonic_series import Array, ComplexArray, orders
@@ -58,12 +58,18 @@ class Loop:
             If an element uses its inputs in a way that harmonic balance does not cover, or the static balance does not
             determine the means.
         """
+        return cls.from_balance(make_balance(system, 0, value), value)
+
+    @classmethod
+    def from_balance(cls, balance: Balance, value: Array | None = None) -> Loop:
+        """The loop of a first-order balance (`value` is only needed to go from named signals to inputs)."""
+        system = balance.system
         elements = tuple(
             PeriodicElement(e, [_role(system, z.start, i) for i in range(z.start, z.stop)])
             for e, z in zip(system.elements, system.input_slices, strict=True)
         )
-        balance = make_balance(system, 0, value)
-        return cls(system, elements, balance.rows, balance.on_bias, balance.on_mean, balance.prescribed, value)
+        given = np.array(system.v0, float) if value is None else value
+        return cls(system, elements, balance.rows, balance.on_bias, balance.on_mean, balance.prescribed, given)
 
     def highest(self, omega: float) -> int:
         """Highest order: unlimited but for a discrete-time loop, where a harmonic must be below half the sample rate.

@@ -301,11 +301,12 @@ KNOWN_ERRORS = {
 
 
 @pytest.mark.parametrize("name", KNOWN_ERRORS)
-def test_error_estimate_has_the_size_of_the_error(name):
+def test_error_estimate_covers_the_error_and_has_its_size(name):
     cycles = predict_limit_cycles(LOOPS[name][0])
     for cycle, error in zip(cycles, KNOWN_ERRORS[name], strict=True):
         if error is not None:
-            assert error / 2.5 < cycle.error_estimate < 2.5 * error
+            # A sampled cycle locks to a whole number of samples, which no balance of harmonics knows.
+            assert (0.9 if "sampled" in name else 1.0) * error < cycle.error_estimate < 3.5 * error
 
 
 def test_error_estimate_warns_of_the_invented_cycle_at_the_gap():
