@@ -1,6 +1,6 @@
 """How good first order is: random loops of known kind, their predicted cycles and the exact ones, to a table.
 
-``python docs/first_order_study.py`` makes ``docs/_static/first_order.csv`` afresh (a quarter of an hour). Every loop has
+``python docs/first_order_study.py`` makes ``docs/_static/first_order.csv`` afresh (a quarter of an hour). Each loop has
 a number, from which it is made again: ``random_loop("play", 7)``.
 """
 

@@ -14,6 +14,16 @@ if TYPE_CHECKING:
     from eppanalysis.methods.continuation import Branch
     from eppanalysis.methods.cycles import CycleSearch
 
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
+        show_default=False,
+    ),
+]
 Picture = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
@@ -25,21 +35,27 @@ def cycles(
     settings: Settings = NOTHING,
     knocks: Annotated[bool, typer.Option("--knock", help="Also the smallest knocks that start a cycle.")] = False,
     as_json: Json = False,
+    output: Output = None,
 ) -> None:
     """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
+    from eppanalysis.export import check_target, cycle_table, write_result
     from eppanalysis.methods.cycles import find_limit_cycles
     from eppanalysis.methods.knock import knock
 
+    if output is not None:
+        check_target(output)
     found = load_case(case, settings)
     system, value = found.to_system(), found.final_input()
     search = find_limit_cycles(system, value)
     hits = knock(system, cycles=search) if knocks else ()
     if as_json:
         print_json("cycles", [(found, {**search.to_dict(), "knocks": [k.to_dict() for k in hits]})], settings)
-        return
-    _show_cycles(found, search)
-    for hit in hits:
-        typer.echo(f"knock: {hit.name} by {hit.size:.6g} (SI) starts a cycle; {hit.settles:.6g} settles.")
+    else:
+        _show_cycles(found, search)
+        for hit in hits:
+            typer.echo(f"knock: {hit.name} by {hit.size:.6g} (SI) starts a cycle; {hit.settles:.6g} settles.")
+    if output is not None:
+        write_result(search, lambda result: cycle_table(result.cycles), output)
 
 
 def branch(

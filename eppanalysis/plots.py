@@ -397,7 +397,8 @@ def _root_figure(ax: Axes) -> Figure:
 def plot_branch(branch: Branch, signal: str | None = None, at: float | None = None) -> Figure:
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
-    Folds are filled diamonds, other special points open squares, simulated runs crosses on top.
+    Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
+    top. Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -424,12 +425,8 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
             piece = (stable == kind) | np.append(False, stable[:-1] == kind)
             ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
         for special in branch.special:
-            fold = special.kind == "fold"
             height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
-            colour, face = (ORANGE, ORANGE) if fold else (GREY, "none")
-            label = "fold" if fold else "other special point"
-            place = x_factor * special.value, scale * height
-            ax.plot(*place, "D" if fold else "s", color=colour, markerfacecolor=face, ms=5, label=label)
+            _mark_special(ax, special.kind, x_factor * special.value, scale * height)
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
@@ -441,3 +438,13 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
     panels[0].legend(handles.values(), handles.keys(), fontsize=8)
     return figure
+
+
+def _mark_special(ax: Axes, kind: str, x: float, y: float) -> None:
+    """A filled diamond for a fold, a filled triangle for a period doubling, an open square for the rest."""
+    if kind == "fold":
+        ax.plot(x, y, "D", color=ORANGE, markersize=5, label="fold")
+    elif kind == "period doubling":
+        ax.plot(x, y, "^", color="black", markersize=6, label="period doubling")
+    else:
+        ax.plot(x, y, "s", color=GREY, markerfacecolor="none", markersize=5, label="other special point")

@@ -12,17 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.batch import BatchResult, HybridStack, simulate_batch
-from eppanalysis.methods.cycles import CycleSearch
+from eppanalysis.methods.cycles import CycleSearch, fades
 from eppanalysis.methods.exact import steady_hybrid
+from eppanalysis.methods.simulate import run_hybrid
+from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Status
 
 Array = NDArray[np.float64]
 
 REST, UNDECIDED, LEAVES, UNKNOWN = -1, -2, -3, -4
 #: Relative differences of the period, and of mean and peak-to-peak, within which a run's cycle is a known one. A batch
 #: takes extrema from 512 samples, which see a corner of a signal to within a per cent.
-_SAME_PERIOD, _SAME_SIZE = 1e-5, 2e-2
+_SAME_PERIOD, _SAME_SIZE = 1e-4, 2e-2
 _PERIODS = 60.0
 _LONGER = (1.0, 4.0, 16.0)
 
@@ -98,7 +100,18 @@ def basin(
         systems = [steady_hybrid(replace(system, x0=starts[i]), input_value) for i in left]
         result = simulate_batch(HybridStack.of(systems, system.signals.names), factor * horizon, threads=threads)
         ends[left] = [_end(cycles, result, i) for i in range(left.size)]
+    size = np.max([np.ptp(starts, axis=0), *(np.ptp(c.provenance["corners"], axis=0) for c in cycles)], axis=0)
+    for i in np.flatnonzero(ends == UNDECIDED):
+        if _creeps(steady_hybrid(replace(system, x0=starts[i]), input_value), horizon, size):
+            ends[i] = REST
     return Basin(starts, ends)
+
+
+def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
+    """Whether a run without verdict only drifts ever more slowly through a band without gain."""
+    t = _LONGER[-1] * horizon
+    run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 60_000, 600)
+    return fades(start, run, t, horizon, np.append(size, np.zeros(start.x0.size - size.size)))
 
 
 def _slowest(system: LureSystem) -> float:
@@ -111,22 +124,19 @@ def _slowest(system: LureSystem) -> float:
 def _end(cycles: CycleSearch, result: BatchResult, i: int) -> int:
     status = result.status[i]
     if status is Status.LIMIT_CYCLE:
-        means, sizes = ({k: float(v[i]) for k, v in group.items()} for group in (result.mean, result.peak_to_peak))
-        return _number(cycles, float(result.period[i]), means, sizes)
+        name = next(iter(result.mean))
+        return _number(
+            cycles, float(result.period[i]), float(result.mean[name][i]), float(result.peak_to_peak[name][i])
+        )
     return {Status.SETTLED: REST, Status.DIVERGED: LEAVES}.get(status, UNDECIDED)
 
 
-def _number(cycles: CycleSearch, period: float, means: Mapping[str, float], sizes: Mapping[str, float]) -> int:
-    """Number of the stable cycle with that period, those means and those peak-to-peaks."""
+def _number(cycles: CycleSearch, period: float, mean: float, size: float) -> int:
+    """Number of the stable cycle with that period, and with that mean and peak-to-peak of the first signal."""
     for j, cycle in enumerate(cycles):
-        same = cycle.stable and abs(period / cycle.period - 1.0) < _SAME_PERIOD
-        if same and all(_near(cycle, k, means[k], sizes[k]) for k in cycle.peak_to_peak):
+        name = next(iter(cycle.mean))
+        span = max(cycle.peak_to_peak[name], size)
+        apart = max(abs(size - cycle.peak_to_peak[name]), abs(mean - cycle.mean[name]))
+        if cycle.stable and abs(period / cycle.period - 1.0) < _SAME_PERIOD and apart < _SAME_SIZE * span:
             return j
     return UNKNOWN
-
-
-def _near(cycle: LimitCycle, name: str, mean: float, size: float) -> bool:
-    span = max(cycle.peak_to_peak[name], size)
-    return abs(size - cycle.peak_to_peak[name]) <= _SAME_SIZE * span + 1e-9 and (
-        abs(mean - cycle.mean[name]) <= _SAME_SIZE * span + 1e-9
-    )

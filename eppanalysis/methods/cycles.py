@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -52,6 +55,8 @@ class CycleSearch:
         Whether some start grew without bound.
     search : str
         How completeness was sought, in plain words.
+    rest_state : array, shape (n,)
+        A state of rest that some run reached; empty where none did.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -59,6 +64,7 @@ class CycleSearch:
     rests: bool
     diverges: bool
     search: str
+    rest_state: Array = field(default_factory=lambda: np.zeros(0))
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -91,6 +97,12 @@ class CycleSearch:
             "cycles": [c.to_dict() for c in self.cycles],
             "provenance": dict(self.provenance),
         }
+
+    def plot(self, signal: str | None = None) -> Figure:
+        """Waveform of every cycle, and the rate of the signal over it."""
+        from eppanalysis.plots_cycles import plot_cycles
+
+        return plot_cycles(self, signal)
 
 
 def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> CycleSearch:
@@ -132,6 +144,7 @@ def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | Non
         rests="rest" in outcomes,
         diverges="leaves" in outcomes,
         search=search.sentence(),
+        rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
         provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
     )
 

@@ -1,0 +1,58 @@
+"""The commands ``cycles`` and ``branch``: their files and their mistakes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+from eppanalysis.errors import EppError
+from eppanalysis.plots_cycles import plot_cycles
+
+
+def run(*arguments: str, code: int = 0):
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_cycles_writes_a_table_and_a_picture(tmp_path: Path) -> None:
+    run("cycles", "relay_deadzone", "-o", str(tmp_path / "all.csv"))
+    with (tmp_path / "all.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["stable"] for row in rows] == ["false", "true"]
+    assert float(rows[1]["period [s]"]) == pytest.approx(6.327796595, rel=1e-9)
+    run("cycles", "relay_deadzone", "--json", "-o", str(tmp_path / "all.png"))
+    assert (tmp_path / "all.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_wrong_file_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    assert "expected one of" in run("cycles", "relay_deadzone", "-o", str(tmp_path / "all.xyz"), code=2).output
+    bad = run("branch", "relay_deadzone", "--over", "x", "--from", "1", "--to", "2", "-o", "b.csv", code=2)
+    assert ".png" in bad.output
+
+
+def test_cycles_as_json() -> None:
+    (case,) = json.loads(run("cycles", "sat_am165", "--json").stdout)["cases"]
+    assert [c["stable"] for c in case["result"]["cycles"]] == [True]
+
+
+def test_picture_of_all_cycles() -> None:
+    found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system())
+    left, right = found.plot().axes
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["unstable, 0.1211 Hz", "stable, 0.158 Hz"]
+    # The waveform begins where its fundamental rises through zero; here it is odd, so it begins at zero.
+    assert abs(left.lines[1].get_ydata()[0]) < 0.05 * found[1].peak_to_peak["x"]
+    assert right.get_ylabel() == "rate of x [1/s]"
+    with pytest.raises(EppError, match="no signal"):
+        plot_cycles(found, "nothing")
+
+
+def test_picture_of_no_cycle_says_so() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
+    assert epp.find_limit_cycles(loop).plot().get_suptitle() == "no limit cycle"
