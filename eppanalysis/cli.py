@@ -20,6 +20,7 @@ from typer.core import TyperGroup
 from eppanalysis.cli_bounds import bounds
 from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
+from eppanalysis.cli_explore import explore
 from eppanalysis.cli_identify import identify
 from eppanalysis.cli_report import report
 from eppanalysis.cli_sweep import sweep
@@ -162,6 +163,7 @@ app.command("sweep")(sweep)
 app.command("bounds")(bounds)
 app.command("identify")(identify)
 app.command("report")(report)
+app.command("explore")(explore)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from eppanalysis.sweep.boundary import Boundary
 
 #: Colours of unknown, settles, oscillates, diverges: apart in brightness as well as in hue.
-_OUTCOME_COLOURS = ("#BDBDBD", "#DCEBF5", ORANGE, VERMILLION)
+OUTCOME_COLOURS = ("#BDBDBD", "#DCEBF5", ORANGE, VERMILLION)
 _LINE_COLOURS = ("#000000", BLUE, GREEN, SKY, GREY)
 _LINES = ("-", "--", "-.", ":")
 #: Curves of fewer points show each of them.
@@ -159,11 +159,11 @@ def _place(dataset: xarray.Dataset, name: str, i: int) -> str:
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
     words = str(outcome.attrs["flag_meanings"]).split()
-    colours = ListedColormap(_OUTCOME_COLOURS[: len(words)])
+    colours = ListedColormap(OUTCOME_COLOURS[: len(words)])
     norm = BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words))
     ax.pcolormesh(_edges(x), _edges(y), outcome.values, cmap=colours, norm=norm, rasterized=True)
     there = np.unique(outcome.values)
-    return [Patch(facecolor=_OUTCOME_COLOURS[int(c)], edgecolor=GREY, label=words[int(c)]) for c in there]
+    return [Patch(facecolor=OUTCOME_COLOURS[int(c)], edgecolor=GREY, label=words[int(c)]) for c in there]
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:

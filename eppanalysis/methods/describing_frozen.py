@@ -12,17 +12,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing_balance import Array, describe
+from eppanalysis.methods.describing_balance import Array, ComplexArray, describe, make_balance, newton
 from eppanalysis.methods.describing_margins import element_slope
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.models.lure import LureSystem, SignalMap
 
-ComplexArray = NDArray[np.complex128]
-
 _POINTS = 400
+_ITERATIONS = 15
+#: A cycle of first order at more than this multiple of a motion's frequency, or less than its inverse, is another one.
+_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,46 @@ def input_name(element: str) -> str:
     return f"input of {element}"
 
 
+def nearest_cycle(
+    system: LureSystem, phasor: Mapping[str, complex], bias: Mapping[str, float], omega: float, value: Array
+) -> tuple[dict[str, float], dict[str, float], float] | None:
+    """The cycle of first order next to a given motion, by Newton's method from it.
+
+    Parameters
+    ----------
+    system : LureSystem
+    phasor, bias : mapping of str to complex, to float
+        Fundamental ``c`` of ``Re(c exp(j omega t))`` and mean of the first input of each element, by its name.
+    omega : float
+        [rad/s].
+    value : array, shape (nv,)
+        Steady values of the external inputs [SI].
+
+    Returns
+    -------
+    (amplitude, bias, omega) or None
+        None where Newton's method does not converge, or goes far away.
+    """
+    z = 1j * np.array([phasor[name] for name in system.element_names])
+    if not np.all(np.abs(z) > 0):
+        return None
+    with np.errstate(all="ignore"):
+        try:
+            balance = make_balance(system, 0, value)
+        except ModelError:
+            return None
+        means = np.array([[bias[name] for name in system.element_names]])
+        start = balance.pack(np.abs(z)[None], np.angle(z / z[0])[None], means, np.array([omega]), np.ones(1))
+        normal = np.zeros_like(start)
+        normal[:, -1] = 1.0  # the loop as it is, without a gain in front
+        found, done = newton(balance, start, normal, _ITERATIONS)
+        if not done[0] or abs(found[0, 1] - start[0, 1]) > np.log(_FAR):
+            return None
+        a, _, b, w = balance.unpack(found)
+    names = system.element_names
+    return dict(zip(names, a[0].tolist(), strict=True)), dict(zip(names, b[0].tolist(), strict=True)), float(w[0])
+
+
 def frozen_loop(
     system: LureSystem, amplitude: Mapping[str, float], bias: Mapping[str, float], omega: float | None
 ) -> FrozenLoop | None:
@@ -110,7 +150,7 @@ def frozen_loop(
     cut = names.index("bands") if "bands" in names else 0
     with np.errstate(all="ignore"):
         gains = [
-            _frozen(system, i, amplitude[n], bias[n], omega) if i != cut else np.zeros(_shape(system, i))
+            _frozen(system, i, amplitude[n], bias[n], omega) if i != cut else np.zeros(_shape(system, i), complex)
             for i, n in enumerate(names)
         ]
         if any(g is None for g in gains):
@@ -143,7 +183,7 @@ def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: fl
     """Gains (n_outputs, n_inputs) of an element in the motion, or its slopes at rest."""
     if omega is None:
         found = element_slope(system.elements[i])
-        return None if found is None else found.astype(complex)
+        return None if found is None else np.asarray(found, complex)
     if not amplitude > 0:
         return np.zeros(_shape(system, i), complex)
     gain = describe(system.elements[i], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0]

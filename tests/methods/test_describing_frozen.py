@@ -7,7 +7,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing_frozen import frozen_loop, input_name, with_element_inputs
+from eppanalysis.methods.describing_frozen import frozen_loop, input_name, nearest_cycle, with_element_inputs
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "gain_brings_it_back", "backlash_servo", "sat_plus_backlash"])
@@ -51,3 +51,24 @@ def test_an_element_without_slope_has_no_picture_at_rest():
     loop = epp.LureSystem.from_blocks([epp.Relay(), epp.Relay(), ([1.0], [1.0, 3.0, 2.0, 0.0])])
     names = loop.element_names
     assert frozen_loop(loop, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0.0), None) is None
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "gain_brings_it_back", "backlash_servo", "relay_hyst_servo"])
+def test_the_cycle_next_to_the_run_is_the_predicted_one(name):
+    case = epp.case(name)
+    system = case.to_system()
+    run = epp.simulate(with_element_inputs(system, ()), case.input, case.t_end).limit_cycle
+    names = {n: input_name(n) for n in system.element_names}
+    phasors = {n: run.harmonics[at][1] for n, at in names.items()}
+    value = np.array([case.final_input()[n] for n in system.input_names])
+    found = nearest_cycle(system, phasors, {n: run.mean[at] for n, at in names.items()}, run.omega, value)
+    stable = [c for c in epp.predict_limit_cycles(system, case.final_input()) if c.stable]
+    sizes = {n: e["amplitude"] for n, e in stable[-1].provenance["elements"].items()}
+    assert found is not None and found[2] == pytest.approx(stable[-1].omega, rel=1e-8)
+    assert found[0] == pytest.approx(sizes, rel=1e-7)
+
+
+def test_a_motion_that_is_far_from_any_cycle_has_none_next_to_it():
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
+    assert nearest_cycle(loop, {"saturation": 2.0}, {"saturation": 0.0}, 1.4, np.zeros(0)) is None
+    assert nearest_cycle(loop, {"saturation": 0.0}, {"saturation": 0.0}, 1.4, np.zeros(0)) is None

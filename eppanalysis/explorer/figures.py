@@ -1,0 +1,219 @@
+"""The four pictures of the page, as Bokeh figures that take new data without being made anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
+from bokeh.models.annotations import Span, Title
+from bokeh.plotting import figure
+
+from eppanalysis.explorer.quick import Quick
+from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from eppanalysis.plots_map import OUTCOME_COLOURS
+
+_TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
+_HEIGHT = 360
+_NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
+
+
+def _figure(title: str, x: str, y: str, **options: Any) -> Any:
+    """An empty picture with labelled axes."""
+    made = figure(
+        title=Title(text=title, text_font_size="14px"),
+        x_axis_label=x,
+        y_axis_label=y,
+        height=_HEIGHT,
+        sizing_mode="stretch_width",
+        tools=_TOOLS,
+        active_drag=None,
+        active_scroll=None,
+        toolbar_location="above",
+        **options,
+    )
+    made.toolbar.logo = None
+    for axis in made.axis:
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = "13px"
+    return made
+
+
+def _legend(made: Any) -> None:
+    """Below the picture, where it hides nothing."""
+    legend = made.legend[0]
+    made.add_layout(legend, "below")
+    legend.orientation, legend.ncols = "horizontal", 3
+    legend.label_text_font_size = "11px"
+    legend.border_line_color = None
+    legend.padding = legend.spacing = legend.margin = 2
+
+
+class StepPicture:
+    """The run in time."""
+
+    def __init__(self, signal: str, unit: str) -> None:
+        words = signal.replace("_", " ")
+        self.source = ColumnDataSource(data=_NOTHING)
+        self.figure = _figure("Step response", "time [s]", f"{words} [{unit}]" if unit else words, name="step")
+        self.figure.line("x", "y", source=self.source, color=BLUE, line_width=1.3)
+
+    def show(self, quick: Quick) -> None:
+        """New data."""
+        self.source.data = {"x": quick.time.astype(np.float32), "y": quick.values.astype(np.float32)}
+
+
+class NyquistPicture:
+    """The rest of the loop and -1/N of the element at the cut."""
+
+    def __init__(self) -> None:
+        self.response, self.locus, self.first, self.run = (ColumnDataSource(data=_NOTHING) for _ in range(4))
+        ranges = {"x_range": Range1d(start=-2.0, end=1.0), "y_range": Range1d(start=-1.5, end=1.5)}
+        made = self.figure = _figure("Nyquist", "real part", "imaginary part", name="nyquist", **ranges)
+        for dimension in ("width", "height"):
+            made.add_layout(Span(location=0, dimension=dimension, line_color=GREY, line_width=0.7))
+        made.line("x", "y", source=self.response, color=BLUE, line_width=1.5, legend_label="G(jω)")
+        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
+        made.line("x", "y", source=self.locus, legend_label="−1/N(A)", **style)
+        made.scatter("x", "y", source=self.first, color=GREEN, size=10, legend_label="cycle of first order")
+        made.scatter("x", "y", source=self.run, marker="x", size=12, color="black", line_width=2, legend_label="run")
+        _legend(made)
+
+    def show(self, quick: Quick) -> None:
+        """New data, in a window round the origin and the cycle."""
+        loop = quick.loop
+        if loop is None:
+            self.response.data = self.locus.data = self.first.data = self.run.data = _NOTHING
+            self.figure.title.text = "Nyquist: an element has no gain to draw"
+            return
+        reach = _reach(loop.response, loop.locus, loop.point)
+        self.response.data = _curve(loop.response, reach)
+        self.locus.data = _curve(loop.locus, reach)
+        self.first.data = _mark(loop.point if quick.first_order else None)
+        self.run.data = _mark(quick.of_run)
+        self.figure.x_range.update(start=-2.0 * reach, end=0.8 * reach)
+        self.figure.y_range.update(start=-1.3 * reach, end=1.3 * reach)
+        self.figure.title.text = f"Nyquist, cut at {loop.element.replace('_', ' ')}"
+
+
+def _mark(point: complex | None) -> dict[str, list[float]]:
+    return {"x": [], "y": []} if point is None else {"x": [point.real], "y": [point.imag]}
+
+
+def _reach(response: Any, locus: Any, point: complex | None) -> float:
+    """Half height of the window."""
+    if point is not None:
+        return 1.3 * abs(point)
+    crossing = response[np.flatnonzero(np.diff(np.sign(response.imag)) != 0)]
+    crossing = np.abs(crossing[crossing.real < 0])
+    nearest = float(np.abs(locus).min())
+    return 1.2 * max(nearest, min(float(crossing.max(initial=0.0)), 3.0 * nearest))
+
+
+def _curve(values: Any, reach: float) -> dict[str, Any]:
+    """The part of a curve that may be seen; far away it is cut."""
+    cut = np.where(np.abs(values) < 8.0 * reach, values, complex(math.nan, math.nan))
+    return {"x": cut.real.astype(np.float32), "y": cut.imag.astype(np.float32)}
+
+
+class BranchPicture:
+    """All limit cycles over one parameter, with those of the case on it."""
+
+    def __init__(self, signal: str, unit: str) -> None:
+        words = signal.replace("_", " ")
+        label = f"{words} [{unit}], peak to peak" if unit else f"{words}, peak to peak"
+        made = self.figure = _figure("Limit cycles", "", label, name="branch")
+        self.stable, self.unstable = (ColumnDataSource(data={"xs": [], "ys": []}) for _ in range(2))
+        self.folds, self.exact_stable, self.exact_unstable, self.run = (
+            ColumnDataSource(data=_NOTHING) for _ in range(4)
+        )
+        made.multi_line("xs", "ys", source=self.stable, color=BLUE, line_width=2, legend_label="stable")
+        style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
+        made.multi_line("xs", "ys", source=self.unstable, legend_label="unstable", **style)
+        made.scatter("x", "y", source=self.folds, marker="diamond", size=11, color=ORANGE, legend_label="fold")
+        marks: dict[str, Any] = {"size": 10, "line_color": GREEN, "line_width": 2}
+        made.scatter("x", "y", source=self.exact_stable, fill_color=GREEN, legend_label="exact, stable", **marks)
+        made.scatter("x", "y", source=self.exact_unstable, fill_color="white", legend_label="exact, unstable", **marks)
+        made.scatter("x", "y", source=self.run, marker="x", size=12, color="black", line_width=2, legend_label="run")
+        self.here = Span(location=0, dimension="height", line_color=GREY, line_dash="dotted", line_width=1.5)
+        made.add_layout(self.here)
+        made.y_range.start = 0
+        _legend(made)
+
+    def show_run(self, place: float, size: float) -> None:
+        """Where the case stands on the axis, and what its run does."""
+        self.here.location = place
+        self.run.data = {"x": [place], "y": [0.0 if math.isnan(size) else size]}
+
+    def show_branch(self, facts: dict[str, Any], label: str, x_factor: float, y_factor: float) -> None:
+        """The branch."""
+        lines: dict[bool, dict[str, list[list[float]]]] = {kind: {"xs": [], "ys": []} for kind in (True, False)}
+        for piece in facts["pieces"]:
+            for kind, xs, ys in _runs_of(piece["stable"], piece["value"], piece["size"]):
+                lines[kind]["xs"].append([x_factor * x for x in xs])
+                lines[kind]["ys"].append([y_factor * y for y in ys])
+        self.stable.data, self.unstable.data = lines[True], lines[False]
+        self.folds.data = {
+            "x": [x_factor * x for x, _ in facts["folds"]],
+            "y": [y_factor * y for _, y in facts["folds"]],
+        }
+        self.figure.xaxis.axis_label = label
+
+    def show_exact(self, facts: dict[str, Any] | None, place: float, factor: float) -> None:
+        """The exact cycles of the case; None takes them away."""
+        for kind, source in ((True, self.exact_stable), (False, self.exact_unstable)):
+            sizes = (
+                []
+                if facts is None
+                else [s for s, stable in zip(facts["size"], facts["stable"], strict=True) if stable is kind]
+            )
+            source.data = {"x": [place] * len(sizes), "y": [factor * s for s in sizes]}
+
+
+def _runs_of(
+    stable: Sequence[bool], x: Sequence[float], y: Sequence[float]
+) -> list[tuple[bool, list[float], list[float]]]:
+    """Pieces of equal stability; each begins where the one before ends."""
+    out: list[tuple[bool, list[float], list[float]]] = []
+    for i, kind in enumerate(map(bool, stable)):
+        if not out or out[-1][0] is not kind:
+            out.append((kind, [x[i - 1]] if i else [], [y[i - 1]] if i else []))
+        out[-1][1].append(x[i])
+        out[-1][2].append(y[i])
+    return out
+
+
+class MapPicture:
+    """Where the design settles and where it oscillates, with the case on it."""
+
+    def __init__(self, x_label: str, y_label: str, xs: tuple[float, float], ys: tuple[float, float]) -> None:
+        ranges = {"x_range": Range1d(start=xs[0], end=xs[1]), "y_range": Range1d(start=ys[0], end=ys[1])}
+        made = self.figure = _figure("Design map", x_label, y_label, name="map", **ranges)
+        self.cells = ColumnDataSource(data={"image": [], "x": [], "y": [], "dw": [], "dh": []})
+        self.star = ColumnDataSource(data=_NOTHING)
+        colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
+        made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
+        for code, word in ((1, "settles"), (2, "oscillates")):
+            made.scatter(
+                [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
+            )
+        made.scatter("x", "y", source=self.star, marker="star", size=17, color="black", legend_label="the case")
+        _legend(made)
+
+    def show_place(self, x: float, y: float) -> None:
+        """Where the case stands."""
+        self.star.data = {"x": [x], "y": [y]}
+
+    def show_cells(self, facts: dict[str, Any], x_factor: float, y_factor: float) -> None:
+        """The outcomes."""
+        xs, ys = (np.asarray(facts[n]) * f for n, f in (("x", x_factor), ("y", y_factor)))
+        dx, dy = xs[1] - xs[0], ys[1] - ys[0]
+        self.cells.data = {
+            "image": [np.asarray(facts["outcome"], dtype=np.uint8)],
+            "x": [xs[0] - dx / 2],
+            "y": [ys[0] - dy / 2],
+            "dw": [xs[-1] - xs[0] + dx],
+            "dh": [ys[-1] - ys[0] + dy],
+        }

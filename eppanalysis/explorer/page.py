@@ -1,0 +1,429 @@
+"""One page: its sliders, its pictures, its history. Every tab has one of its own."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from bokeh.models import ColumnDataSource, CustomJS
+from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
+
+from eppanalysis.case import Case
+from eppanalysis.errors import EppError
+from eppanalysis.explorer import quick, slow
+from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
+from eppanalysis.explorer.values import (
+    Slider,
+    Values,
+    current,
+    moved_case,
+    read_pair,
+    read_query,
+    sliders_of,
+    write_query,
+)
+from eppanalysis.readable import readable
+
+if TYPE_CHECKING:
+    from bokeh.document import Document
+
+#: How long after the last move the slow pictures begin [ms].
+_CALM = 500
+_MOST_STEPS_BACK = 200
+_ADDRESS = "history.replaceState(null, '', cb_obj.data.query[0] ? '?' + cb_obj.data.query[0] : location.pathname);"
+_COPY = """
+const done = () => { cb_obj.label = 'Link copied'; setTimeout(() => { cb_obj.label = 'Copy link'; }, 1500); };
+if (navigator.clipboard) { navigator.clipboard.writeText(location.href).then(done); }
+else { window.prompt('Link', location.href); }
+"""
+_SAVE = """
+const bytes = Uint8Array.from(atob(cb_obj.data.base64[0]), (c) => c.charCodeAt(0));
+const link = document.createElement('a');
+link.href = URL.createObjectURL(new Blob([bytes], {type: cb_obj.data.mime[0]}));
+link.download = cb_obj.data.name[0];
+link.click();
+setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+"""
+
+
+class Page:
+    """The page of one tab.
+
+    Parameters
+    ----------
+    doc : bokeh.document.Document
+    base : Case
+        The case as it was given.
+    threads : ThreadPoolExecutor
+        Where quick things are computed.
+    workshop : slow.Workshop
+        Where slow things are.
+    """
+
+    def __init__(self, doc: Document, base: Case, threads: ThreadPoolExecutor, workshop: slow.Workshop) -> None:
+        self.doc, self.base, self.threads, self.workshop = doc, base, threads, workshop
+        self.signal = quick.shown_signal(base)
+        system = base.to_system()
+        units = dict(zip(system.signals.names, system.signals.units or (), strict=False))
+        self.unit, self.factor = readable(units.get(self.signal, ""))
+        self.sliders = {slider.name: slider for slider in sliders_of(base)}
+        self.values: Values = {}
+        self.history: list[Values] = []
+        self.case = base
+        self.version = 0
+        self.computing = False
+        self.setting = False
+        self.later: Any = None
+        self.running: dict[str, Future[Any]] = {}
+        self.shown: dict[str, Any] = {}
+        self._make_widgets()
+        self._make_pictures()
+        self._open(_arguments(doc))
+
+    def close(self) -> None:
+        """The tab is gone: nothing that it asked for is wanted any more."""
+        for future in self.running.values():
+            future.cancel()
+
+    def _make_widgets(self) -> None:
+        self.widgets = {name: self._slider(slider) for name, slider in self.sliders.items()}
+        self.verdict = Div(text="", name="verdict", render_as_text=True, sizing_mode="stretch_width")
+        self.exact = Div(text="", name="exact", render_as_text=True, sizing_mode="stretch_width")
+        self.message = Div(text="", name="message", render_as_text=True, sizing_mode="stretch_width")
+        self.field = TextInput(
+            title="Set any field",
+            placeholder="lock_pin.backlash = 0.5 deg" if self.base.kind == "elbow" else "loop.gain = 2",
+            name="field",
+            sizing_mode="stretch_width",
+        )
+        self.field.on_change("value", lambda attr, old, new: self._set_field(new))
+        self.over = Select(
+            title="Limit cycles over",
+            options=list[Any]((s.name, s.title) for s in self.sliders.values()),
+            value=self._first("lock_pin.backlash"),
+            name="over",
+            sizing_mode="stretch_width",
+        )
+        self.over.on_change("value", lambda attr, old, new: self._begin_slow())
+        self.address = ColumnDataSource(data={"query": [""]})
+        self.address.js_on_change("data", CustomJS(code=_ADDRESS))
+        self.download = ColumnDataSource(data={"name": [], "mime": [], "base64": []})
+        self.download.js_on_change("data", CustomJS(code=_SAVE))
+        self.undo = self._button("Undo", "undo", self._undo)
+        self.reset = self._button("Reset", "reset", self._reset)
+        self.undo.tags = [self.address, self.download]  # they are of the page without being seen on it
+        self.link = Button(label="Copy link", name="link", sizing_mode="stretch_width")
+        self.link.js_on_click(CustomJS(code=_COPY))
+        self.save_case = self._button("Case file", "save_case", self._save_case)
+        self.save_picture = self._button("Picture", "save_picture", self._save_picture)
+        for name in (
+            "verdict",
+            "exact",
+            "message",
+            "field",
+            "over",
+            "undo",
+            "reset",
+            "link",
+            "save_case",
+            "save_picture",
+        ):
+            self.doc.add_root(getattr(self, name))
+
+    def _slider(self, slider: Slider) -> SliderWidget:
+        widget = SliderWidget(
+            title=slider.label(),
+            start=slider.low,
+            end=slider.high,
+            step=slider.step,
+            value=slider.value,
+            format="0[.]0[0000]" if slider.step < 100 else "0",
+            name=f"slider_{len(self.doc.roots)}",
+            tags=[slider.name],
+            sizing_mode="stretch_width",
+        )
+        widget.on_change("value", lambda attr, old, new: self._move(slider, new))
+        widget.on_change("value_throttled", lambda attr, old, new: self._moved())
+        self.doc.add_root(widget)
+        return widget
+
+    def _button(self, label: str, name: str, act: Callable[[], None]) -> Button:
+        button = Button(label=label, name=name, sizing_mode="stretch_width")
+        button.on_click(act)
+        return button
+
+    def _make_pictures(self) -> None:
+        self.step, self.nyquist = StepPicture(self.signal, self.unit), NyquistPicture()
+        self.branch = BranchPicture(self.signal, self.unit)
+        self.pictures: list[Any] = [self.step, self.nyquist, self.branch]
+        self.axes: tuple[Slider, Slider] | None = None
+        self.map: MapPicture | None = None
+        names = [n for n in ("bands.range", "lock_pin.backlash") if n in self.sliders] or list(self.sliders)[:2]
+        if len(names) == 2:
+            self.axes = (self.sliders[names[0]], self.sliders[names[1]])
+            ends = [(a.low, a.high) for a in self.axes]
+            self.map = MapPicture(self.axes[0].label(), self.axes[1].label(), *ends)
+            self.pictures.append(self.map)
+        for picture in self.pictures:
+            self.doc.add_root(picture.figure)
+
+    def _first(self, liked: str) -> str:
+        return liked if liked in self.sliders else next(iter(self.sliders), "")
+
+    # What the reader does.
+
+    def _open(self, arguments: Mapping[str, list[bytes]]) -> None:
+        """Begin with the values of the address."""
+        values, sentences = read_query(self.base, arguments)
+        self._take(values, remember=False)
+        self.message.text = " ".join(sentences)
+
+    def _move(self, slider: Slider, value: float) -> None:
+        if self.setting:
+            return
+        if not self.shown.get("moving"):
+            self._remember()
+            self.shown["moving"] = True
+        self.values = {**self.values, slider.name: value * slider.per_unit}
+        self.message.text = ""
+        self._begin_quick()
+
+    def _moved(self) -> None:
+        """A slider has been let go."""
+        self.shown["moving"] = False
+        self._write_address()
+
+    def _set_field(self, text: str) -> None:
+        if not text.strip():
+            return
+        name, _, value = text.partition("=")
+        try:
+            values = {**self.values, name.strip(): read_pair(self.base, name.strip(), value.strip())}
+            moved_case(self.base, values)
+        except EppError as error:
+            self.message.text = str(error)
+            return
+        self.field.value = ""
+        self._take(values)
+
+    def _undo(self) -> None:
+        if self.history:
+            self._take(self.history.pop(), remember=False)
+
+    def _reset(self) -> None:
+        if self.values:
+            self._take({})
+
+    def _remember(self) -> None:
+        self.history = [*self.history[1 - _MOST_STEPS_BACK :], self.values]
+
+    def _take(self, values: Values, remember: bool = True) -> None:
+        """Go to other values at once, sliders and all."""
+        if remember:
+            self._remember()
+        self.values = dict(values)
+        self.message.text = ""
+        self.setting = True
+        try:
+            case = moved_case(self.base, self.values)
+            for name, widget in self.widgets.items():
+                slider = self.sliders[name]
+                shown = (current(case, name) or 0.0) / slider.per_unit if name in values else slider.value
+                widget.start, widget.end = min(widget.start, shown), max(widget.end, shown)
+                widget.value = shown
+        finally:
+            self.setting = False
+        self._write_address()
+        self._begin_quick()
+
+    def _write_address(self) -> None:
+        self.address.data = {"query": [write_query(self.base, self.values)]}
+
+    def _save_case(self) -> None:
+        self._send(f"{self.base.name}.toml", "application/toml", self.case.to_toml().encode())
+
+    def _save_picture(self) -> None:
+        self.save_picture.label = "Picture ..."
+
+        def then(facts: slow.Facts) -> None:
+            self.save_picture.label = "Picture"
+            if "error" in facts:
+                self.message.text = facts["error"]
+            else:
+                self._send(f"{self.base.name}.png", "image/png", facts["png"])
+
+        self._ask("picture", slow.picture, (slow.Given.of(self.case, self.signal),), then)
+
+    def _send(self, name: str, mime: str, content: bytes) -> None:
+        """Give the browser a file, which it makes itself."""
+        coded = base64.b64encode(content).decode()
+        self.download.data = {"name": [name], "mime": [mime], "base64": [coded]}
+
+    # What the page does then.
+
+    def _begin_quick(self) -> None:
+        """Compute what is seen at once; while that runs, only the last of all moves is kept."""
+        self.version += 1
+        if self.computing:
+            return
+        self.computing = True
+        version = self.version
+        future = self.threads.submit(quick.compute, self.base, self.signal, dict(self.values))
+        future.add_done_callback(lambda done: self._next_tick(partial(self._end_quick, done, version)))
+
+    def _end_quick(self, done: Future[quick.Quick], version: int) -> None:
+        self.computing = False
+        error = done.exception()
+        if error is None:
+            self._show(done.result())
+        else:
+            self.message.text = str(error) if isinstance(error, EppError) else f"It could not be computed: {error}."
+        if self.version != version:
+            self.version -= 1  # the move that is under way is no new one
+            self._begin_quick()
+        elif error is None:
+            self._soon(self._begin_slow)
+
+    def _show(self, result: quick.Quick) -> None:
+        """All quick pictures in one message to the browser."""
+        self.case = result.case
+        self.doc.hold("combine")
+        try:
+            self.verdict.text = result.sentence
+            self.step.show(result)
+            self.nyquist.show(result)
+            place = self._place(self.over.value)
+            self.branch.show_run(place, result.peak_to_peak)
+            if self.shown.get("exact") != self.values:
+                self.branch.show_exact(None, place, self.factor)
+                self.exact.text = "Exact limit cycles: being sought ..."
+            if self.map is not None and self.axes is not None:
+                self.map.show_place(*(self._place(a.name) for a in self.axes))
+        finally:
+            self.doc.unhold()
+
+    def _place(self, name: str) -> float:
+        """Where the case stands on an axis, in the axis' unit."""
+        slider = self.sliders.get(name)
+        if slider is None:
+            return 0.0
+        value = self.values.get(name)
+        return slider.value if value is None else value / slider.per_unit
+
+    def _begin_slow(self) -> None:
+        """Ask for the slow pictures that the values have made old."""
+        given = slow.Given.of(self.case, self.signal)
+        if self.axes is not None:
+            x, y = self.axes
+            ends = [(a.low * a.per_unit, a.high * a.per_unit) for a in self.axes]
+            at = {a.name: a.value * a.per_unit for a in self.axes}
+            self._ask_once("map", slow.design_map, at, (x.name, y.name, *ends), self._show_map)
+        self._ask("exact", slow.all_cycles, (given,), partial(self._show_exact, dict(self.values)))
+        over = self.sliders.get(self.over.value)
+        if over is not None:
+            at = {over.name: over.value * over.per_unit}
+            low, high = over.low * over.per_unit, over.high * over.per_unit
+            self._ask_once("branch", slow.branch, at, (over.name, low, high), partial(self._show_branch, over))
+
+    def _ask_once(
+        self,
+        kind: str,
+        job: Callable[..., slow.Facts],
+        at: Values,
+        args: tuple[Any, ...],
+        then: Callable[[slow.Facts], None],
+    ) -> None:
+        """Ask for a picture that does not depend on the fields `at`, unless it is there already."""
+        try:
+            fixed = moved_case(self.base, {**self.values, **at})
+        except EppError:
+            return
+        wanted = (slow.Given.of(fixed, self.signal), *args)
+        if self.shown.get(kind) == wanted:
+            return
+        self.shown[kind] = wanted
+        picture = self.branch if kind == "branch" else self.map
+        if picture is not None:
+            picture.figure.title.text = _TITLES[kind] + ": being computed ..."
+        self._ask(kind, job, wanted, then)
+
+    def _ask(
+        self, kind: str, job: Callable[..., slow.Facts], args: tuple[Any, ...], then: Callable[[slow.Facts], None]
+    ) -> None:
+        """Have it done elsewhere; what was asked for before is no longer wanted."""
+        before = self.running.pop(kind, None)
+        if before is not None:
+            before.cancel()
+        token = object()
+        self.shown[f"{kind} token"] = token
+
+        def arrived(facts: slow.Facts) -> None:
+            if self.shown.get(f"{kind} token") is token:
+                then(facts)
+
+        self.running[kind] = self.workshop.ask(job, args, lambda facts: self._next_tick(partial(arrived, facts)))
+
+    def _show_exact(self, values: Values, facts: slow.Facts) -> None:
+        if "error" in facts:
+            self.exact.text = f"Exact limit cycles: {facts['error']}"
+            return
+        self.shown["exact"] = values
+        self.branch.show_exact(facts, self._place(self.over.value), self.factor)
+        self.exact.text = _in_words(facts, self.unit, self.factor)
+
+    def _show_branch(self, over: Slider, facts: slow.Facts) -> None:
+        none = facts.get("error") or ("" if facts["pieces"] else "none found")
+        self.branch.figure.title.text = f"Limit cycles: {none}" if none else "Limit cycles"
+        if "error" in facts:
+            facts = {"pieces": [], "folds": []}
+        self.branch.show_branch(facts, over.label(), 1.0 / over.per_unit, self.factor)
+
+    def _show_map(self, facts: slow.Facts) -> None:
+        assert self.map is not None and self.axes is not None
+        if "error" in facts:
+            self.map.figure.title.text = f"Design map: {facts['error']}"
+            return
+        self.map.figure.title.text = "Design map"
+        self.map.show_cells(facts, *(1.0 / a.per_unit for a in self.axes))
+
+    def _next_tick(self, act: Callable[[], None]) -> None:
+        """Do something in the thread of the page, if the page is still there."""
+        with suppress(RuntimeError, ValueError, AttributeError):
+            self.doc.add_next_tick_callback(act)
+
+    def _soon(self, act: Callable[[], None]) -> None:
+        """Do something when the reader has been calm for a moment."""
+        if self.later is not None:
+            with suppress(ValueError):
+                self.doc.remove_timeout_callback(self.later)
+
+        def begin() -> None:
+            self.later = None
+            act()
+
+        self.later = self.doc.add_timeout_callback(begin, _CALM)
+
+
+def _arguments(doc: Document) -> dict[str, list[bytes]]:
+    """The query of the address that the page was opened with."""
+    request = getattr(doc.session_context, "request", None)
+    return dict(request.arguments) if request is not None else {}
+
+
+_TITLES = {"branch": "Limit cycles", "map": "Design map"}
+
+
+def _in_words(facts: slow.Facts, unit: str, factor: float) -> str:
+    """The exact cycles as a sentence."""
+    cycles = [
+        f"{'stable' if stable else 'unstable'} {factor * size:.4g} {unit}".rstrip() + f" at {frequency:.4g} Hz"
+        for size, frequency, stable in zip(facts["size"], facts["frequency"], facts["stable"], strict=True)
+        if math.isfinite(size)
+    ]
+    rests = " It can also rest." if facts["rests"] and cycles else ""
+    return f"Exact limit cycles: {'; '.join(cycles) or 'none'}.{rests}"

@@ -1,0 +1,133 @@
+"""What a slider shows at once: the run in time and the Nyquist picture, in some tens of milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.case import Case
+from eppanalysis.errors import ModelError
+from eppanalysis.explorer.values import moved_case
+from eppanalysis.methods.describing_frozen import (
+    FrozenLoop,
+    frozen_loop,
+    input_name,
+    nearest_cycle,
+    with_element_inputs,
+)
+from eppanalysis.methods.simulate import simulate
+from eppanalysis.readable import readable
+from eppanalysis.results import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 2401
+
+
+@dataclass(frozen=True, eq=False)
+class Quick:
+    """A run and the picture that belongs to it.
+
+    Attributes
+    ----------
+    case : Case
+    signal, unit : str
+        Which signal, and the unit that people read it in.
+    factor : float
+        To that unit from SI.
+    time, values : array, shape (n,)
+        [s], [unit].
+    frequency, peak_to_peak : float
+        Of the limit cycle [Hz], [unit]; nan where there is none.
+    sentence : str
+        The verdict.
+    loop : FrozenLoop or None
+        Frozen at the cycle of first order next to the run's; at the run's own where there is none; or at rest.
+    of_run : complex or None
+        -1/N at the amplitude of the run's cycle.
+    first_order : bool
+        Whether the loop is frozen at a cycle of first order.
+    """
+
+    case: Case
+    signal: str
+    unit: str
+    factor: float
+    time: Array
+    values: Array
+    frequency: float
+    peak_to_peak: float
+    sentence: str
+    loop: FrozenLoop | None
+    of_run: complex | None
+    first_order: bool
+
+
+def shown_signal(case: Case) -> str:
+    """The signal that the page shows."""
+    return case.expected.signal or case.to_system().signals.names[0]
+
+
+def compute(base: Case, signal: str, values: Mapping[str, float]) -> Quick:
+    """Run a case with moved values.
+
+    Raises
+    ------
+    EppError
+        If the values do not go together or the loop cannot be run.
+    """
+    case = moved_case(base, values)
+    system = with_element_inputs(case.to_system(), (signal,))
+    run = simulate(system, case.input, case.t_end, t_eval=np.linspace(0.0, case.t_end, _SAMPLES))
+    unit, factor = readable(run.units.get(signal, ""))
+    cycle = run.limit_cycle
+    return Quick(
+        case,
+        signal,
+        unit,
+        factor,
+        run.t,
+        factor * run.signals[signal],
+        float("nan") if cycle is None else cycle.frequency,
+        float("nan") if cycle is None else factor * cycle.peak_to_peak[signal],
+        _sentence(run, signal, unit, factor),
+        *_loop(case, run),
+    )
+
+
+def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
+    cycle, name = run.limit_cycle, signal.replace("_", " ")
+    if cycle is not None:
+        size = f"{factor * cycle.peak_to_peak[signal]:.4g} {unit}".strip()
+        return f"Oscillates at {cycle.frequency:.4g} Hz, {name} by {size} peak to peak."
+    if run.status is Status.SETTLED:
+        return f"Settles: at rest from {run.settled_since:.3g} s on."
+    return run.status.value
+
+
+def _loop(case: Case, run: Trajectory) -> tuple[FrozenLoop | None, complex | None, bool]:
+    """The Nyquist picture of the run: frozen at its cycle, or at rest; None where elements allow none."""
+    try:
+        return _frozen(case, run)
+    except ModelError:
+        return None, None, False
+
+
+def _frozen(case: Case, run: Trajectory) -> tuple[FrozenLoop | None, complex | None, bool]:
+    system, cycle = case.to_system(), run.limit_cycle
+    inputs = {name: input_name(name) for name in system.element_names}
+    if cycle is not None:
+        means = {name: cycle.mean[at] for name, at in inputs.items()}
+        own = frozen_loop(system, {name: cycle.amplitude(at) for name, at in inputs.items()}, means, cycle.omega)
+        phasors = {name: complex(cycle.harmonics[at][1]) for name, at in inputs.items()}
+        value = np.array([case.final_input()[name] for name in system.input_names])
+        near = nearest_cycle(system, phasors, means, cycle.omega, value)
+        of_run = None if own is None else own.point
+        return (own, of_run, False) if near is None else (frozen_loop(system, *near), of_run, True)
+    if not run.t.size:
+        return None, None, False
+    rest = {name: float(run.settled_at.get(at, run.signals[at][-1])) for name, at in inputs.items()}
+    return frozen_loop(system, dict.fromkeys(inputs, 0.0), rest, None), None, False

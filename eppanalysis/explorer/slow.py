@@ -1,0 +1,207 @@
+"""What a slider shows a moment later: exact cycles, the branch over a parameter, the design map; in another process.
+
+Another process, because these take seconds and would hold up the page. Jobs are functions of plain data, so that each
+is computed once and kept; one that nobody wants any more is dropped before it begins.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any
+
+from eppanalysis.case import Case, case_from_text
+from eppanalysis.errors import EppError
+
+#: Plain data: what jobs take and give.
+Facts = dict[str, Any]
+
+_KEPT = 64
+_MAP_CELLS = (17, 13)
+_BRANCH_POINTS = 90
+_BRANCH_STEP = 0.08
+
+
+@dataclass(frozen=True)
+class Given:
+    """A case as plain data.
+
+    Attributes
+    ----------
+    text, name, folder : str
+        TOML text, name, and where files that it names are looked for.
+    signal : str
+        What the page shows of it.
+    """
+
+    text: str
+    name: str
+    folder: str
+    signal: str
+
+    @classmethod
+    def of(cls, case: Case, signal: str) -> Given:
+        """The plain data of a case."""
+        return cls(case.to_toml(), "case", str(case.folder), signal)
+
+    def case(self) -> Case:
+        """The case."""
+        return case_from_text(self.text, self.name, self.folder)
+
+
+def all_cycles(given: Given) -> Facts:
+    """Exact cycles: peak-to-peak of the signal [SI], frequency [Hz], stability; and how they were sought."""
+    from eppanalysis.methods.cycles import find_limit_cycles
+
+    case = given.case()
+    found = find_limit_cycles(case.to_system(), case.final_input())
+    return {
+        "size": [c.peak_to_peak[given.signal] for c in found],
+        "frequency": [c.frequency for c in found],
+        "stable": [bool(c.stable) for c in found],
+        "rests": found.rests,
+    }
+
+
+def branch(given: Given, over: str, low: float, high: float) -> Facts:
+    """The branch over a parameter between two values [SI], through its folds; in pieces where no end has a cycle."""
+    from eppanalysis.methods.continuation import continue_branch
+
+    case = given.case()
+    middle = case.value(over)
+    reason = ""
+    for ends in (((high, low),), ((middle, low), (middle, high))):
+        pieces = []
+        for start, stop in ends:
+            if start == stop:
+                continue
+            try:
+                pieces.append(continue_branch(case, over, start, stop, n_points=_BRANCH_POINTS, max_step=_BRANCH_STEP))
+            except EppError as error:
+                reason = str(error)
+                break
+        if pieces:
+            return {
+                "pieces": [
+                    {"value": p.points["value"].tolist(), "stable": p.points["stable"].tolist()}
+                    | {"size": p.points[given.signal].tolist()}
+                    for p in pieces
+                ],
+                "folds": [[s.value, s.cycle.peak_to_peak[given.signal]] for p in pieces for s in p.folds],
+            }
+    return {"pieces": [], "folds": [], "reason": reason}
+
+
+def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[float, float]) -> Facts:
+    """Outcome over a grid of two parameters [SI]: codes as a sweep has them."""
+    import numpy as np
+
+    from eppanalysis.sweep import sweep
+
+    axes = {
+        name: [float(v) for v in np.linspace(*ends, n)]
+        for name, ends, n in zip((x, y), (xs, ys), _MAP_CELLS, strict=True)
+    }
+    cells = sweep(given.case(), axes, workers=1, progress=False)
+    return {"outcome": cells["outcome"].transpose(y, x).values.tolist(), "x": axes[x], "y": axes[y]}
+
+
+def picture(given: Given) -> Facts:
+    """The ladder's picture, as a PNG."""
+    import io
+
+    from eppanalysis.methods.ladder import ladder
+
+    stream = io.BytesIO()
+    ladder(given.case()).plot().savefig(stream, format="png", dpi=150)
+    return {"png": stream.getvalue()}
+
+
+#: Jobs that would keep the others waiting.
+_LONG = (branch,)
+
+
+def _quietly(job: Callable[..., Facts], args: tuple[Any, ...]) -> Facts:
+    """A job, with what it refuses as a sentence."""
+    try:
+        return job(*args)
+    except EppError as error:
+        return {"error": str(error)}
+
+
+def _begin() -> None:
+    """A worker leaves the processor to the page, and interrupts to its parent."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with suppress(AttributeError, OSError):
+        os.nice(10)
+
+
+class Workshop:
+    """Two processes that work for all pages, one for what takes seconds, and what they have found so far."""
+
+    def __init__(self) -> None:
+        self._pools = {long: self._fresh() for long in (False, True)}
+        self._kept: OrderedDict[Any, Facts] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @staticmethod
+    def _fresh() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin)
+
+    def ask(self, job: Callable[..., Facts], args: tuple[Any, ...], then: Callable[[Facts], None]) -> Future[Facts]:
+        """Have a job done; `then` is called from another thread with what it gives.
+
+        Returns
+        -------
+        Future
+            To cancel what is not wanted any more.
+        """
+        key = (job.__name__, args)
+        with self._lock:
+            known = self._kept.get(key)
+            if known is None:
+                future = self._submit(job, args)
+        if known is not None:
+            future = Future()
+            future.set_result(known)
+        future.add_done_callback(lambda done: self._finish(key, done, then))
+        return future
+
+    def _submit(self, job: Callable[..., Facts], args: tuple[Any, ...]) -> Future[Facts]:
+        long = job in _LONG
+        try:
+            return self._pools[long].submit(_quietly, job, args)
+        except BrokenProcessPool:
+            self._pools[long] = self._fresh()
+            return self._pools[long].submit(_quietly, job, args)
+
+    def _finish(self, key: Any, done: Future[Facts], then: Callable[[Facts], None]) -> None:
+        if done.cancelled():
+            return
+        error = done.exception()
+        if error is not None:
+            then({"error": f"It could not be computed ({type(error).__name__}: {error})."})
+            return
+        with self._lock:
+            self._kept[key] = done.result()
+            while len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        then(done.result())
+
+    def close(self) -> None:
+        """End the processes, whatever they are doing."""
+        for pool in self._pools.values():
+            processes: Mapping[int, Any] = dict(getattr(pool, "_processes", None) or {})
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in processes.values():
+                process.terminate()

@@ -1,0 +1,295 @@
+"""The page in a real browser: moves, wrong input, two tabs, a phone, links, and nothing of the machine through it."""
+
+from __future__ import annotations
+
+import http.client
+import re
+import socket
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+import eppanalysis as epp
+from tests.explorer.browser import find_chromium, open_page, press, running_browser, running_explorer, save, wait
+from tests.explorer.latency import measure
+
+pytestmark = [
+    pytest.mark.skipif(find_chromium() is None, reason="no Chromium or Chrome is installed"),
+    # What the browser's driver leaves open when its loop ends is not ours.
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+
+PASSWORDS = "etc/passwd"
+
+
+@pytest.fixture(scope="module")
+def address():
+    with running_explorer() as (address, _):
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with running_browser() as browser:
+        yield browser
+
+
+@pytest.fixture
+def page(browser, address):
+    page = open_page(browser, address)
+    yield page
+    page.close()
+
+
+def verdict(page) -> str:
+    return page.evaluate("model('verdict').text")
+
+
+def field(page, name: str) -> float:
+    return page.evaluate("(f) => slider(f).value", name)
+
+
+def set_field(page, text: str) -> None:
+    page.evaluate("(t) => { model('field').value = t; }", text)
+
+
+def test_a_move_changes_run_picture_and_address(page):
+    assert verdict(page) == "Oscillates at 8.974 Hz, theta by 4.394 deg peak to peak."
+    before = page.evaluate("pixels('nyquist')")
+    press(page, "lock_pin.backlash", "PageDown", 3)
+    press(page, "bands.range", "End")
+    wait(page, "model('verdict').text.startsWith('Settles')")
+    wait(page, "location.search.includes('bands.range=5%20lbf')")
+    assert page.evaluate("pixels('nyquist')") != before
+
+
+def test_what_is_shown_is_what_the_methods_say(page):
+    set_field(page, "lock_pin.backlash = 1.8 deg")
+    wait(page, "slider('lock_pin.backlash').value.toFixed(6) === '1.800000'")
+    wait(page, "!model('verdict').text.includes('4.394')")
+    case = epp.case("fig8a_original").with_values({"lock_pin.backlash": "1.8 deg"})
+    cycle = epp.simulate(case.to_system(), case.input, case.t_end).limit_cycle
+    assert f"{cycle.frequency:.4g} Hz" in verdict(page)
+
+
+def test_slow_pictures_arrive(page):
+    wait(page, "model('map').title.text === 'Design map'", 60)
+    codes = page.evaluate(
+        "Array.from(model('map').renderers.find((r) => r.glyph.type === 'Image').data_source.data.image[0])"
+    )
+    assert {1, 2} <= set(codes)
+    wait(page, "model('exact').text.includes('stable 4.394 deg at 8.974 Hz')", 60)
+    assert "unstable 1.162 deg at 5.183 Hz" in page.evaluate("model('exact').text")
+
+
+def test_undo_and_reset(page):
+    set_field(page, "controller.delay = 3 ms")
+    wait(page, "slider('controller.delay').value === 3")
+    set_field(page, "controller.delay = 5 ms")
+    wait(page, "slider('controller.delay').value === 5")
+    page.get_by_role("button", name="Undo").click()
+    wait(page, "slider('controller.delay').value === 3")
+    wait(page, "location.search.includes('delay=3%20ms')")
+    page.get_by_role("button", name="Reset").click()
+    wait(page, "slider('controller.delay').value === 1 && location.search === ''")
+    page.get_by_role("button", name="Undo").click()
+    wait(page, "slider('controller.delay').value === 3")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("lock_pin.backlash = 3 lbf", "the page: lock_pin.backlash is '3 lbf'; expected an angle such as '2.5 deg'."),
+        (
+            "lock_pin.backlash = -1 deg",
+            "the page: lock_pin.backlash is -0.0174533; expected zero or a positive number.",
+        ),
+        ("elbow.charm = 3", "the page: elbow.charm is 'not known'; expected a field of the case"),
+        ("run.input.file = passwd", "expected a field of the case"),
+        ("<img src=x onerror=alert(1)>", "expected a field of the case"),
+        ("bands.range = 0.1 lbf", "bands.parking_width is '0.2 lbf'; expected less than bands.range"),
+        ("x" * 300, "expected the name of a field and a quantity of ordinary length"),
+    ],
+)
+def test_wrong_input_is_a_sentence_and_changes_nothing(page, text, expected):
+    before = verdict(page)
+    set_field(page, text)
+    wait(page, "model('message').text !== ''")
+    said = page.evaluate("model('message').text")
+    assert expected in re.sub(r"-0\.01745329\d+", "-0.0174533", said)
+    assert page.get_by_role("alert").inner_text() or page.evaluate("deep(root('message'), 'div').length > 0")
+    assert verdict(page) == before
+    assert page.evaluate("location.search") == ""
+
+
+def test_a_wrong_address_is_a_sentence_and_the_rest_of_it_holds(browser, address):
+    page = open_page(browser, f"{address}?lock_pin.backlash=far&no.such=1&controller.delay=4%20ms&bands.range=%00%ff")
+    assert field(page, "controller.delay") == 4
+    assert field(page, "lock_pin.backlash") == 2.5
+    said = page.evaluate("model('message').text")
+    assert said.count("expected") == 3 and "lock_pin.backlash is 'far'" in said
+    page.close()
+    page = open_page(browser, f"{address}?controller.delay={'9' * 5000}")
+    assert "its address is too long" in page.evaluate("model('message').text")
+    page.close()
+
+
+def test_a_link_restores_the_state(browser, address, page):
+    set_field(page, "cable.stiffness = 5000 N/m")
+    set_field(page, "forearm.prehensor_mass = 0.6 kg")
+    wait(page, "location.search.includes('5000') && location.search.includes('0.6')")
+    wait(page, "slider('forearm.prehensor_mass').value === 0.6")
+    wait(page, "!model('verdict').text.includes('8.974')")
+    other = open_page(browser, page.url)
+    assert field(other, "cable.stiffness") == 5000
+    assert field(other, "forearm.prehensor_mass") == pytest.approx(0.6)
+    wait(page, f"model('verdict').text === {verdict(other)!r}")
+    other.close()
+
+
+def test_two_tabs_do_not_meet(browser, address, page):
+    other = open_page(browser, address)
+    set_field(page, "bands.range = 5 lbf")
+    wait(page, "model('verdict').text.startsWith('Settles')")
+    set_field(other, "controller.delay = 2 ms")
+    wait(other, "!model('verdict').text.includes('8.974')")
+    assert field(other, "bands.range") == 2.5
+    assert field(page, "controller.delay") == 1
+    assert "bands.range" not in other.url
+    other.get_by_role("button", name="Undo").click()
+    wait(other, "model('verdict').text.includes('8.974')")
+    assert verdict(page).startswith("Settles")
+    other.close()
+
+
+@pytest.mark.parametrize("width", [360, 390])
+def test_a_phone_shows_all_of_it(browser, address, width):
+    page = open_page(browser, f"{address}?bands.range=9%20lbf&evil=1", width, 760)
+    wait(page, "model('verdict').text.startsWith('Settles')")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    for name in ("step", "nyquist", "branch", "map"):
+        left, right = page.evaluate(
+            "(n) => { const b = deep(root(n), 'canvas')[0].getBoundingClientRect(); return [b.left, b.right]; }", name
+        )
+        assert 0 <= left < right <= width
+        assert right - left > 0.8 * width
+    page.close()
+
+
+def test_case_and_picture_are_given_to_the_browser(page, tmp_path):
+    set_field(page, "lock_pin.backlash = 1.5 deg")
+    wait(page, "slider('lock_pin.backlash').value === 1.5 && !model('verdict').text.includes('8.974')")
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="Case file").click()
+    text = save(tmp_path, waiting.value).decode()
+    assert tomllib.loads(text)["title"]
+    (tmp_path / "again.toml").write_text(text)
+    assert epp.read_case(tmp_path / "again.toml").value("lock_pin.backlash") == pytest.approx(0.0261799, rel=1e-5)
+    with page.expect_download(timeout=60_000) as waiting:
+        page.get_by_role("button", name="Picture").click()
+    assert save(tmp_path, waiting.value).startswith(b"\x89PNG")
+
+
+def test_nothing_is_asked_of_any_other_machine(page, address):
+    host = urlsplit(address).netloc
+    assert page.asked
+    assert {urlsplit(url).netloc for url in page.asked if not url.startswith(("data:", "blob:"))} == {host}
+
+
+def test_a_move_is_on_the_screen_soon(page):
+    """The figure on two idle cores is that of ``python -m tests.explorer.latency``; here the tests share them."""
+    times = measure(page, rounds=3, between=0.1)
+    assert len(times) >= 10
+    assert sorted(times)[len(times) // 2] < 1500.0
+
+
+def request(address: str, method: str, path: str, headers: dict[str, str] | None = None) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=10)
+    try:
+        connection.request(method, path, headers=headers or {})
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"/../../../../{PASSWORDS}",
+        f"/%2e%2e/%2e%2e/%2e%2e/%2e%2e/{PASSWORDS}",
+        f"/static/../../../../../../../../{PASSWORDS}",
+        f"/static/%2e%2e/%2e%2e/%2e%2e/%2e%2e/%2e%2e/%2e%2e/{PASSWORDS}",
+        f"/static//{PASSWORDS}",
+        f"/static/extensions/..%2f..%2f..%2f{PASSWORDS}",
+        f"/static/js/..%5c..%5c{PASSWORDS}",
+        "/cases/fig8a_original.toml",
+        "/pyproject.toml",
+    ],
+)
+def test_paths_lead_nowhere(address, path):
+    status, content = request(address, "GET", path)
+    assert status in (403, 404)
+    assert b"root:" not in content and b"[project]" not in content
+
+
+@pytest.mark.parametrize("method", ["PUT", "POST", "DELETE", "PATCH"])
+def test_nothing_can_be_sent_to_it(address, method):
+    assert request(address, method, "/")[0] in (403, 404, 405)
+    assert request(address, method, "/static/js/bokeh.min.js")[0] in (403, 404, 405)
+
+
+def test_a_page_of_another_site_cannot_speak_to_it(address):
+    upgrade = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Protocol": "bokeh, token",
+        "Origin": "http://example.org",
+    }
+    assert request(address, "GET", "/ws", upgrade)[0] == 403
+
+
+def test_it_listens_on_the_loopback_only(address):
+    port = urlsplit(address).port
+    table = Path("/proc/net/tcp")
+    if not table.exists():
+        pytest.skip("the table of listening sockets is Linux's")
+    rows = [line.split() for line in table.read_text().splitlines()[1:]]
+    listening = [local for _, local, _, state, *_ in rows if state == "0A" and int(local.split(":")[1], 16) == port]
+    assert listening == [f"0100007F:{port:04X}"]
+    wide = Path("/proc/net/tcp6").read_text() if Path("/proc/net/tcp6").exists() else ""
+    assert f":{port:04X} 0000" not in wide
+
+
+def test_a_loop_has_its_own_sliders(browser):
+    with running_explorer("backlash_servo") as (address, _):
+        page = open_page(browser, address)
+        assert (
+            page.evaluate(
+                "[...Bokeh.documents[0].roots()].filter((r) => r.tags.length && r.start !== undefined).length"
+            )
+            == 2
+        )
+        set_field(page, "play.gap = 4")
+        wait(page, "slider('play.gap').value === 4")
+        wait(page, "/x by 7.8\\d+ peak to peak/.test(model('verdict').text)")
+        page.close()
+
+
+def test_a_port_in_use_and_a_missing_case_are_one_sentence():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        call = [sys.executable, "-m", "eppanalysis", "explore", "fig8a_original", "--no-browser", "--port", port]
+        result = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr.strip().startswith(f"--port {port}: cannot be used")
+    assert "Traceback" not in result.stderr
