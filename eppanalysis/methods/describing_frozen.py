@@ -182,8 +182,8 @@ def _shape(system: LureSystem, i: int) -> tuple[int, int]:
 def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: float | None) -> ComplexArray | None:
     """Gains (n_outputs, n_inputs) of an element in the motion, or its slopes at rest."""
     if omega is None:
-        found = element_slope(system.elements[i])
-        return None if found is None else np.asarray(found, complex)
+        slopes = element_slope(system.elements[i])
+        return None if slopes is None else 1.0 * slopes + 0.0j
     if not amplitude > 0:
         return np.zeros(_shape(system, i), complex)
     gain = describe(system.elements[i], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0]
