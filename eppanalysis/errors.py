@@ -2,6 +2,23 @@
 
 from __future__ import annotations
 
+_LONGEST_SHOWN = 80
+
+
+def visible(text: str) -> str:
+    r"""A text with its control characters spelled out, so that a terminal shows them and does not obey them.
+
+    Examples
+    --------
+    >>> visible("a\x1b[2Jb")
+    'a\\x1b[2Jb'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
+
 
 class EppError(Exception):
     """A request that cannot be carried out, in one sentence that says why and what was expected."""
@@ -24,10 +41,8 @@ class CaseError(EppError):
 
     def __init__(self, source: str, field: str, value: object, expected: str) -> None:
         self.source, self.field, self.value, self.expected = source, field, value, expected
-        shown = repr(value)
-        if len(shown) > 80:
-            shown = shown[:77] + "..."
-        where = f"{source}: {field}" if field else source
+        shown = _cut(repr(value))
+        where = f"{source}: {_cut(visible(field))}" if field else source
         super().__init__(f"{where} is {shown}; expected {expected}.")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import re
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 TABLES = (".csv", ".nc")
 _Engine = Literal["h5netcdf", "netcdf4"]
+_FORMULA_SIGNS = ("=", "+", "-", "@", "|", "＝", "＋", "－", "＠")
+_INNER_FORMULA = re.compile(r"([;\t\r\n]\s*)(?=[-=+@|＝＋－＠])")
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +220,11 @@ def _csv_cell(value: Any) -> str:
         return "true" if value else "false"
     if not isinstance(value, str):
         return repr(value.item() if hasattr(value, "item") else value)
-    # A spreadsheet runs a text that begins like a formula; a leading apostrophe makes it a text.
-    return "'" + value if value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
+    # A spreadsheet runs a text that begins like a formula (after blanks too, and with the wide signs of East Asian
+    # keyboards); a leading apostrophe makes it a text. Some split lines at semicolons and tabs as well.
+    body = value.lstrip()
+    begin = "'" * body.startswith(_FORMULA_SIGNS) + value[: len(value) - len(body)]
+    return begin + _INNER_FORMULA.sub(r"\1'", body)
 
 
 def _plain_column(column: Sequence[Any]) -> Any:

@@ -124,3 +124,20 @@ def test_a_link_stays_a_link(tmp_path):
     export.write_table(export.Table({"x": [1.0]}), tmp_path / "link.csv")
     assert (tmp_path / "link.csv").is_symlink()
     assert (tmp_path / "real.csv").read_text().startswith("x")
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        ("  =1+1", "'  =1+1"),
+        ("＝1+1", "'＝1+1"),
+        ("harmless;=cmd|' /C calc'!A0", "harmless;'=cmd|' /C calc'!A0"),
+        ("two lines\n@SUM(A1)", "two lines\n'@SUM(A1)"),
+        ("at 1.4 N*m: 1.4 * 164/(164 - 143)", "at 1.4 N*m: 1.4 * 164/(164 - 143)"),
+    ],
+)
+def test_formulas_behind_blanks_and_separators_are_texts_too(tmp_path, text, cell):
+    path = tmp_path / "table.csv"
+    export.write_table(export.Table({"note": [text]}), path)
+    with path.open(newline="") as stream:
+        assert list(csv.reader(stream)) == [["note"], [cell]]

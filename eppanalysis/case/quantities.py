@@ -54,6 +54,19 @@ def _fail(expected: str, shown: Any) -> PydanticCustomError:
     return PydanticCustomError("quantity", "expected {expected}", {"expected": expected, "shown": shown})
 
 
+def plain_text(text: str) -> str:
+    """A text of a case, if it has no characters that a terminal obeys; new lines and tabs are none.
+
+    Raises
+    ------
+    PydanticCustomError
+        If it has.
+    """
+    if any(not c.isprintable() and c not in "\n\t" for c in text):
+        raise _fail("a text without control characters", text)
+    return text
+
+
 def _split_table(raw: Any) -> tuple[Any, Mark, str, Any]:
     """Value, mark, note and tolerance of a plain value or a table."""
     if not isinstance(raw, Mapping):
@@ -68,7 +81,7 @@ def _split_table(raw: Any) -> tuple[Any, Mark, str, Any]:
         raise _fail(f"a mark that is one of {', '.join(MARKS)}", mark)
     if not isinstance(note, str) or len(note) > LONGEST_TEXT:
         raise _fail(f"a note that is a text of at most {LONGEST_TEXT} characters", note)
-    return raw["value"], mark, note, raw.get("tolerance")
+    return raw["value"], mark, plain_text(note), raw.get("tolerance")
 
 
 def _tolerance(raw: Any, value: float, unit: str) -> float | None:

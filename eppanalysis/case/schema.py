@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import (
@@ -27,11 +27,12 @@ from eppanalysis.case.quantities import (
     Quantity,
     Torque,
     TorsionalDamping,
+    plain_text,
 )
 from eppanalysis.errors import CaseError
 from eppanalysis.units import KINDS
 
-Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=60)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -311,6 +312,8 @@ _SENTENCES = {
     "dict_type": "a table",
     "string_pattern_mismatch": "a plain name of letters, digits and underscores",
 }
+#: What is too long, and what is counted in it.
+_LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
 
 
 def validate(raw: RawCase) -> ElbowFile | LoopFile:
@@ -350,6 +353,8 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
         shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown
     elif error["type"] == "literal_error":
         expected = context["expected"]
+    elif error["type"] in _LENGTHS:
+        expected = f"{_LENGTHS[error['type']][0]} of at most {context['max_length']} {_LENGTHS[error['type']][1]}"
     elif error["type"] in _SENTENCES:
         expected = _SENTENCES[error["type"]]
     else:
