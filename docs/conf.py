@@ -9,6 +9,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import figures  # noqa: E402
+import figures_howto  # noqa: E402
 import figures_paper  # noqa: E402
 import tables  # noqa: E402
 import tables_paper  # noqa: E402
@@ -52,6 +53,7 @@ def make_pages(app) -> None:
     generated.mkdir(exist_ok=True)
     figures.make_all(generated)
     tables.make_all(generated)
+    figures_howto.make_all(generated)
     figures_paper.make_all(generated)
     tables_paper.make_all(generated)
 
