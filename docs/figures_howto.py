@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 
 def own_device_branch() -> Figure:
     """Cycles of the wheelchair over its free play."""
-    return epp.continue_branch(epp.case("wheelchair"), "play.gap", start=0.012, stop=0.004).plot()
+    return epp.continue_branch(epp.case("wheelchair"), "play.gap", start=0.012, stop=0.004).plot("play_input")
 
 
 def own_device_map() -> Figure:
