@@ -91,7 +91,7 @@ def paper_figure_4() -> Figure:
 def paper_figure_5() -> Figure:
     """The four phases: where sensor and harness side are on the band law, and when."""
     name = "fig6a_original_pulley"
-    case, result, phase = epp.case(name), made.run(name, t_end=1.0), made.slip()
+    case, result, phase = epp.case(name), made.run(name, t_end=1.0), made.paper_slip()
     figure = Figure(figsize=(8.4, 6.0), layout="constrained")
     grid = figure.add_gridspec(3, 4, height_ratios=[1.0, 1.35, 0.8])
     first = float(result.t[0])
@@ -307,6 +307,29 @@ def paper_mass() -> Figure:
     return figure
 
 
+def paper_upright() -> Figure:
+    """The upright elbow as it is, and with backlash and friction."""
+    figure = Figure(figsize=(8.4, 2.8), layout="constrained")
+    axes = figure.subplots(1, 2, width_ratios=[2.2, 1.0])
+    for result, colour, label in (
+        (made.run("upright", *made.ORIGINAL_ELBOW), VERMILLION, "original gap and pulley"),
+        (made.run("upright"), BLUE, "reduced gap, ball bearing"),
+    ):
+        for ax in axes:
+            ax.plot(result.t, result.signals["theta"] / DEGREE, color=colour, linewidth=0.9, label=label)
+    end = result.t[-1]
+    axes[0].set_xlim(0.0, 3.0)
+    axes[1].set_xlim(end - 0.5, end)
+    axes[1].set_ylim(result.signals["theta"][-1] / DEGREE - 4.0, result.signals["theta"][-1] / DEGREE + 4.0)
+    axes[1].set_title("the last half second", fontsize=8)
+    axes[0].set_ylabel("forearm angle [deg]")
+    axes[0].legend(fontsize=8, loc="lower right")
+    for ax in axes:
+        ax.set_xlabel("time after the step [s]")
+    _plain(*axes)
+    return figure
+
+
 def paper_parking() -> Figure:
     """The same run without and with parking logic."""
     name = "parking_stops_it"
@@ -390,6 +413,7 @@ PICTURES: tuple[Callable[[], Figure], ...] = (
     paper_figure_8,
     paper_boundaries,
     paper_mass,
+    paper_upright,
     paper_parking,
     paper_sensitivity,
 )

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 DEGREE = np.pi / 180.0
 FIGURE_6 = ("fig6a_three_steps", "fig6b_three_steps")
 FIGURE_8 = ("fig8a_three_steps", "fig8b_three_steps")
+#: What the paper removed from the upright elbow, put back.
+ORIGINAL_ELBOW: tuple[tuple[str, object], ...] = (("lock_pin.backlash", "2.5 deg"), ("pulley.friction", 0.0526))
 #: Weights are put on and taken off one by one; how heavy they were is not said.
 TRAY_WEIGHT = 0.1 * LBF
 
@@ -121,7 +123,7 @@ def stable_limit(found: epp.Branch) -> float:
 
 @dataclass(frozen=True)
 class Slip:
-    """One stick and slip of the pulley on the limit cycle of Figure 6(a), from flexion to extension; times in [s].
+    """One stick and slip of the pulley on a limit cycle, from flexion to extension; times in [s].
 
     Attributes
     ----------
@@ -139,21 +141,23 @@ class Slip:
     jump: float
 
 
-@cache
-def slip() -> Slip:
+def slip(case: epp.Case) -> Slip:
     """The first full one after 0.55 s, when the cycle is nearly steady."""
-    name = "fig6a_original_pulley"
-    result = run(name, t_end=1.0)
-    _, low, high, _ = epp.case(name).elbow_parameters.bands.thresholds
+    result = epp.simulate(case.to_system(), case.input, 1.0, np.linspace(0.0, 1.0, 2001))
+    _, low, high, _ = case.elbow_parameters.bands.thresholds
     cable = [e for e in result.events if e.element == "cable" and e.time > 0.55]
     i = next(i for i, e in enumerate(cable) if e.name == "sticks" and _at(result, e.time, "sensor_force") > high)
     sticks, slips = cable[i].time, cable[i + 1].time
-    times = np.array([slips - 1e-9, slips + 1e-9])
-    case = epp.case(name)
-    close = epp.simulate(case.to_system(), case.input, 1.0, times).signals
+    close = epp.simulate(case.to_system(), case.input, 1.0, np.array([slips - 1e-9, slips + 1e-9])).signals
     held, after = close["sensor_force"]
     extension = result.t[np.flatnonzero((result.t > slips) & (result.signals["sensor_force"] < low))[0]]
     return Slip(sticks, slips, float(extension), held, held - close["harness_force"][0], held - after)
+
+
+@cache
+def paper_slip() -> Slip:
+    """That of the case of Figure 6(a)."""
+    return slip(epp.case("fig6a_original_pulley"))
 
 
 def _at(result: epp.Trajectory, time: float, signal: str) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import paper_runs as made
 from scipy.stats.qmc import LatinHypercube
 
 import eppanalysis as epp
@@ -92,6 +93,45 @@ def all_at_once(finding: str, spread: float) -> tuple[str, ...]:
             cell |= varied(case, name, float(factor))
         cells.append(cell)
     return tuple(outcomes(case, cells))
+
+
+def variations(finding: str) -> Iterator[epp.Case]:
+    """The case of a finding with each open parameter changed, one at a time."""
+    case = epp.case(finding)
+    for name in assumed():
+        if is_open(finding, name):
+            for factor in FACTORS:
+                yield case.with_values(varied(case, name, factor))
+
+
+@cache
+def slips_that_reverse() -> tuple[int, int]:
+    """Of all variations of Figure 6(a): in how many the harness side leaves flexion, or the slip alone reverses it.
+
+    Returns
+    -------
+    (int, int)
+        How many, and of how many.
+    """
+    count, total = 0, 0
+    for case in variations("fig6a_original_pulley"):
+        phase = made.slip(case)
+        _, low, high, _ = case.elbow_parameters.bands.thresholds
+        total += 1
+        count += bool(phase.held - phase.behind < high or phase.held - phase.jump < low)
+    return count, total
+
+
+@cache
+def longest_fall() -> float:
+    """Longest fall of the force through the parking band on the cycle of Figure 8(a), over all its variations [s]."""
+    longest = 0.0
+    for case in variations("fig8a_original"):
+        run = epp.simulate(case.to_system(), case.input, case.t_end, t_eval=[0.0])
+        if run.limit_cycle is not None:
+            falls = made.falls_through_parking(run)
+            longest = max(longest, float(falls[falls[:, 0] > case.t_end - 1.0, 1].max()))
+    return longest
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def test_ball_bearing_passes_the_tension_on() -> None:
 
 
 def test_phases_of_the_stick_slip_explanation_come_in_order() -> None:
-    phase = made.slip()
+    phase = made.paper_slip()
     _, low, high, _ = epp.case("fig6a_original_pulley").elbow_parameters.bands.thresholds
     assert phase.sticks < phase.slips < phase.extension
     assert phase.held > high and phase.behind > 0
@@ -108,6 +108,13 @@ def test_phases_of_the_stick_slip_explanation_come_in_order() -> None:
     stuck = (result.t > phase.sticks) & (result.t < phase.slips)
     assert np.ptp(result.signals["sensor_force"][stuck]) < 1e-9
     assert result.signals["sensor_force"][np.searchsorted(result.t, phase.extension)] < low
+
+
+def test_conclusions_on_slip_and_parking_hold_for_all_variations() -> None:
+    count, total = sensitivity.slips_that_reverse()
+    assert count == 0 and total == len(sensitivity.FACTORS) * len(sensitivity.one_at_a_time("fig6a_original_pulley"))
+    shortest_period = 0.1
+    assert 0 < sensitivity.longest_fall() < 0.1 * shortest_period
 
 
 def test_cycles_end_where_the_page_says() -> None:
