@@ -249,20 +249,22 @@ class HarmonicSweep:
     def bound(self, value: float) -> tuple[Question, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
         question = self.question.at(value)
+        return question, self.bound_of(question)
+
+    def bound_of(self, question: Question) -> HarmonicBound:
+        """The bound of a question like the sweep's own, at one value of the parameter that runs."""
         numbers = question.numbers()
         if not self._ready(question, numbers):
             assert self.outlook is not None
-            return question, HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
+            return HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
         assert self.outlook is not None
-        sign = self.outlook.sign
+        sign, note = self.outlook.sign, self.outlook.note
         first = self._first(numbers, sign)
         found, error = self._chosen(numbers, sign)
-        note = self.outlook.note
-        if found is None and first is None:
-            return question, HarmonicBound(Finding.FAILED, sign, message=note)
         best = found or first
-        assert best is not None
-        return question, HarmonicBound(
+        if best is None:
+            return HarmonicBound(Finding.FAILED, sign, message=note)
+        return HarmonicBound(
             finding=Finding.BEYOND if best.at_end else Finding.BOUND,
             sign=sign,
             first_order=float("nan") if first is None else first.cycle.value,
