@@ -32,8 +32,13 @@ if TYPE_CHECKING:
         ModelError as ModelError,
         NotConverged as NotConverged,
     )
+    from eppanalysis.guidelines import Guide as Guide, design_guide as design_guide
     from eppanalysis.identify import Identification as Identification, identify as identify
     from eppanalysis.methods.bounds import DesignBounds as DesignBounds, design_bounds as design_bounds
+    from eppanalysis.methods.bounds_tolerance import (
+        ToleranceBound as ToleranceBound,
+        tolerance_bound as tolerance_bound,
+    )
     from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
     from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
     from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
@@ -105,8 +110,10 @@ __version__ = "0.1.0"
 _NAMES = {
     "case": ("Case", "case", "case_from_text", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
+    "guidelines": ("Guide", "design_guide"),
     "identify": ("Identification", "identify"),
     "methods.bounds": ("DesignBounds", "design_bounds"),
+    "methods.bounds_tolerance": ("ToleranceBound", "tolerance_bound"),
     "methods.continuation": ("Branch", "continue_branch"),
     "methods.cycles": ("CycleSearch", "find_limit_cycles"),
     "methods.describing": ("predict_limit_cycles",),

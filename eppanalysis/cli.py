@@ -21,6 +21,7 @@ from eppanalysis.cli_bounds import bounds
 from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
 from eppanalysis.cli_cycles import branch, cycles
 from eppanalysis.cli_explore import explore
+from eppanalysis.cli_guide import guide
 from eppanalysis.cli_identify import identify
 from eppanalysis.cli_report import report
 from eppanalysis.cli_sweep import sweep
@@ -161,9 +162,10 @@ app.command("cycles")(cycles)
 app.command("branch")(branch)
 app.command("sweep")(sweep)
 app.command("bounds")(bounds)
+app.command("explore")(explore)
+app.command("guide")(guide)
 app.command("identify")(identify)
 app.command("report")(report)
-app.command("explore")(explore)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from eppanalysis.errors import EppError
 if TYPE_CHECKING:
     from eppanalysis.case import Case
     from eppanalysis.export import Table
-    from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+    from eppanalysis.methods.bounds_result import DesignBounds
 
 Field = Annotated[str, typer.Option("--over", metavar="FIELD", help="The parameter that runs, as in bands.range.")]
 Limit = Annotated[
@@ -70,7 +70,7 @@ def bounds(
             start=start,
             stop=stop,
             points=points,
-            within=_range(within),
+            within=range_of(within),
             verify=verify,
             margin=margin,
             starts=starts,
@@ -114,7 +114,14 @@ def bounds_columns(result: DesignBounds) -> Table:
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
 
 
-def _range(text: str | None) -> tuple[str, str] | None:
+def range_of(text: str | None) -> tuple[str, str] | None:
+    """Both ends of LOW:HIGH.
+
+    Raises
+    ------
+    EppError
+        If it is no range.
+    """
     if text is None:
         return None
     low, separator, high = text.partition(":")
@@ -179,12 +186,3 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     for cell in result:
         if cell.message and not (cell.finding == "bound" and cell.verified):
             yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"
-
-
-def limits_text(case: Case, result: DesignBounds, cell: BoundCell) -> str:
-    """A plain sentence on one cell."""
-    side = "under" if cell.sign > 0 else "over"
-    return (
-        f"at {result.over} {case.text(result.over, cell.value, 4)} keep {result.limit} {side} "
-        f"{case.text(result.limit, cell.bound, 4)}"
-    )

@@ -173,8 +173,8 @@ def write_table(table: Table, path: Path) -> None:
         return
     with atomic(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow([_csv_cell(name) for name in table.header()])
-        writer.writerows([_csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
+        writer.writerow([csv_cell(name) for name in table.header()])
+        writer.writerows([csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
 
 
 def write_text(text: str, path: Path) -> None:
@@ -213,7 +213,8 @@ def atomic(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def _csv_cell(value: Any) -> str:
+def csv_cell(value: Any) -> str:
+    """A value as a table's cell: texts that a spreadsheet would take for a formula are marked as texts."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, bool):

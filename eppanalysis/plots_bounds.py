@@ -12,10 +12,16 @@ from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from eppanalysis.guidelines import Guide, GuideRow
     from eppanalysis.methods.bounds_result import DesignBounds
 
 _MOST_BARS = 14
 _SMALLEST_BAR = 5e-4
+_GAIN, _LIMIT = "bands.range", "lock_pin.backlash"
 
 
 def label(name: str, unit: str) -> str:
@@ -127,3 +133,63 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7, loc="lower right")
     return figure
+
+
+def plot_regions(guide: Guide) -> Figure:
+    """Backlash over the gain in three regions: free of cycles, guarded by an unstable cycle, oscillating from rest.
+
+    One panel a variant; filled circles are bounds that were verified.
+
+    Parameters
+    ----------
+    guide : Guide
+
+    Raises
+    ------
+    EppError
+        If no row has a bound.
+    """
+    groups: dict[tuple[float, ...], list[GuideRow]] = {}
+    for row in guide.rows:
+        groups.setdefault(tuple(row.values[name] for name in guide.varied), []).append(row)
+    if not any(np.isfinite(row.cell.bound) for row in guide.rows):
+        raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
+    columns = min(len(groups), 3)
+    count = -(-len(groups) // columns)
+    figure = Figure(figsize=(1.6 + 3.6 * columns, 0.6 + 3.2 * count), layout="constrained")
+    axes = figure.subplots(count, columns, squeeze=False, sharex=True, sharey=True)
+    for ax, (variant, rows) in zip(axes.flat, groups.items(), strict=False):
+        _draw_regions(ax, guide, rows)
+        parts = [f"{label(n, '')} {guide.case.text(n, v, 3)}" for n, v in zip(guide.varied, variant, strict=True)]
+        ax.set_title(", ".join(parts) or guide.case.name, fontsize=8)
+    for ax in list(axes.flat)[len(groups) :]:
+        ax.set_axis_off()
+    handles, texts = axes.flat[0].get_legend_handles_labels()
+    figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
+    gain_unit, gain = guide.case.readable(_GAIN)
+    unit, factor = guide.case.readable(_LIMIT)
+    rows = sorted(rows, key=lambda row: row.values[_GAIN])
+    x = gain * np.array([row.values[_GAIN] for row in rows])
+    bound = factor * np.array([row.allowed for row in rows])
+    start = factor * np.array([row.from_rest for row in rows])
+    own = factor * rows[0].own
+    top = 1.15 * np.nanmax([own, *bound, *start[np.isfinite(start)]])
+    middle = np.where(np.isfinite(start), np.maximum(start, bound), top)
+    ax.fill_between(x, 0.0, bound, color=GREEN, alpha=0.25, linewidth=0, label="free of limit cycles")
+    ax.fill_between(x, bound, middle, color=ORANGE, alpha=0.3, linewidth=0, label="guarded by an unstable cycle")
+    ax.fill_between(x, middle, top, color=VERMILLION, alpha=0.35, linewidth=0, label="oscillates from rest")
+    ax.plot(x, bound, color=BLUE, linewidth=1.4)
+    done = np.array([row.cell.verified for row in rows])
+    circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": BLUE}
+    ax.plot(x[done], bound[done], **circle, markerfacecolor=BLUE, label="bound, verified")
+    if not np.all(done):
+        ax.plot(x[~done], bound[~done], **circle, markerfacecolor="none", label="bound, not verified")
+    ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label="this elbow")
+    ax.set_ylim(0.0, top)
+    ax.set_xlabel(f"profile range [{gain_unit}] (small: high gain)", fontsize=8)
+    ax.set_ylabel(label(_LIMIT, unit), fontsize=8)
+    ax.spines[["top", "right"]].set_visible(False)

@@ -12,6 +12,8 @@ from rich.table import Table
 from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
+    import pandas
+
     from eppanalysis.case import Case
     from eppanalysis.methods.bounds_result import DesignBounds
     from eppanalysis.methods.knock import Knock
@@ -174,6 +176,14 @@ def _error(share: float | None) -> str:
     if share is None or math.isnan(share):
         return "-"
     return _signed_percent(share) if abs(share) >= 1e-4 else f"{share:+.0e}" if share else "0"
+
+
+def frame_table(frame: pandas.DataFrame) -> Table:
+    """A table of texts as it stands, each column folded at its unit."""
+    table = _table(*(name.replace(" [", "\n[") for name in frame.columns))
+    for row in frame.itertuples(index=False):
+        table.add_row(*row)
+    return table
 
 
 class TruthTable:

@@ -56,6 +56,7 @@ def design_bounds(
     start: object = None,
     stop: object = None,
     points: int = 9,
+    at: Sequence[object] | None = None,
     within: tuple[object, object] | None = None,
     exact: bool = True,
     verify: bool = True,
@@ -76,6 +77,8 @@ def design_bounds(
         First and last value of `over` (plain numbers are SI); 0.4 and 2 times the case's own by default.
     points : int
         Number of values of `over`, evenly spaced.
+    at : sequence of quantity, optional
+        The values of `over`, in place of `start`, `stop` and `points`.
     within : (quantity, quantity), optional
         Range of `limit` in which its bound is sought; 0.05 to 2 times the case's own value by default.
     exact : bool
@@ -118,7 +121,7 @@ def design_bounds(
         raise EppError(f"design_bounds: {wrong}; expected 1 or more.")
     if over == limit:
         raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
-    values = _values(case, over, start, stop, points)
+    values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
     low, high = _range(case, limit, within)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed)

@@ -1,0 +1,117 @@
+"""The command ``eppanalysis guide``: design guidelines on backlash, as tables, sentences and a picture."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli_bounds import progress
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.guidelines import Guide
+
+_GAINS = "1.5 lbf,2.5 lbf,3.5 lbf"
+_END = "; repeatable."
+
+
+def guide(
+    case: CaseName,
+    settings: Settings = NOTHING,
+    gains: Annotated[str, typer.Option("--gains", metavar="VALUES", help="Profile ranges, at commas.")] = _GAINS,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary", metavar="FIELD=VALUES", help='Variants, as in cable.stiffness="3000 N/m,6705 N/m"' + _END
+        ),
+    ] = NOTHING,
+    tolerances: Annotated[
+        list[str],
+        typer.Option("--tolerance", metavar="FIELD=VALUE", help='As in cable.stiffness="10 %"' + _END),
+    ] = NOTHING,
+    margins: Annotated[
+        list[str],
+        typer.Option("--margin", metavar="FIELD=FACTOR", help="On bands.range or lock_pin.backlash" + _END),
+    ] = NOTHING,
+    within: Annotated[
+        str | None, typer.Option("--within", metavar="LOW:HIGH", help="Range of backlash to look in.")
+    ] = None,
+    samples: Annotated[int, typer.Option("--samples", help="Draws for the probabilities.")] = 400,
+    starts: Annotated[int, typer.Option("--starts", help="Runs that test each bound.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of runs and draws.")] = 20050901,
+    workers: Annotated[
+        int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)
+    ] = None,
+    as_json: Json = False,
+    outputs: Annotated[
+        list[Path],
+        typer.Option("-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .xlsx, .png, .svg or .pdf" + _END),
+    ] = NOTHING,  # type: ignore[assignment]
+) -> None:
+    """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
+    from eppanalysis.cli_bounds import range_of
+    from eppanalysis.export import check_target
+    from eppanalysis.guide_files import FILES
+    from eppanalysis.guidelines import design_guide
+    from eppanalysis.methods.bounds import cores
+
+    for path in outputs:
+        check_target(path, FILES)
+    found = load_case(case, settings)
+    with progress(f"guide {found.name}") as report:
+        result = design_guide(
+            found,
+            _values(gains),
+            variants={name: _values(text) for name, text in (_pair(v, "--vary") for v in vary)},
+            tolerances=dict(_pair(t, "--tolerance") for t in tolerances) or None,
+            margins={name: _factor(name, text) for name, text in (_pair(m, "--margin") for m in margins)},
+            within=range_of(within),
+            samples=samples,
+            starts=starts,
+            workers=workers or cores(),
+            seed=seed,
+            progress=report,
+        )
+    if as_json:
+        print_json("guide", [(found, result.to_dict())], settings)
+    else:
+        _show(result)
+    for path in outputs:
+        result.write(path)
+
+
+def _values(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _pair(text: str, option: str) -> tuple[str, str]:
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip() or not value.strip():
+        raise EppError(f"{option} {text}: has no field and value; expected FIELD=VALUE.")
+    return name.strip(), value.strip()
+
+
+def _factor(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise EppError(f"--margin {name}={text}: is no factor; expected a number of 1 or more.") from None
+
+
+def _show(result: Guide) -> None:
+    from rich.console import Console
+
+    from eppanalysis.guide_files import facts, rounded, title
+    from eppanalysis.screen import frame_table
+
+    typer.secho(title(result), bold=True)
+    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(
+        frame_table(rounded(result))
+    )
+    for sentence in result.sentences():
+        typer.echo(sentence)
+    typer.echo(facts(result))

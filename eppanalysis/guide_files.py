@@ -1,0 +1,167 @@
+"""Guidelines to files: Markdown, CSV, LaTeX, HTML, Excel by pandas; pictures; a text is never taken for a formula."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.errors import EppError
+from eppanalysis.export import PICTURES, atomic, check_target, csv_cell, write_figure
+
+if TYPE_CHECKING:
+    import pandas
+
+    from eppanalysis.guidelines import Guide
+
+_DIGITS = 4
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
+table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
+caption { text-align: left; font-weight: 600; padding: .4rem 0; }
+th, td { border-bottom: 1px solid #ddd; padding: .3rem .6rem; text-align: right; vertical-align: top; }
+th { border-bottom: 2px solid #888; font-weight: 600; }
+img { max-width: 100%; height: auto; }
+footer { color: #666; font-size: 12px; margin-top: 2rem; overflow-wrap: anywhere; }
+"""
+
+
+def write_guide(guide: Guide, path: Path) -> None:
+    """Write a guide as the ending of `path` says.
+
+    Raises
+    ------
+    EppError
+        If the ending is not known, a library that it needs is not there, or the file cannot be written.
+    """
+    check_target(path, FILES)
+    if path.suffix.lower() in PICTURES:
+        write_figure(guide.plot(), path)
+        return
+    writer = _WRITERS[path.suffix.lower()]
+    with atomic(path) as part:
+        try:
+            writer(guide, part)
+        except ImportError as error:
+            raise EppError(
+                f"{path}: needs the package {error.name!r}; expected it installed: pip install 'eppanalysis[tables]'."
+            ) from error
+
+
+def rounded(guide: Guide) -> pandas.DataFrame:
+    """The table with its numbers as texts of four significant digits; what is not known is a dash."""
+    return guide.to_frame().map(_text)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value:.{_DIGITS}g}" if value == value else "-"
+
+
+def title(guide: Guide) -> str:
+    """What the table is about."""
+    return f"Largest backlash without a limit cycle: {guide.case.title or guide.case.name}"
+
+
+def facts(guide: Guide) -> str:
+    """Where the table comes from, in one line."""
+    p = guide.provenance
+    case = p["case"]
+    return (
+        f"eppanalysis {case['version']}, case {case['case']} (sha256 {case['sha256'][:16]}), "
+        f"settings {json.dumps(p['settings'], sort_keys=True)}"
+    )
+
+
+def _markdown(guide: Guide, path: Path) -> None:
+    frame = rounded(guide).map(lambda text: text.replace("|", "\\|"))
+    table = frame.to_markdown(index=False, disable_numparse=True)
+    lines = "\n".join(f"* {s}" for s in guide.sentences())
+    path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{facts(guide)}\n", encoding="utf-8")
+
+
+def _csv(guide: Guide, path: Path) -> None:
+    frame = guide.to_frame()
+    texts = frame.select_dtypes(exclude="number").columns
+    frame[texts] = frame[texts].map(csv_cell)
+    frame["provenance"] = [csv_cell(facts(guide)), *[""] * (len(frame) - 1)]
+    frame.to_csv(path, index=False, float_format="%.10g")
+
+
+def _latex(guide: Guide, path: Path) -> None:
+    import pandas
+
+    def table(frame: pandas.DataFrame, columns: str, head: bool) -> str:
+        style = frame.style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
+        style = style if head else style.hide(axis="columns")
+        return style.to_latex(hrules=head, environment="longtable", column_format=columns)
+
+    frame = rounded(guide)
+    texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
+    numbers = "p{0.12\\linewidth}" + "r" * (len(frame.columns) - 2) + "p{0.12\\linewidth}"
+    path.write_text(
+        "% Needs the packages booktabs and longtable; wide: best in a landscape page.\n"
+        + "{\\scriptsize\n"
+        + table(frame, numbers, True)
+        + "}\n"
+        + table(texts, "p{\\linewidth}", False),
+        encoding="utf-8",
+    )
+
+
+def _html(guide: Guide, path: Path) -> None:
+    frame = rounded(guide)
+    style = frame.style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
+    table = style.set_caption(html.escape(title(guide))).to_html()
+    picture = io.BytesIO()
+    guide.plot().savefig(picture, format="png", dpi=160)
+    image = base64.b64encode(picture.getvalue()).decode()
+    lines = "".join(f"<li>{html.escape(s)}</li>" for s in guide.sentences())
+    name = html.escape(_one_line(title(guide)))
+    path.write_text(
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
+        f"<style>{_STYLE}</style></head>"
+        f'<body><h1>{name}</h1>{table}<ul>{lines}</ul><img alt="Three regions of the design over the profile range" '
+        f'src="data:image/png;base64,{image}"><footer>{html.escape(facts(guide))}</footer></body></html>\n',
+        encoding="utf-8",
+    )
+
+
+def _excel(guide: Guide, path: Path) -> None:
+    import pandas
+
+    frame = guide.to_frame()
+    texts = frame.select_dtypes(exclude="number").columns
+    frame[texts] = frame[texts].map(csv_cell)
+    sentences = pandas.DataFrame({"sentence": [csv_cell(s) for s in guide.sentences()]})
+    source = pandas.DataFrame({"provenance": [csv_cell(facts(guide))]})
+    with pandas.ExcelWriter(path, engine="openpyxl") as book:
+        for name, sheet in (("guideline", frame), ("sentences", sentences), ("provenance", source)):
+            sheet.to_excel(book, sheet_name=name, index=False)
+            cells = book.sheets[name]
+            cells.freeze_panes = "A2"
+            for column in cells.columns:
+                width = max(len(_text(c.value)) if c.value is not None else 0 for c in column)
+                cells.column_dimensions[column[0].column_letter].width = min(width + 2, 60)
+                for cell in column[1:]:
+                    if isinstance(cell.value, float):
+                        cell.number_format = "0.0000"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+_WRITERS: dict[str, Callable[[Guide, Path], None]] = {
+    ".md": _markdown,
+    ".csv": _csv,
+    ".tex": _latex,
+    ".html": _html,
+    ".xlsx": _excel,
+}
+FILES = (*_WRITERS, *PICTURES)

@@ -1,0 +1,366 @@
+"""Design guidelines for manufacturers and prosthetists: how much backlash a design may have, in tables and sentences.
+
+Every row holds the exact, tested bound on the lock pin's backlash at one gain (profile range) of one variant of the
+elbow, as an angle, as a length at the pulley and as a force by equations (1) and (2) of the paper, ``dX = R beta`` and
+``dF = K dX``; what remains of it under tolerances; and, where the elbow's own backlash is larger, the knock with which
+its oscillation begins. Tables are made by pandas; nothing here formats one by hand.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.case import Case
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds import design_bounds
+from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
+from eppanalysis.methods.bounds_result import BoundCell
+from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
+from eppanalysis.provenance import provenance
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+__all__ = ["Guide", "GuideRow", "design_guide"]
+
+GAIN, LIMIT = "bands.range", "lock_pin.backlash"
+Report = Callable[[int, int], None]
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class GuideRow:
+    """The guideline at one gain of one variant, in SI units.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        The gain, and the parameters that make the variant.
+    cell : BoundCell
+        The bound, its tests and its elasticities.
+    allowed : float
+        The bound with the margins asked for taken off [rad].
+    pulley : float
+        ``R allowed``: play of the cable at the pulley [m].
+    force : float
+        ``K R allowed``: change of the cable's force as the forearm passes through the gap [N].
+    tolerance : ToleranceBound or None
+    from_rest : float
+        Backlash from which on the case's own motion starts the oscillation from rest [rad]; nan where none does.
+    own : float
+        The elbow's own backlash [rad].
+    knock : float
+        Smallest step of the harness that starts the oscillation at the own backlash [m]; nan where there is none, or
+        where the own backlash is within the bound.
+    """
+
+    values: dict[str, float]
+    cell: BoundCell
+    allowed: float
+    pulley: float
+    force: float
+    tolerance: ToleranceBound | None
+    from_rest: float
+    own: float
+    knock: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {
+            "values": dict(self.values),
+            "bound": self.cell.to_dict(),
+            "allowed": self.allowed,
+            "pulley": self.pulley,
+            "force": self.force,
+            "tolerance": None if self.tolerance is None else self.tolerance.to_dict(),
+            "from_rest": self.from_rest,
+            "own": self.own,
+            "knock": self.knock,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """Guidelines of a case; see :func:`design_guide`.
+
+    Attributes
+    ----------
+    case : Case
+    varied : tuple of str
+        The parameters that make the variants.
+    rows : tuple of GuideRow
+    margins : dict of str to float
+    provenance : dict
+    """
+
+    case: Case
+    varied: tuple[str, ...]
+    rows: tuple[GuideRow, ...]
+    margins: dict[str, float]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        return {
+            "varied": list(self.varied),
+            "margins": dict(self.margins),
+            "rows": [r.to_dict() for r in self.rows],
+            "sentences": self.sentences(),
+            "provenance": dict(self.provenance),
+        }
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The table, in the units that people use, with the unit of every column in its name."""
+        import pandas
+
+        return pandas.DataFrame([self._line(row) for row in self.rows])
+
+    def _line(self, row: GuideRow) -> dict[str, Any]:
+        line: dict[str, Any] = {}
+        for name, value in row.values.items():
+            unit, factor = self.case.readable(name)
+            line[_column(name.partition(".")[2], unit)] = factor * value
+        _, degrees = self.case.readable(LIMIT)
+        lbf = self.case.readable(GAIN)[1]
+        line |= {
+            "largest backlash [deg]": degrees * row.allowed,
+            "at the pulley [mm]": 1e3 * row.pulley,
+            "force change [lbf]": lbf * row.force,
+            "force change [N]": row.force,
+        }
+        tolerance = row.tolerance
+        if tolerance is not None:
+            line["worst case [deg]"] = degrees * tolerance.worst_case
+            for q in tolerance.quantiles:
+                line[f"{100 * q.probability:g} % [deg]"] = degrees * q.value
+                line[f"{100 * q.probability:g} % from [deg]"] = degrees * q.low
+                line[f"{100 * q.probability:g} % to [deg]"] = degrees * q.high
+        line |= {
+            "first order [deg]": degrees * row.cell.first_order,
+            "oscillates from rest above [deg]": degrees * row.from_rest,
+            "own backlash [deg]": degrees * row.own,
+            "knock that starts it [mm]": 1e3 * row.knock,
+            "verified": "yes" if row.cell.verified else "no",
+            "remark": row.cell.message,
+        }
+        return line
+
+    def sentences(self) -> list[str]:
+        """The table in plain words."""
+        return [self._sentence(row) for row in self.rows]
+
+    def _sentence(self, row: GuideRow) -> str:
+        text = self.case.text
+        place = " and ".join(f"{_words(n)} of {text(n, v, 3)}" for n, v in row.values.items())
+        if not math.isfinite(row.allowed):
+            return f"At a {place}: {row.cell.message}"
+        lbf = self.case.readable(GAIN)[1]
+        out = (
+            f"At a {place} keep backlash under {text(LIMIT, row.allowed, 3)} ({1e3 * row.pulley:.2g} mm at the pulley, "
+            f"{lbf * row.force:.2g} lbf or {row.force:.2g} N of cable force)"
+        )
+        if row.tolerance is not None:
+            out += f"; under {text(LIMIT, row.tolerance.worst_case, 3)} where every tolerance is used up"
+        if row.own <= row.allowed:
+            return out + f". The {text(LIMIT, row.own, 3)} of this elbow are within it."
+        out += f". This elbow has {text(LIMIT, row.own, 3)}: "
+        if math.isfinite(row.knock):
+            return out + f"a step of {1e3 * abs(row.knock):.2g} mm at the harness starts an oscillation that stays."
+        return out + "an oscillation exists, but no step of the harness that was tried starts it."
+
+    def plot(self) -> Figure:
+        """The three regions over the gain: free of cycles, guarded by an unstable one, oscillating from rest."""
+        from eppanalysis.plots_bounds import plot_regions
+
+        return plot_regions(self)
+
+    def write(self, path: Path) -> None:
+        """Write the table (.md, .csv, .tex, .html, .xlsx) or the picture (.png, .svg, .pdf), by the name's ending.
+
+        Raises
+        ------
+        EppError
+            If the ending is not known or the file cannot be written.
+        """
+        from eppanalysis.guide_files import write_guide
+
+        write_guide(self, path)
+
+
+def design_guide(
+    case: Case,
+    gains: Sequence[object],
+    *,
+    variants: Mapping[str, Sequence[object]] | None = None,
+    tolerances: Mapping[str, object] | None = None,
+    margins: Mapping[str, float] | None = None,
+    within: tuple[object, object] | None = None,
+    samples: int = 400,
+    starts: int = 1000,
+    workers: int = 1,
+    seed: int = 20050901,
+    progress: Report | None = None,
+) -> Guide:
+    """Guidelines on backlash for an elbow: at several gains, for all combinations of chosen parameters.
+
+    Parameters
+    ----------
+    case : Case
+        Of the elbow.
+    gains : sequence of quantity
+        Profile ranges.
+    variants : mapping of str to sequence of quantity, optional
+        Values of parameters such as "cable.stiffness", "forearm.prehensor_mass", "pulley.friction"; every combination
+        is a variant. By default the case as it is.
+    tolerances : mapping of str to quantity or percentage, optional
+        Adds the columns for the worst case and for 95 and 99 % of all elbows. Those that the case carries are used
+        where none are given; none are added where there are none.
+    margins : mapping of str to float, optional
+        Factor by which "bands.range" (the gain) may still grow worse and "lock_pin.backlash" must stay below its
+        bound.
+    within : (quantity, quantity), optional
+        Range in which the bound is sought; a twentieth to twice the case's own backlash by default.
+    samples : int
+        Draws for the probabilities.
+    starts : int
+        Runs that test each bound.
+    workers : int
+        Processes.
+    seed : int
+    progress : callable, optional
+        Is told the number of rows done and of all rows.
+
+    Returns
+    -------
+    Guide
+
+    Raises
+    ------
+    EppError
+        If the case is no elbow, or a value is not valid.
+    """
+    if case.kind != "elbow":
+        raise EppError(f"guide: {case.name} is a {case.kind}; expected a case of the elbow.")
+    if not gains:
+        raise EppError("guide: no gain is given; expected one profile range or more.")
+    given = dict(margins or {})
+    for name, factor in given.items():
+        if name not in (GAIN, LIMIT) or not (math.isfinite(factor) and factor >= 1.0):
+            raise EppError(
+                f"guide: the margin of {name} is {factor}; expected a factor of 1 or more on {GAIN} or {LIMIT}."
+            )
+    ranges = [case.si(GAIN, g) for g in gains]
+    names = tuple(variants or {})
+    combinations = [dict(zip(names, values, strict=True)) for values in itertools.product(*(variants or {}).values())]
+    work = _Work(ranges, given, tolerances, within, samples, starts, workers, seed)
+    rows: list[GuideRow] = []
+    total = len(ranges) * len(combinations)
+    for combination in combinations:
+        done = len(rows)
+
+        def tell(count: int, _: int, done: int = done) -> None:
+            if progress is not None:
+                progress(done + count, total)
+
+        rows += work.rows(case.with_values(combination) if combination else case, tuple(combination), tell)
+    settings: dict[str, Any] = {
+        "gains": ranges,
+        "variants": {k: [str(v) for v in vs] for k, vs in (variants or {}).items()},
+    }
+    settings |= {"margins": given, "samples": samples, "starts": starts, "seed": seed}
+    return Guide(case, names, tuple(rows), given, provenance("design guide", settings) | {"case": case.provenance()})
+
+
+@dataclass(frozen=True)
+class _Work:
+    """The settings of a guide."""
+
+    ranges: list[float]
+    margins: dict[str, float]
+    tolerances: Mapping[str, object] | None
+    within: tuple[object, object] | None
+    samples: int
+    starts: int
+    workers: int
+    seed: int
+
+    def rows(self, case: Case, varied: tuple[str, ...], tell: Report) -> list[GuideRow]:
+        """Rows of one variant."""
+        # A margin on the gain asks for the bound of a loop whose gain is larger by it.
+        worse = [gain / self.margins.get(GAIN, 1.0) for gain in self.ranges]
+        bounds = design_bounds(
+            case,
+            GAIN,
+            LIMIT,
+            at=worse,
+            within=self.within,
+            starts=self.starts,
+            seed=self.seed,
+            workers=self.workers,
+            progress=tell,
+        )
+        sweep = HarmonicSweep(Question(case, LIMIT, *bounds.within, GAIN))
+        return [
+            self._row(case, varied, gain, cell, bounds.within, sweep)
+            for gain, cell in zip(self.ranges, bounds, strict=True)
+        ]
+
+    def _row(
+        self,
+        case: Case,
+        varied: tuple[str, ...],
+        gain: float,
+        cell: BoundCell,
+        within: tuple[float, float],
+        sweep: HarmonicSweep,
+    ) -> GuideRow:
+        here = case.with_values({GAIN: gain})
+        own, bound = case.value(LIMIT), cell.bound
+        allowed = bound / self.margins.get(LIMIT, 1.0)
+        question = Question(here, LIMIT, within[0], max(within[1], 2.0 * own))
+        found = math.isfinite(bound)
+        hit = smallest_knock(question, own) if found and own > bound else None
+        radius, stiffness = case.value("pulley.radius"), case.value("cable.stiffness")
+        return GuideRow(
+            values={GAIN: gain, **{name: case.value(name) for name in varied}},
+            cell=cell,
+            allowed=allowed,
+            pulley=radius * allowed,
+            force=stiffness * radius * allowed,
+            tolerance=self._tolerance(here.with_values({GAIN: cell.value}), within, sweep) if found else None,
+            from_rest=starts_from_rest(question, bound, cell.sign) if found else _NAN,
+            own=own,
+            knock=_NAN if hit is None else hit.size,
+        )
+
+    def _tolerance(self, case: Case, within: tuple[float, float], sweep: HarmonicSweep) -> ToleranceBound | None:
+        carried = any(p.tolerance for p in case.parameters.values())
+        if self.tolerances is None and not carried:
+            return None
+        return tolerance_bound(
+            case,
+            LIMIT,
+            self.tolerances,
+            within=within,
+            samples=self.samples,
+            seed=self.seed,
+            threads=self.workers,
+            sweep=sweep,
+        )
+
+
+def _column(name: str, unit: str) -> str:
+    words = _words(f".{name}")
+    return f"{words} [{unit}]" if unit else words
+
+
+def _words(name: str) -> str:
+    last = name.partition(".")[2].replace("_", " ")
+    return {"range": "profile range", "stiffness": "cable stiffness", "friction": "pulley friction"}.get(last, last)
