@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.hybrid import advance, make_room
+from eppanalysis.kernels.hybrid import CLOSED, advance, begin, make_room, repeat
 from eppanalysis.kernels.modes import Model, make_slots, make_work
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
@@ -48,10 +48,20 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
         model = _cell(stack, c)
         x[:], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
+        begin(room, x, stats)
         code = advance(
-            model, slots, work, room, 0, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
+            model, slots, work, room, True, 0, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
             ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
         )  # fmt: skip
+        if code == CLOSED:
+            repeat(
+                model, slots, work, room, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
+                ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+            )  # fmt: skip
+            code = advance(
+                model, slots, work, room, False, model.knot_time.size, x, modes, H, t_end, base_step[c], none, nothing,
+                max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+            )  # fmt: skip
         count = int(stats[1])
         out.code[c], out.events[c] = code, count
         out.since[c] = ev_t[(count - 1) % keep] if count > 0 else 0.0
@@ -66,18 +76,18 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
             x[:], modes[:], H[:] = ev_x[k], ev_modes[k], ev_H[k]
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
-            slots.count[0] = 0
+            stats[:] = 0.0
             advance(
-                model, slots, work, room, model.knot_time.size, x, modes, H, period, period / SAMPLES, times, signals,
-                max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+                model, slots, work, room, False, model.knot_time.size, x, modes, H, period, base_step[c],
+                times, signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
             )  # fmt: skip
             _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
         elif kind == SETTLED:
             times[0] = 0.0
-            slots.count[0] = 0
+            stats[:] = 0.0
             advance(
-                model, slots, work, room, model.knot_time.size, x, modes, H, 1e-12 * t_end, base_step[c], times[:1],
-                signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+                model, slots, work, room, False, model.knot_time.size, x, modes, H, 1e-12 * t_end, base_step[c],
+                times[:1], signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
             )  # fmt: skip
             out.mean[c], out.low[c], out.high[c] = signals[0], signals[0], signals[0]
 

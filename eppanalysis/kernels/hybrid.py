@@ -15,11 +15,23 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT, INLINE, compile_step, find_slot, make_slots, make_work
+from eppanalysis.kernels.closure import closing, ring_on, sort_into
+from eppanalysis.kernels.modes import (
+    HOT,
+    INLINE,
+    LONG_DOUBLINGS,
+    LONGS,
+    compile_long,
+    compile_step,
+    find_slot,
+    make_slots,
+    make_work,
+)
 from eppanalysis.kernels.series import (
     DELAY_LINE,
     EPS,
     ORDER,
+    combine,
     expand,
     first_rise,
     guard_noise,
@@ -33,7 +45,7 @@ from eppanalysis.kernels.series import (
     travel,
 )
 
-DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
+DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY, CLOSED = 0, 1, 2, 3, 4, 5, 6
 LINE_CAPACITY = 8192
 
 
@@ -52,6 +64,7 @@ class Room(NamedTuple):
     held: np.ndarray  # (H,)
     guard: np.ndarray  # (4, G)
     end: np.ndarray  # (2n + 2G,)
+    watch: np.ndarray  # (2,) candidate period of a run that closes, events near their predecessors
     line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
     line_h: np.ndarray  # (s, ring) unit of its series
     line_c: np.ndarray  # (s, ring, order + 1)
@@ -81,6 +94,7 @@ def make_room(model):
         np.zeros(n_H),
         np.zeros((4, G)),
         np.zeros(2 * n + 2 * G),
+        np.zeros(2),
         np.zeros((n_s, size, 2)),
         np.ones((n_s, size)),
         np.zeros((n_s, size, ORDER + 1)),
@@ -127,8 +141,8 @@ def run(
     rate : array (n,)
         Filled with the rate of the state at the end.
     stats : array (8,)
-        Filled with: time reached, events, samples written, fast steps, series steps, forced leaves, largest guard
-        excess, slots compiled.
+        Filled with: time reached, events, samples written, fast steps, series steps, forced leaves, periods repeated,
+        slots compiled.
 
     Returns
     -------
@@ -136,34 +150,92 @@ def run(
         DONE or the reason for stopping early.
     """
     slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
-    return advance(
-        model, slots, work, room, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-        ev_t, ev_guard, ev_x, ev_v,
-        ev_H, ev_modes, rate, stats,
+    begin(room, x, stats)
+    code = advance(
+        model, slots, work, room, True, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+        ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
     )  # fmt: skip
+    if code == CLOSED:
+        repeat(
+            model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+            ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+        )  # fmt: skip
+        code = advance(
+            model, slots, work, room, False, model.knot_time.size, x, modes, H, t_end, base_step, samples, out,
+            max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+        )  # fmt: skip
+    return code
+
+
+@njit(cache=True, nogil=True)
+def begin(room, x, stats):
+    """Set the counters to zero, and the sizes from which rounding is judged to those of the state at the start."""
+    for i in range(8):
+        stats[i] = 0.0
+    for i in range(x.size):
+        room.row[0, i] = room.row[1, i] = abs(x[i])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def repeat(
+    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+):  # fmt: skip
+    """Carry a run that has closed through all whole periods to come: its clock, its events, and its signals.
+
+    The samples that fall into these periods are taken in one turn, in the order of their phases.
+    """
+    t, count, first, p = stats[0], int(stats[1]), int(stats[2]), int(stats[6])
+    period = 0.5 * (ev_t[(count - 1) % keep] - ev_t[(count - 1 - 2 * p) % keep])
+    turns = min(int((t_end - t) / period), (max_events - count) // p)
+    stats[6] = turns
+    if turns <= 0:
+        return
+    last = first + np.searchsorted(samples[first:], t + turns * period)
+    n = last - first
+    if n > 0:
+        phases, order = np.empty(n), np.empty(n, np.int64)
+        for i in range(n):
+            after = samples[first + i] - t
+            phases[i] = max(0.0, after - np.floor(after / period) * period)
+        sort_into(phases, period, order, np.empty(n + 1, np.int64))
+        values, own, y, m, K = np.empty((n, out.shape[1])), np.zeros(8), x.copy(), modes.copy(), H.copy()
+        advance(
+            model, slots, work, room, False, model.knot_time.size, y, m, K, period, base_step, phases[order], values,
+            max_events, 1, np.empty(1), np.empty(1, np.int64), np.empty((1, x.size)), np.empty((1, x.size)),
+            np.empty((1, H.size)), np.empty((1, modes.size), np.int64), rate, own,
+        )  # fmt: skip
+        for i in range(n):
+            for j in range(out.shape[1]):
+                out[first + order[i], j] = values[i, j]
+        for i in range(3, 6):
+            stats[i] += own[i]
+    ring_on(turns, p, period, count, keep, np.empty(p), ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes)
+    stats[0], stats[1], stats[2] = t + turns * period, count + turns * p, last
 
 
 @njit(**HOT)
 def advance(
-    model, slots, work, room, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-    ev_t, ev_guard, ev_x, ev_v,
-    ev_H, ev_modes, rate, stats,
+    model, slots, work, room, watched, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep,
+    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
 ):  # fmt: skip
-    """The loop of :func:`run`, without allocation; knots before `first_knot` are taken as passed."""
+    """The loop of :func:`run`, without allocation, from the time, event and sample that `stats` gives (see `begin`).
+
+    Knots before `first_knot` are taken as passed. A run that is `watched` returns CLOSED as soon as it has closed on a
+    cycle, with the number of events in a period in place of the periods repeated.
+    """
     n, n_s = x.size, model.S.shape[1]
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
     p, largest, recent, D, V = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
     f, xd, small, held, still = room.row[4], room.row[5], room.row[7], room.held, room.still
     constant, g0, g1, tol, end = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.end
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
-    for i in range(n):
-        largest[i] = recent[i] = abs(x[i])
     n_samples, n_knots = samples.size, model.knot_time.size
-    i_sample, i_knot, count, same_instant, armed, forced = 0, first_knot, 0, 0, False, False
-    t, j_grid, last_t = 0.0, 0, 0.0
+    t, count, i_sample, i_knot = stats[0], int(stats[1]), int(stats[2]), first_knot
+    j_grid, last_t, same_instant, quiet, armed, forced = 0, t, 0, 0, False, False
     limit_same = 2 * model.mode_first[-1] + 16
-    for i in range(8):
-        stats[i] = 0.0
+    watch = room.watch
+    watch[0] = 0.0
     code = DONE
     q = find_slot(model, slots, work, modes, base_step)
     if q < 0:
@@ -184,6 +256,22 @@ def advance(
         t_stop = t_end
         if i_knot < n_knots and model.knot_time[i_knot] < t_stop:
             t_stop = model.knot_time[i_knot]
+        # Long step, where nothing has happened for a while and nothing is to be sampled.
+        if quiet >= 16 and armed:
+            level = min(quiet // 32, LONGS - 1)
+            steps = 1 << (LONG_DOUBLINGS * (level + 1))
+            t1 = (j_grid + steps) * h
+            if t1 <= t_stop and (i_sample == n_samples or samples[i_sample] >= t1 - 1e-9 * h):
+                while slots.longs[q] <= level:
+                    compile_long(slots, work, q)
+                if _long_step(slots, q, level, n, xd, g0, tol, end):
+                    _move(x, xd, g0, g1, end, n, slots.n_guards[q])
+                    j_grid += steps
+                    t = t1
+                    quiet += 4
+                    stats[3] += 1
+                    continue
+                quiet = 0
         # Fast step: proven free of events from the values at its ends.
         tried = False
         if armed:
@@ -195,16 +283,13 @@ def advance(
             tried = t1 <= t_stop and not inside
             if tried:
                 if _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
-                    for i in range(n):
-                        x[i] += end[i]
-                        xd[i] = end[n + i]
-                    for g in range(slots.n_guards[q]):
-                        g0[g] += end[2 * n + g]
-                        g1[g] = end[2 * n + slots.n_guards[q] + g]
+                    _move(x, xd, g0, g1, end, n, slots.n_guards[q])
                     j_grid += 1
                     t = t1
+                    quiet += 1
                     stats[3] += 1
                     continue
+        quiet = 0
         # Series step, at most to the next point of the grid.
         j_grid = int(np.floor(t / h + 1e-9)) + 1
         t1 = j_grid * h
@@ -268,7 +353,10 @@ def advance(
         if best > 0.0:
             u1 = min(best, 1.0)
             while i_sample < n_samples and samples[i_sample] < t + u1 * d - 1e-9 * h * (which < 0):
-                _sample_series(slots, q, X, last, Sg, max(0.0, (samples[i_sample] - t) / d), room, out[i_sample])
+                _sample_series(
+                    slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], X, last, Sg,
+                    max(0.0, (samples[i_sample] - t) / d), room.row[6], still, room.sigma, out[i_sample],
+                )  # fmt: skip
                 i_sample += 1
             if n_s > 0:
                 _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
@@ -329,6 +417,13 @@ def advance(
                 ev_v[r, i] = rate[i]
             _record(r, x, H, modes, ev_x, ev_H, ev_modes)
             count += 1
+            if watched and i_knot == n_knots and n_s == 0:
+                for i in range(n):
+                    largest[i] = max(largest[i], abs(x[i]))
+                p_events = closing(watch, count, keep, ev_guard, ev_x, ev_H, ev_modes, largest)
+                if p_events > 0:
+                    code, stats[6] = CLOSED, p_events
+                    break
         for i in range(n):
             if not abs(x[i]) < 1e100:
                 code = DIVERGED
@@ -338,7 +433,7 @@ def advance(
         while i_sample < n_samples and samples[i_sample] <= t * (1.0 + 1e-12):
             _write(slots, q, x, still, Sg[0], out[i_sample])
             i_sample += 1
-    if code != SINGULAR:
+    if code != SINGULAR and code != CLOSED:
         expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
         for i in range(n):
             rate[i] = X[1, i]
@@ -350,22 +445,8 @@ def advance(
 def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
     """Increments over one grid step into `end`; False when an event inside cannot be excluded."""
     G = slots.n_guards[q]
-    T, bound = slots.T[q], slots.bound[q]
-    size = 2 * n + 2 * G
-    for r in range(size):
-        end[r] = 0.0
-    i = 0
-    while i + 4 <= n:
-        a, b, c, d = xd[i], xd[i + 1], xd[i + 2], xd[i + 3]
-        ra, rb, rc, rd = T[i], T[i + 1], T[i + 2], T[i + 3]
-        for r in range(size):
-            end[r] += ra[r] * a + rb[r] * b + rc[r] * c + rd[r] * d
-        i += 4
-    while i < n:
-        a, ra = xd[i], T[i]
-        for r in range(size):
-            end[r] += ra[r] * a
-        i += 1
+    bound = slots.bound[q]
+    combine(slots.T[q], xd, end[: 2 * n + 2 * G])
     third = h / 3.0
     for g in range(G):
         a = g0[g]
@@ -379,6 +460,32 @@ def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
         if most > -stray:
             return False
     return True
+
+
+@njit(**INLINE)
+def _long_step(slots, q, level, n, xd, g0, tol, end):
+    """Increments over a long step into `end`; False when an event inside cannot be excluded."""
+    G = slots.n_guards[q]
+    reach = slots.reach[q, level]
+    for g in range(G):
+        v = g0[g] + tol[g]
+        for i in range(n):
+            v += reach[i, g] * abs(xd[i])
+        if not v < 0.0:
+            return False
+    combine(slots.T_long[q, level], xd, end[: 2 * n + 2 * G])
+    return True
+
+
+@njit(**INLINE)
+def _move(x, xd, g0, g1, end, n, G):
+    """Take over the increments of a step."""
+    for i in range(n):
+        x[i] += end[i]
+        xd[i] = end[n + i]
+    for g in range(G):
+        g0[g] += end[2 * n + g]
+        g1[g] = end[2 * n + G + g]
 
 
 @njit(**INLINE)
@@ -436,15 +543,21 @@ def _enter(slots, q, H, f, constant, still):
 
 
 @njit(**INLINE)
-def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
-    """Rates and guards at a grid point, for the fast steps that follow."""
-    n = x.size
+def _rates(slots, q, x, f, xd):
+    """Rate of the state x in a linear slot."""
     count, place, value = slots.M_count[q], slots.M_place[q], slots.M_value[q]
-    for i in range(n):
+    for i in range(x.size):
         v = f[i]
         for c in range(count[i]):
             v += value[i, c] * x[place[i, c]]
         xd[i] = v
+
+
+@njit(**INLINE)
+def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
+    """Rates and guards at a grid point, for the fast steps that follow."""
+    n = x.size
+    _rates(slots, q, x, f, xd)
     for g in range(slots.n_guards[q]):
         v, d, size = constant[g], 0.0, abs(constant[g])
         for c in range(slots.ga_count[q, g]):
@@ -565,22 +678,26 @@ def _settle_on_level(model, slots, q, e, modes, x, H):
 @njit(**INLINE)
 def _write(slots, q, x, still, sigma, row):
     """Signals at state x."""
+    _signals(slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], x, still, sigma, row)
+
+
+@njit(**INLINE)
+def _signals(count, place, value, smooth, x, still, sigma, row):
     for i in range(row.size):
         v = still[i]
-        for c in range(slots.Y_count[q, i]):
-            v += slots.Y_value[q, i, c] * x[slots.Y_place[q, i, c]]
+        for c in range(count[i]):
+            v += value[i, c] * x[place[i, c]]
         for j in range(sigma.size):
-            v += slots.Ys[q, i, j] * sigma[j]
+            v += smooth[i, j] * sigma[j]
         row[i] = v
 
 
 @njit(**HOT)
-def _sample_series(slots, q, X, last, Sg, u, room, row):
-    """Signals at u of a series step."""
-    x, sigma = room.row[6], room.sigma
+def _sample_series(count, place, value, smooth, X, last, Sg, u, x, still, sigma, row):
+    """Signals at u of a series step. (Handed over are the few arrays that it needs: a call with all is dearer.)"""
     state_at(X, last, u, x)
     state_at(Sg, last, u, sigma)
-    _write(slots, q, x, room.still, sigma, row)
+    _signals(count, place, value, smooth, x, still, sigma, row)
 
 
 @njit(**INLINE)

@@ -13,10 +13,14 @@ import numpy as np
 from numba import njit
 
 #: Hot functions: they allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
-HOT = {"cache": True, "nogil": True, "_nrt": False}
+#: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
+HOT = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
 #: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
 #: most of them compute.
 INLINE = {**HOT, "inline": "always"}
+
+#: A long step is 2**4 steps of the grid, the longest 2**8.
+LONG_DOUBLINGS, LONGS = 4, 2
 
 
 class Model(NamedTuple):
@@ -108,6 +112,9 @@ class Slots(NamedTuple):
     gfH: np.ndarray  # (q, G, H)
     T: np.ndarray  # (q, n, 2n + 2G): from the rate at the start to state increment, rate, guard increments, guard rates
     bound: np.ndarray  # (q, n, G)
+    longs: np.ndarray  # (q,) int: lengths of the next two that are filled
+    T_long: np.ndarray  # (q, lengths, n, 2n + 2G): as T, over long steps
+    reach: np.ndarray  # (q, lengths, n, G): bound on how far a guard moves on the way, from the rate at the start
 
 
 class Work(NamedTuple):
@@ -160,7 +167,7 @@ def make_slots(model, capacity):
         np.zeros(q, np.int64),
         np.empty((q, n, n)),
         np.empty((q, n), np.int64),
-        np.empty((q, n, n), np.int64),
+        np.empty((q, n, n), np.uint32),
         np.empty((q, n, n)),
         np.empty((q, n, n_H)),
         np.empty((q, n, n_s)),
@@ -171,7 +178,7 @@ def make_slots(model, capacity):
         np.empty((q, n_z, n_H)),
         np.empty((q, n_z, n_s)),
         np.empty((q, n_y), np.int64),
-        np.empty((q, n_y, n), np.int64),
+        np.empty((q, n_y, n), np.uint32),
         np.empty((q, n_y, n)),
         np.empty((q, n_y, n_H)),
         np.empty((q, n_y, n_s)),
@@ -179,10 +186,10 @@ def make_slots(model, capacity):
         np.empty((q, G), np.int64),
         np.empty((q, G), np.int64),
         np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.int64),
+        np.empty((q, G, n), np.uint32),
         np.empty((q, G, n)),
         np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.int64),
+        np.empty((q, G, n), np.uint32),
         np.empty((q, G, n)),
         np.empty((q, G, n_H)),
         np.empty((q, G, n_s)),
@@ -192,6 +199,9 @@ def make_slots(model, capacity):
         np.empty((q, G, n_H)),
         np.empty((q, n, 2 * n + 2 * G)),
         np.empty((q, n, G)),
+        np.zeros(q, np.int64),
+        np.empty((q, LONGS, n, 2 * n + 2 * G)),
+        np.empty((q, LONGS, n, G)),
     )
 
 
@@ -577,7 +587,7 @@ def _choose_step(slots, work, q, base_step):
     h = base_step
     while rate * h > 6.0:
         h *= 0.5
-    slots.step[q], slots.rate[q], slots.ready[q] = h, rate, 0
+    slots.step[q], slots.rate[q], slots.ready[q], slots.longs[q] = h, rate, 0, 0
 
 
 @njit(**HOT)
@@ -588,19 +598,11 @@ def compile_step(slots, work, q):
     slots.ready[q] = 1
     integral, power, half = a[2], a[3], a[4]
     flow(M, h, rate, integral, power, half, a[5], a[6])
-    T, bound = slots.T[q], slots.bound[q]
-    _put(T, 0, integral)
-    _put(T, n, power)
+    bound = slots.bound[q]
+    _fill_step(slots.T[q], slots.gf[q], G, integral, power)
     row, other, total = work.row[0], work.row[1], work.row[2]
     for g in range(G):
         f = slots.gf[q, g]
-        for i in range(n):
-            u, v = 0.0, 0.0
-            for j in range(n):
-                u += integral[i, j] * f[j]
-                v += power[i, j] * f[j]
-            T[i, 2 * n + g] = u
-            T[i, 2 * n + G + g] = v
         # Fourth derivative of the guard: gf M^3 exp(M s) x'(0), bounded over the step by its series about the middle.
         _apply(M, f, row)
         _apply(M, row, other)
@@ -621,6 +623,83 @@ def compile_step(slots, work, q):
                 break
         for i in range(n):
             bound[i, g] = 1.001 * scale * total[i]
+
+
+@njit(**HOT)
+def compile_long(slots, work, q):
+    """Fill the matrices of the next longer step of slot q, and the bound on its guards' travel."""
+    n, G, level, a = slots.M.shape[1], slots.n_guards[q], slots.longs[q], work.square
+    integral, power, product = a[2], a[3], a[4]
+    T = slots.T[q] if level == 0 else slots.T_long[q, level - 1]
+    reach = slots.reach[q, level]
+    for i in range(n):
+        for j in range(n):
+            integral[i, j], power[i, j] = T[i, j], T[i, n + j]
+    row, other = work.row[0], work.row[1]
+    for g in range(G):
+        if level == 0:
+            _travel(slots, q, g, row, other, reach)
+        else:
+            for i in range(n):
+                reach[i, g] = slots.reach[q, level - 1, i, g]
+    for _ in range(LONG_DOUBLINGS):
+        for g in range(G):
+            for i in range(n):
+                v = reach[i, g]
+                for j in range(n):
+                    v += abs(power[i, j]) * reach[j, g]
+                row[i] = v
+            for i in range(n):
+                reach[i, g] = row[i]
+        _multiply(power, integral, product)
+        for i in range(n):
+            for j in range(n):
+                integral[i, j] += product[i, j]
+        _multiply(power, power, product)
+        _copy(power, product)
+    _fill_step(slots.T_long[q, level], slots.gf[q], G, integral, power)
+    slots.longs[q] = level + 1
+
+
+@njit(**HOT)
+def _travel(slots, q, g, row, other, reach):
+    """Bound on how far guard g moves over the step of slot q, from the rate at the start, by its series."""
+    n, h = slots.M.shape[1], slots.step[q]
+    f = slots.gf[q, g]
+    for i in range(n):
+        row[i] = f[i]
+        reach[i, g] = h * abs(f[i])
+    factor = h
+    for k in range(2, 64):
+        factor *= h / k
+        _apply(slots.M[q], row, other)
+        grown = False
+        for i in range(n):
+            row[i] = other[i]
+            v = factor * abs(other[i])
+            reach[i, g] += v
+            grown = grown or v > 1e-4 * reach[i, g]
+        if k > 8 and not grown:
+            break
+    for i in range(n):
+        reach[i, g] *= 1.001
+
+
+@njit(**HOT)
+def _fill_step(T, gf, G, integral, power):
+    """Columns of T: state increment, rate, guard increments and guard rates at the end of a step."""
+    n = integral.shape[0]
+    _put(T, 0, integral)
+    _put(T, n, power)
+    for g in range(G):
+        f = gf[g]
+        for i in range(n):
+            u, v = 0.0, 0.0
+            for j in range(n):
+                u += integral[i, j] * f[j]
+                v += power[i, j] * f[j]
+            T[i, 2 * n + g] = u
+            T[i, 2 * n + G + g] = v
 
 
 @njit(**HOT)

@@ -79,11 +79,31 @@ def expand(model, slots, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     return -1
 
 
+@njit(**INLINE)
+def combine(rows, weights, out):
+    """out = weights @ rows, four rows at a time."""
+    n, size = weights.size, out.size
+    for r in range(size):
+        out[r] = 0.0
+    i = 0
+    while i + 4 <= n:
+        a, b, c, d = weights[i], weights[i + 1], weights[i + 2], weights[i + 3]
+        ra, rb, rc, rd = rows[i], rows[i + 1], rows[i + 2], rows[i + 3]
+        for r in range(size):
+            out[r] += ra[r] * a + rb[r] * b + rc[r] * c + rd[r] * d
+        i += 4
+    while i < n:
+        a, ra = weights[i], rows[i]
+        for r in range(size):
+            out[r] += ra[r] * a
+        i += 1
+
+
 @njit(**HOT)
 def _smooth_term(model, j, k, X, H, Sg, arg, aux):
     """Coefficient k of smooth channel j by the recurrences of Taylor arithmetic."""
     a = 0.0
-    for i in range(X.shape[1]):
+    for i in range(model.smooth_x.shape[1]):
         a += model.smooth_x[j, i] * X[k, i]
     if k == 0:
         for i in range(H.size):
@@ -212,7 +232,7 @@ def term_sizes(slots, q, X, Sg, H, h, recent, first, last, Y):
     Rounding comes from these, not from what is left after they cancel; `recent` holds the sizes from which the state at
     the start was computed.
     """
-    n, n_s = X.shape[1], Sg.shape[1]
+    n, n_s = Y.shape[1], Sg.shape[1]
     count, place, value = slots.M_count[q], slots.M_place[q], slots.M_value[q]
     if first == 0:
         for i in range(n):

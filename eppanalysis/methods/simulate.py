@@ -225,7 +225,7 @@ def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
 
 
 def _statistics(run: Run) -> dict[str, Any]:
-    names = ("time_reached", "events", "samples", "fast_steps", "series_steps", "forced_leaves")
+    names = ("time_reached", "events", "samples", "fast_steps", "series_steps", "forced_leaves", "periods_repeated")
     return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(names)}
 
 
