@@ -74,7 +74,7 @@ def _apart(c, p, keep, ev_x, largest):
     for i in range(largest.size):
         d = abs(ev_x[c % keep, i] - ev_x[(c - p) % keep, i])
         if d > worst * largest[i]:
-            worst = d / largest[i]
+            worst = d / largest[i] if largest[i] > 0.0 else np.inf
     return worst
 
 
@@ -99,7 +99,7 @@ def _change(c, p, keep, ev_x, ev_H, ev_modes, largest):
             d = max(d, abs(v - values[(c - k - p) % keep, j]))
         scale = max(high - low, 1e-3 * size)
         if d > worst * scale:
-            worst = d / scale
+            worst = d / scale if scale > 0.0 else np.inf
     return worst
 
 
