@@ -187,7 +187,8 @@ def repeat(
     """
     t, count, first, p = stats[0], int(stats[1]), int(stats[2]), int(stats[6])
     period = 0.5 * (ev_t[(count - 1) % keep] - ev_t[(count - 1 - 2 * p) % keep])
-    turns = min(int((t_end - t) / period), (max_events - count) // p)
+    # Switches that pile up at one instant have no period.
+    turns = min(int((t_end - t) / period), (max_events - count) // p) if period > 1e-12 * t else 0
     stats[6] = turns
     if turns <= 0:
         return
