@@ -76,7 +76,8 @@ def sweep(
     Raises
     ------
     EppError
-        If an axis, verb, signal, scheduler or number is not valid, the store is of another sweep or cannot be written.
+        If an axis, verb, signal, scheduler or number is not valid, the store is of another sweep or cannot be written,
+        or Dask and Zarr are not installed.
 
     Examples
     --------
@@ -88,6 +89,7 @@ def sweep(
     >>> [round(float(f), 2) for f in found["frequency"]]
     [nan, 8.97]
     """
+    _require("dask", "zarr")
     from eppanalysis.sweep.progress import progress as show_progress
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import MemoryStore, ZarrStore, cells_in
@@ -122,9 +124,22 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     EppError
         If there is no store of a sweep.
     """
+    _require("zarr")
     from eppanalysis.sweep import store
 
     return store.open_sweep(path)
+
+
+def _require(*packages: str) -> None:
+    """Refuse in one sentence where what schedules and stores is not installed."""
+    from importlib.util import find_spec
+
+    missing = [name for name in packages if find_spec(name) is None]
+    if missing:
+        raise EppError(
+            f"sweep: {' and '.join(missing)} cannot be imported; expected an installation with the extra for sweeps "
+            "(pip install -e '.[sweep]')."
+        )
 
 
 def _chunk(design: Design, task: Task, chunk: int | None) -> int:

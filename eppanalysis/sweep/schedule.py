@@ -81,7 +81,8 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected it installed.") from error
+        extra = "an installation with the extra for sweeps (pip install -e '.[sweep]')"
+        raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected {extra}.") from error
 
     if scheduler == "processes":
         with (

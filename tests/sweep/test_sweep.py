@@ -216,6 +216,17 @@ def test_exact_orbits() -> None:
     assert float(found["exact_frequency"][0]) == pytest.approx(wanted, rel=1e-6)
 
 
+def test_without_dask_and_zarr_it_is_one_sentence(monkeypatch) -> None:
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in ("dask", "zarr") else find(name))
+    with pytest.raises(EppError, match=r"dask and zarr cannot be imported; expected .*\[sweep\]"):
+        sweep(SHORT, AXES, progress=False)
+    with pytest.raises(EppError, match="zarr cannot be imported"):
+        epp.open_sweep("map.zarr")
+
+
 def test_samples_have_a_coordinate_for_every_parameter() -> None:
     found = sweep(SHORT, Sobol({"bands.range": "1:5:lbf", "pulley.friction": (0.0, 0.1)}, 8), chunk=3, progress=False)
     assert found["status"].dims == ("sample",)
