@@ -130,8 +130,8 @@ def phase_rows() -> list[Row]:
             f"at the slip the sensor force falls by {phase.jump / LBF:.2g} lbf, and it is in extension "
             f"{1e3 * (phase.extension - phase.slips):.3g} ms later",
             "same order of phases, but the slip alone does not turn flexion into extension: it lets the force go, and "
-            f"the forearm's motion does the rest; so in {variants - reverse} of {variants} variations of what the paper "
-            "leaves open",
+            f"the forearm's motion does the rest; so in {variants - reverse} of {variants} variations of what the "
+            "paper leaves open",
             AGREES if at_once and harness <= high else PARTLY,
         )
     ]
