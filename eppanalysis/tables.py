@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from eppanalysis import screen
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds_result import DesignBounds
 from eppanalysis.methods.knock import Knock
 from eppanalysis.methods.ladder import Ladder
 from eppanalysis.results import LimitCycle, Trajectory
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _SHORT = 28
-_LIKED = "a case, a ladder, a run, margins, provenance, limit cycles, knocks, or cases with their ladders"
+_LIKED = "a case, a ladder, a run, bounds, margins, provenance, limit cycles, knocks, or cases with their ladders"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +75,11 @@ def table(what: Any) -> ShownTable:
 
     Parameters
     ----------
-    what : Case, Ladder, Trajectory, Prediction, CycleSearch, mapping, or sequence
+    what : Case, Ladder, Trajectory, Prediction, CycleSearch, DesignBounds, mapping, or sequence
         Of a case its parameters with where they come from; of a ladder all methods side by side; of a run its cycle, or
-        where it rests; of a prediction or a search its limit cycles. A mapping is the margins of a prediction, or the
-        provenance of a case. A sequence holds limit cycles, knocks, or pairs of a case and its ladder.
+        where it rests; of a prediction or a search its limit cycles; of bounds one a row. A mapping is the margins of a
+        prediction, or the provenance of a case. A sequence holds limit cycles, knocks, or pairs of a case and its
+        ladder.
 
     Returns
     -------
@@ -132,6 +134,7 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (Case, screen.parameters_table),
     (Ladder, screen.ladder_table),
     (Trajectory, _run),
+    (DesignBounds, screen.bounds_table),
     (Mapping, _mapping),
 )
 _OF_SEQUENCES: tuple[tuple[type, Any], ...] = (

@@ -109,6 +109,17 @@ try:
 except epp.EppError as reason:
     print(reason)"""
 
+_BOUNDS = """\
+try:
+    bounds = epp.design_bounds(
+        case, "bands.range", "lock_pin.backlash", start=case.value("bands.range"), points=1, verify=False
+    )
+    display(epp.table(bounds))
+    for cell in bounds:
+        print(cell.message)
+except epp.EppError as reason:
+    print(reason)"""
+
 _PROVENANCE = """\
 from datetime import datetime
 
@@ -209,5 +220,11 @@ SECTIONS: tuple[Section, ...] = (
         _branch,
     ),
     Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
+    Section(
+        "Bounds",
+        "How much backlash this gain bears before any limit cycle exists: by first order, by harmonic balance, and "
+        "exactly. The command eppanalysis bounds gives the whole curve, put to the test on both sides.",
+        lambda case: _BOUNDS if case.kind == "elbow" else "",
+    ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
 )
