@@ -21,7 +21,7 @@ author = "eppanalysis developers"
 version = release = eppanalysis.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # Markdown, and the tutorials, which run when the documentation is built
     "numpydoc",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
@@ -38,6 +38,9 @@ html_show_copyright = False
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
 nitpicky = False
 
 autosummary_generate = True

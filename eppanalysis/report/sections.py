@@ -82,11 +82,13 @@ except epp.EppError as reason:
     print(reason)"""
 
 _KNOCK = """\
-try:
-    knocks = epp.knock(system, final, cycles=cycles) if cycles else ()
-    display(epp.table(knocks))
-except epp.EppError as reason:
-    print(reason)"""
+if cycles:
+    try:
+        display(epp.table(epp.knock(system, cycles=cycles)))
+    except epp.EppError as reason:
+        print(reason)
+else:
+    print("No exact limit cycle is known, so there is none that a knock could start.")"""
 
 _BRANCH = """\
 try:
@@ -109,14 +111,12 @@ try:
 except epp.EppError as reason:
     print(reason)"""
 
-_BOUNDS = """\
+_GUIDELINE = """\
 try:
-    bounds = epp.design_bounds(
-        case, "bands.range", "lock_pin.backlash", start=case.value("bands.range"), points=1, verify=False
-    )
-    display(epp.table(bounds))
-    for cell in bounds:
-        print(cell.message)
+    guide = epp.design_guide(case, [case.value("bands.range")], starts=100)
+    display(guide.to_frame().round(3).T.set_axis(["this case"], axis="columns"))
+    for sentence in guide.sentences():
+        print(sentence)
 except epp.EppError as reason:
     print(reason)"""
 
@@ -221,10 +221,10 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
     Section(
-        "Bounds",
-        "How much backlash this gain bears before any limit cycle exists: by first order, by harmonic balance, and "
-        "exactly. The command eppanalysis bounds gives the whole curve, put to the test on both sides.",
-        lambda case: _BOUNDS if case.kind == "elbow" else "",
+        "Bounds and guideline",
+        "How much backlash this gain bears before any limit cycle exists, put to the test on both sides. The commands "
+        "eppanalysis bounds and eppanalysis guide give whole curves and tables.",
+        lambda case: _GUIDELINE if case.kind == "elbow" else "",
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
 )

@@ -123,7 +123,7 @@ def press(page, field: str, key: str = "ArrowRight", times: int = 1) -> None:
         page.keyboard.press(key)
 
 
-def wait(page, condition: str, seconds: float = 20.0) -> None:
+def wait(page, condition: str, seconds: float = 60.0) -> None:
     """Until a condition holds."""
     page.wait_for_function(condition, timeout=1000 * seconds)
 

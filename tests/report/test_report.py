@@ -26,7 +26,7 @@ lock_pin.backlash = { value = "1.6 deg", mark = "measured", note = "<img src=htt
 """
 
 
-SECTIONS = tuple(section for section in sections.SECTIONS if section.title != "Bounds")
+SECTIONS = tuple(section for section in sections.SECTIONS if section.title != "Bounds and guideline")
 
 
 class Links(HTMLParser):
