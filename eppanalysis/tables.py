@@ -63,7 +63,7 @@ class ShownTable:
 
 def _cell(kind: str, text: str, justify: str) -> str:
     """A cell: short texts stay on one line, and spaces that indent stay."""
-    style = "text-align: right" if justify == "right" else "text-align: left"
+    style = f"text-align: {'right' if justify == 'right' else 'left'}; padding-right: 1em"
     if len(text) < _SHORT:
         style += "; white-space: nowrap"
     indent = "&emsp;" * ((len(text) - len(text.lstrip(" "))) // 2)
