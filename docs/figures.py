@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures_cycles import elbow_basins, elbow_branch
 from figures_harmonic import harmonic_convergence
 from first_order_tables import first_order_errors
 from matplotlib.axes import Axes
@@ -199,6 +200,8 @@ def make_all(folder: Path) -> None:
         nyquist_relay_dead_zone,
         harmonic_convergence,
         first_order_errors,
+        elbow_basins,
+        elbow_branch,
     )
     for make in pictures:
         save(make(), folder / f"{make.__name__}.png")
