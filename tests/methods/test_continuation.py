@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -108,3 +109,52 @@ def test_empty_ranges_and_loops_without_cycles_are_refused():
         epp.continue_branch(case, "lock_pin.backlash", "1 deg", "1 deg")
     with pytest.raises(EppError, match="no limit cycle"):
         epp.continue_branch(case, "lock_pin.backlash", "0.25 deg", "0.3 deg")
+
+
+@dataclass(frozen=True)
+class Chua:
+    """Chua's circuit (piecewise linear; Matsumoto 1984) as a case with one parameter: it doubles its period."""
+
+    alpha: float
+    name: str = "Chua's circuit"
+    input: None = None
+    t_end: float = 400.0
+
+    def to_system(self) -> epp.LureSystem:
+        a, inner, outer = self.alpha, -8 / 7, -5 / 7
+        A = [[-a * (1 + outer), a, 0], [1, -1, 1], [0, -100 / 7, 0]]
+        B = [[-a * (inner - outer)], [0], [0]]
+        return epp.LureSystem.build(A, B, [[1.0, 0, 0]], [epp.Saturation()], x0=[1.5, 0.1, -1.5], name=self.name)
+
+    def with_values(self, values):
+        return Chua(float(values["alpha"]))
+
+    def si(self, name, value):
+        return float(value)
+
+    def value(self, name):
+        return self.alpha
+
+    def unit(self, name):
+        return "", ""
+
+
+def test_period_doubling_is_located_and_labelled():
+    branch = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3)
+    (doubling,) = branch.special
+    assert doubling.kind == "period doubling"
+    assert min(abs(doubling.cycle.multipliers + 1.0)) < 1e-9
+    # Regression value; runs on both sides witness it: one turn below, two turns above.
+    assert doubling.value == pytest.approx(8.17520835, rel=1e-8)
+    for offset, turns in ((-0.05, 1), (0.05, 2)):
+        cycle = epp.simulate(Chua(doubling.value + offset).to_system(), t_end=800.0).limit_cycle
+        assert cycle is not None
+        assert cycle.period == pytest.approx(turns * doubling.cycle.period, rel=1e-2)
+
+
+def test_doubled_branch_leads_back_to_where_it_branches_off():
+    branch = epp.continue_branch(Chua(8.25), "alpha", 8.25, 8.1)
+    meets = branch.special[-1] if branch.special else None
+    assert branch.points["period"][0] == pytest.approx(2 * 2.29, rel=1e-2)
+    assert meets is None or meets.value == pytest.approx(8.17520835, abs=2e-3)
+    assert branch.points["value"].min() == pytest.approx(8.17520835, abs=2e-3)
