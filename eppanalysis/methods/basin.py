@@ -108,10 +108,15 @@ def basin(
 
 
 def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
-    """Whether a run without verdict only drifts ever more slowly through a band without gain."""
+    """Whether a run without verdict has switched and now only drifts ever more slowly through a band without gain.
+
+    A run that drifts from its start on without a switch may still come to the edge of the band and begin to move.
+    """
     t = _LONGER[-1] * horizon
     run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 60_000, 600)
-    return fades(start, run, t, horizon, np.append(size, np.zeros(start.x0.size - size.size)))
+    size = np.append(size, np.zeros(start.x0.size - size.size))
+    stands = bool(np.all(np.abs(run.rate_end)[start.compared] * t <= 1e-6 * size[start.compared]))
+    return stands if run.held == 0 else fades(start, run, t, horizon, size)
 
 
 def _slowest(system: LureSystem) -> float:

@@ -56,11 +56,13 @@ def check(name: str, count: int) -> None:
     found = epp.find_limit_cycles(system, value)
     reached = basin(system, found, starts_around(system, found, count), value)
     stable = {i for i, c in enumerate(found) if c.stable}
-    assert set(reached.ends.tolist()) <= stable | {REST}, f"{name}: a run ends on what the search has not found"
+    assert set(reached.ends.tolist()) <= stable | {REST, UNDECIDED}, f"{name}: a run ends on what was not found"
+    # Without verdict are runs that an integrator takes through a band without gain, ever more slowly, for ages.
+    assert reached.count(UNDECIDED) <= 0.15 * count
     if REST in reached.ends:
         assert found.rests
-    again = basin(system, found, np.array([found[i].state for i in sorted(stable)]).reshape(len(stable), -1), value)
-    if not any(m is not None for c in found for m in c.memory):
+    if stable and not any(m is not None for c in found for m in c.memory):
+        again = basin(system, found, np.array([found[i].state for i in sorted(stable)]), value)
         assert again.ends.tolist() == sorted(stable), f"{name}: a run does not stay on a stable cycle that was found"
 
 
