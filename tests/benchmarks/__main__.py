@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks import growth, job_a, job_b, job_c, job_sweep, report, start
+from tests.benchmarks import growth, job_a, job_b, job_c, job_orbit, job_sweep, report, start
 
 ROOT = Path(__file__).parents[2]
 RESULT = ROOT / "docs" / "_static" / "benchmarks.json"
@@ -53,6 +53,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
             "job_a": lambda: job_a.run(CACHE, 0.3, 1, libraries=False, clock=clock),
             "job_b": lambda: job_b.run(3, 1, 1, clock),
             "job_c": lambda: job_c.run(1000, 1, clock),
+            "job_orbit": lambda: job_orbit.run(1, clock),
             "job_sweep": lambda: job_sweep.run(4, 1, clock, (5, 16), 10),
             "growth": lambda: growth.run(quick=True),
             "start": lambda: start.run(1, (2,)),
@@ -61,6 +62,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
         "job_a": lambda: job_a.run(CACHE, clock=clock),
         "job_b": lambda: job_b.run(clock=clock),
         "job_c": lambda: job_c.run(clock=clock),
+        "job_orbit": lambda: job_orbit.run(clock=clock),
         "job_sweep": lambda: job_sweep.run(clock=clock),
         "growth": growth.run,
         "start": start.run,

@@ -98,6 +98,17 @@ def job_sweep(found: Results) -> str:
     return markdown(["who", "cells/s", "against the bare kernel", "target", ""], rows)
 
 
+def job_orbit(found: Results) -> str:
+    """Exact orbits."""
+    rows = []
+    for r in found["rows"]:
+        target = (
+            ["", ""] if r["target"] is None else [f"under {duration(r['target'])}", "met" if r["met"] else "MISSED"]
+        )
+        rows.append([r["name"], duration(r["seconds"]), ratio(r["ratio"]), small(r["error"]), *target])
+    return markdown(["who", "time of one orbit", "ours is faster by", "error of the period", "target", ""], rows)
+
+
 def start(found: Results) -> str:
     """Fresh processes and memory."""
 
@@ -144,6 +155,7 @@ TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
     "job_a": ("Job A: 6 s step response of the original elbow, sampled every millisecond", "job_a", job_a),
     "job_b": ("Job B: 10 x 10 map of profile range and backlash, 6 s each", "job_b", job_b),
     "job_c": ("Job C: describing function of the five-band law", "job_c", job_c),
+    "job_orbit": ("Exact limit cycle of a saturating loop from its first-order prediction", "job_orbit", job_orbit),
     "job_sweep": ("Sweeps: 100 x 100 map of profile range and backlash, 6 s each", "job_sweep", job_sweep),
     "start": ("Fresh processes", "start", start),
     "states": ("Growth with states: 6 s of a chain of masses, sampled every millisecond", "growth", states),

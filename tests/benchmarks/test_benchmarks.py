@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import fixed_step, job_a, job_c, job_sweep, libraries, mode_steps, report
+from tests.benchmarks import fixed_step, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
 from tests.benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
@@ -65,3 +65,12 @@ def test_job_c_and_its_table() -> None:
     ours, theirs = found["rows"]
     assert ours["error"] < 1e-12 < theirs["error"] < 1e-3
     assert "python-control" in report.job_c(found)
+
+
+def test_exact_orbits_and_their_table() -> None:
+    """Three ways to one period; ours is the closest."""
+    found = job_orbit.run(turns=1)
+    errors = {r["name"]: r["error"] for r in found["rows"]}
+    assert errors[job_orbit.OURS] < 1e-12
+    assert errors[job_orbit.SHOOTING] < 1e-7 and errors[job_orbit.COLLOCATION] < 1e-6
+    assert "under 20 ms" in report.job_orbit(found)
