@@ -186,6 +186,13 @@ def fig8a_original() -> Figure:
     return epp.ladder(epp.case("fig8a_original")).plot()
 
 
+def bounds_original() -> dict[str, Figure]:
+    """The boundary and the tornado of the page on bounds."""
+    case = epp.case("fig8a_original")
+    found = epp.design_bounds(case, "bands.range", "lock_pin.backlash", start="2 lbf", stop="3 lbf", points=5)
+    return {"bounds_original": found.plot(), "bounds_tornado": found.plot_elasticities(2)}
+
+
 def save(figure: Figure, path: Path) -> None:
     """Write a picture."""
     figure.savefig(path, dpi=150, metadata={"Software": None})
@@ -213,3 +220,6 @@ if __name__ == "__main__":
     make_all(generated)
     # The picture of the README is under version control, because a README is read where nothing is built.
     save(fig8a_original(), HERE / "_static" / "fig8a_original.png")
+    # Those of the bounds take a minute to compute.
+    for label, figure in bounds_original().items():
+        save(figure, HERE / "_static" / f"{label}.png")

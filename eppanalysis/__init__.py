@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from eppanalysis.advice import design_advice as design_advice
     from eppanalysis.case import (
         Case as Case,
         case as case,
@@ -108,6 +109,7 @@ __version__ = "0.1.0"
 
 #: Public names by the module that holds them.
 _NAMES = {
+    "advice": ("design_advice",),
     "case": ("Case", "case", "case_from_text", "read_case", "shipped_cases"),
     "errors": ("CaseError", "EppError", "ModelError", "NotConverged"),
     "guidelines": ("Guide", "design_guide"),

@@ -22,7 +22,6 @@ _DIGITS = 4
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
-caption { text-align: left; font-weight: 600; padding: .4rem 0; }
 th, td { border-bottom: 1px solid #ddd; padding: .3rem .6rem; text-align: right; vertical-align: top; }
 th { border-bottom: 2px solid #888; font-weight: 600; }
 img { max-width: 100%; height: auto; }
@@ -103,9 +102,10 @@ def _latex(guide: Guide, path: Path) -> None:
 
     frame = rounded(guide)
     texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
-    numbers = "p{0.12\\linewidth}" + "r" * (len(frame.columns) - 2) + "p{0.12\\linewidth}"
+    share = 0.86 / len(frame.columns)
+    numbers = f">{{\\raggedleft\\arraybackslash}}p{{{share:.3f}\\linewidth}}" * len(frame.columns)
     path.write_text(
-        "% Needs the packages booktabs and longtable; wide: best in a landscape page.\n"
+        "% Needs the packages array, booktabs and longtable; wide: best on a landscape page.\n"
         + "{\\scriptsize\n"
         + table(frame, numbers, True)
         + "}\n"
@@ -117,7 +117,7 @@ def _latex(guide: Guide, path: Path) -> None:
 def _html(guide: Guide, path: Path) -> None:
     frame = rounded(guide)
     style = frame.style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
-    table = style.set_caption(html.escape(title(guide))).to_html()
+    table = style.to_html()
     picture = io.BytesIO()
     guide.plot().savefig(picture, format="png", dpi=160)
     image = base64.b64encode(picture.getvalue()).decode()

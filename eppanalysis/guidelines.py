@@ -146,7 +146,7 @@ class Guide:
             "first order [deg]": degrees * row.cell.first_order,
             "oscillates from rest above [deg]": degrees * row.from_rest,
             "own backlash [deg]": degrees * row.own,
-            "knock that starts it [mm]": 1e3 * row.knock,
+            "knock that starts it [mm]": 1e3 * abs(row.knock),
             "verified": "yes" if row.cell.verified else "no",
             "remark": row.cell.message,
         }
@@ -158,7 +158,7 @@ class Guide:
 
     def _sentence(self, row: GuideRow) -> str:
         text = self.case.text
-        place = " and ".join(f"{_words(n)} of {text(n, v, 3)}" for n, v in row.values.items())
+        place = " and ".join(f"{_words(n)} of {text(n, v, 4)}" for n, v in row.values.items())
         if not math.isfinite(row.allowed):
             return f"At a {place}: {row.cell.message}"
         lbf = self.case.readable(GAIN)[1]

@@ -160,7 +160,7 @@ def plot_regions(guide: Guide) -> Figure:
     axes = figure.subplots(count, columns, squeeze=False, sharex=True, sharey=True)
     for ax, (variant, rows) in zip(axes.flat, groups.items(), strict=False):
         _draw_regions(ax, guide, rows)
-        parts = [f"{label(n, '')} {guide.case.text(n, v, 3)}" for n, v in zip(guide.varied, variant, strict=True)]
+        parts = [f"{label(n, '')} {guide.case.text(n, v, 4)}" for n, v in zip(guide.varied, variant, strict=True)]
         ax.set_title(", ".join(parts) or guide.case.name, fontsize=8)
     for ax in list(axes.flat)[len(groups) :]:
         ax.set_axis_off()

@@ -243,6 +243,7 @@ class HarmonicSweep:
     programmes: Programmes = field(default_factory=Programmes)
     outlook: Outlook | None = None
     far: tuple[Cycle, ...] = ()
+    leading: tuple[Cycle, ...] = ()
     folds: dict[int, Fold] = field(default_factory=dict)
     last_order: int = 0
 
@@ -288,9 +289,13 @@ class HarmonicSweep:
 
     def _first(self, numbers: Numbers, sign: float) -> Fold | None:
         """First order: from the last fold, and from every carried cycle."""
-        starts = [self.folds[1].cycle] if 1 in self.folds else []
-        found = [extreme(numbers, self.programmes, c, sign) for c in [*starts, *self.far]]
-        best = _farthest(found, sign)
+        known = extreme(numbers, self.programmes, self.folds[1].cycle, sign) if 1 in self.folds else None
+        found = [extreme(numbers, self.programmes, c, sign) for c in self.far]
+        # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
+        led = [(c, f.cycle.value) for c, f in zip(self.far, found, strict=True) if f is not None]
+        led.sort(key=lambda pair: (float(f"{sign * pair[1]:.6e}"), -float(np.abs(pair[0].Z[0, 1]))))
+        self.leading = tuple(c for c, _ in led) or self.far
+        best = _farthest([known, *found], sign)
         if best is not None:
             self.folds[1] = best
         return best
@@ -318,13 +323,17 @@ class HarmonicSweep:
         return best
 
     def _of_order(self, numbers: Numbers, sign: float, n: int) -> Fold | None:
-        """The fold of an order: from the last one, else from the carried cycles."""
+        """The fold of an order: from the last one, else from the carried cycles in turn."""
         if n in self.folds:
             found = extreme(numbers, self.programmes, self.folds[n].cycle, sign, 0.1)
             if found is not None:
                 return found
-        starts = [c for c in (raised(numbers, c, n) for c in self.far) if c is not None]
-        return _farthest([extreme(numbers, self.programmes, c, sign) for c in starts], sign)
+        for cycle in self.leading:
+            start = raised(numbers, cycle, n)
+            found = None if start is None else extreme(numbers, self.programmes, start, sign)
+            if found is not None:
+                return found
+        return None
 
 
 def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:

@@ -1,0 +1,218 @@
+"""Design bounds against independent answers: exact folds of branches, describing functions on both sides, runs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.bounds import design_bounds
+from eppanalysis.methods.bounds_equations import write
+from eppanalysis.methods.bounds_exact import correct
+from eppanalysis.methods.bounds_fold import _unknowns, anchored
+from eppanalysis.methods.bounds_harmonic import Question, steady_loop
+from eppanalysis.methods.bounds_numbers import Numbers, gather, plan_of
+from eppanalysis.methods.bounds_tolerance import quantile, tolerance_bound
+from eppanalysis.methods.bounds_verify import verify
+from eppanalysis.methods.harmonic import harmonic_balance
+from eppanalysis.methods.harmonic_loop import inputs_of
+
+WITHIN = ("0.1 deg", "5 deg")
+#: The fold in backlash at a profile range of 2.5 lbf, from a branch of exact orbits [rad].
+FOLD = 0.0170795626032
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    return epp.case("fig8a_original")
+
+
+@pytest.fixture(scope="module")
+def found(case: epp.Case) -> epp.DesignBounds:
+    return design_bounds(case, "bands.range", "lock_pin.backlash", at=["2.5 lbf", "2.6 lbf"], within=WITHIN)
+
+
+def test_row_one_against_the_fold_of_its_branch(found: epp.DesignBounds) -> None:
+    cell = found[0]
+    assert cell.exact == pytest.approx(FOLD, rel=1e-9)
+    assert abs(cell.harmonic / FOLD - 1.0) < 0.02
+    assert cell.sign == 1.0 and cell.kind == "fold"
+    assert cell.first_order < cell.harmonic and not cell.first_order_unsafe
+    assert cell.first_order_error == pytest.approx(-0.2486, abs=5e-4)
+
+
+def test_bounds_are_verified_on_both_sides(found: epp.DesignBounds) -> None:
+    for cell in found:
+        assert cell.verified, cell.message
+        assert cell.n_settled == cell.n_runs == 1000
+        assert cell.n_cycles == 0
+        assert cell.other_orbit is not None and cell.other_orbit.residual < 1e-9
+        assert cell.safe_value < cell.exact < cell.other_value
+    assert found[1].exact > found[0].exact  # less gain allows more backlash
+    assert found.status.ok
+
+
+def test_first_order_bound_parts_predictions_with_and_without_cycles(case: epp.Case, found: epp.DesignBounds) -> None:
+    bound = found[0].first_order
+    for factor, there in ((0.997, False), (1.003, True)):
+        changed = case.with_values({"lock_pin.backlash": factor * bound})
+        assert bool(len(epp.predict_limit_cycles(changed.to_system(), changed.final_input()))) is there
+
+
+def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.DesignBounds) -> None:
+    h = 2e-3
+    for name in ("bands.range", "cable.stiffness"):
+        moved = []
+        for share in (-h, h):
+            changed = case.with_values({name: case.value(name) * (1.0 + share)})
+            branch = epp.continue_branch(changed, "lock_pin.backlash", "1.1 deg", "0.9 deg", n_points=80, max_step=0.05)
+            moved.append(min(f.value for f in branch.folds))
+        slope = (math.log(moved[1]) - math.log(moved[0])) / (2 * h)
+        assert found[0].elasticities[name] == pytest.approx(slope, rel=2e-4)
+
+
+def test_harmonic_elasticities_have_the_sign_and_size_of_the_exact_ones(found: epp.DesignBounds) -> None:
+    exact, harmonic = found[0].elasticities, found[0].harmonic_elasticities
+    for name in ("cable.stiffness", "bands.range", "pulley.radius", "drive.stall_torque"):
+        assert harmonic[name] == pytest.approx(exact[name], rel=0.15)
+    assert harmonic["harness.step"] == pytest.approx(0.0, abs=1e-6)  # the loop does not know where it is
+
+
+def test_two_processes_give_the_same_numbers(case: epp.Case, found: epp.DesignBounds) -> None:
+    other = design_bounds(case, "bands.range", "lock_pin.backlash", at=["2.5 lbf", "2.6 lbf"], within=WITHIN, workers=2)
+    assert [c.to_dict() for c in other] == [c.to_dict() for c in found]
+
+
+def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.DesignBounds) -> None:
+    orbit = found[0].orbit
+    assert orbit is not None
+    question = Question(case, "lock_pin.backlash", 0.002, 0.09)
+    test = verify(question, 1.03 * FOLD, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
+    assert not test.verified
+    assert test.n_settled < 40 and test.search is not None and len(test.search) == 2
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "fig6a_original_pulley"])
+def test_expressions_hold_for_cycles_of_the_harmonic_balance(name: str) -> None:
+    """The balance as CasADi has it against the one of the harmonic module, with memory and two outputs."""
+    changed = epp.case(name)
+    system = changed.to_system()
+    loop = steady_loop(changed)
+    guess = next(c for c in epp.predict_limit_cycles(system, changed.final_input()) if c.stable)
+    cycle = harmonic_balance(system, guess, order=5, input_value=changed.final_input())
+    Z, pivot = anchored(inputs_of(loop, cycle))
+    plan, phases, held = plan_of(loop, Z, cycle.omega)
+    numbers = gather(loop, plan)
+    theta = numbers.flat()
+    used = theta != 0.0
+    expressions = write(plan, numbers, used, tuple(() for _ in loop.elements), pivot)
+    X = _unknowns(loop, Z, cycle.omega, phases, held)
+    residual = np.array(expressions.residual(X, theta[used])).ravel()
+    J = np.array(expressions.slope(X, theta[used]))
+    size = np.abs(J).max(1)
+    assert np.max(np.abs(residual) / (size * np.abs(X).max())) < 1e-9
+    # Exact derivatives: a step along a random direction.
+    direction = np.random.default_rng(3).normal(size=X.size) * np.abs(X)
+    h = 1e-6
+    up, down = (np.array(expressions.residual(X + s * h * direction, theta[used])).ravel() for s in (1.0, -1.0))
+    slope = J @ direction
+    assert np.max(np.abs((up - down) / (2 * h) - slope)) < 1e-6 * np.max(np.abs(slope))
+
+
+def test_numbers_as_polynomials_of_the_parameter(case: epp.Case) -> None:
+    numbers = Numbers(lambda v: steady_loop(case.with_values({"bands.range": v})), 4.0, 30.0)
+    loop = numbers.loop(12.0)
+    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.final_input()) if c.stable)
+    plan, _, _ = plan_of(loop, inputs_of(loop, cycle), cycle.omega)
+    dependence = numbers.dependence(plan, 12.0)
+    for value in (11.3, 13.1):
+        exact = gather(numbers.loop(value), plan).flat()
+        np.testing.assert_allclose(dependence.at(value), exact, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "within", "finding", "words"),
+    [
+        ("backlash_servo", "play.gap", (0.2, 5.0), "scales", "scale with this parameter alone"),
+        ("fig8a_original", "lock_pin.backlash", ("0.1 deg", "0.5 deg"), "none", "No limit cycle exists anywhere"),
+        ("fig8a_original", "lock_pin.backlash", ("2 deg", "3 deg"), "always", "no value in it is free"),
+    ],
+)
+def test_questions_without_a_bound_get_a_sentence(
+    name: str, limit: str, within: tuple[object, object], finding: str, words: str
+) -> None:
+    over = "bands.range" if name == "fig8a_original" else "loop.gain"
+    asked = epp.case(name)
+    value = asked.value(over) if over in asked.parameters else 1.0
+    if over not in asked.parameters:
+        over = next(p for p in asked.parameters if p != limit)
+        value = asked.value(over)
+    result = design_bounds(asked, over, limit, at=[value], within=within)
+    assert result[0].finding == finding
+    assert words in result[0].message
+    assert math.isnan(result[0].bound)
+    assert result.status.ok
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"points": 0}, "points is 0"),
+        ({"workers": 0}, "workers is 0"),
+        ({"margin": 0.7}, "margin is 0.7"),
+        ({"starts": -1}, "starts is -1"),
+        ({"limit": "bands.range"}, "two different parameters"),
+        ({"start": "1 lbf", "stop": "1 lbf"}, "two different values"),
+        ({"within": ("2 deg", "1 deg")}, "low < high"),
+        ({"limit": "lock_pin.baklash"}, "did you mean 'lock_pin.backlash'"),
+    ],
+)
+def test_bad_questions_are_refused(case: epp.Case, change: dict[str, object], words: str) -> None:
+    asked: dict[str, object] = {"over": "bands.range", "limit": "lock_pin.backlash", **change}
+    with pytest.raises(epp.EppError, match=words):
+        design_bounds(case, **asked)  # type: ignore[arg-type]
+
+
+def test_quantile_interval_covers_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(11)
+    hits = 0
+    for _ in range(400):
+        q = quantile(rng.normal(size=300), 0.9)
+        hits += q.low <= -1.2815515655446004 <= q.high
+    # Binomial(400, >= 0.95): fewer than 370 has a probability below 0.5 %.
+    assert hits >= 370
+
+
+def test_quantile_of_few_draws_is_not_made_up() -> None:
+    assert math.isnan(quantile(np.arange(50.0), 0.99).low)
+
+
+def test_tolerances(case: epp.Case) -> None:
+    within = (0.002, 0.09)
+    widths = {"cable.stiffness": "6 %", "bands.range": "4 %"}
+    result = tolerance_bound(case, "lock_pin.backlash", widths, within=within, samples=60, seed=5)
+    assert result.nominal == pytest.approx(FOLD, rel=1e-9)
+    assert result.worst_values == pytest.approx(
+        {"cable.stiffness": 1.06 * case.value("cable.stiffness"), "bands.range": 0.96 * case.value("bands.range")}
+    )
+    # The worst corner once more, on its own.
+    question = Question(case.with_values(result.worst_values), "lock_pin.backlash", *within)
+    branch = epp.continue_branch(question.case, "lock_pin.backlash", "0.95 deg", "0.75 deg", n_points=80, max_step=0.05)
+    assert result.worst_case == pytest.approx(min(f.value for f in branch.folds), rel=1e-8)
+    assert abs(result.engine_offset) < 0.01
+    assert result.n_corners == 3 and not result.message
+    q = result.quantiles[0]
+    assert result.worst_case < q.value < result.nominal
+    assert np.all(result.draws > 0.99 * result.worst_case)
+
+
+def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
+    question = Question(case, "lock_pin.backlash", 0.0005, 0.006)
+    loop = steady_loop(case)
+    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.final_input()) if c.stable)
+    from eppanalysis.methods.bounds_fold import Cycle
+
+    bound = correct(question, Cycle(0.004, inputs_of(loop, cycle), cycle.omega), 1.0)
+    assert math.isnan(bound.value) and bound.message

@@ -1,0 +1,177 @@
+"""Guideline tables in every format, read back by other programs' readers; the paper's equations (1) and (2)."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas
+import pytest
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+from eppanalysis.guide_files import FILES
+from eppanalysis.guidelines import Guide, GuideRow
+from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.provenance import provenance
+
+DEGREE = math.pi / 180.0
+LBF = 4.4482216152605
+
+
+@pytest.fixture
+def guide() -> Guide:
+    """A guide whose remark and title try to be formulas, markup and commands."""
+    case = dataclasses.replace(epp.case("fig8a_original"), title='=HYPERLINK("x") <b>50 % & more</b> \\input{x} a|b')
+    rows = []
+    for gain, bound, message in ((1.5, 0.6, ""), (2.5, 0.98, '=1+1 <script>alert("x")</script> $x_1$ | pipe')):
+        cell = BoundCell(gain * LBF, "bound", exact=bound * DEGREE, first_order=0.8 * bound * DEGREE, message=message)
+        cell = dataclasses.replace(cell, verified=not message)
+        radius, stiffness = case.value("pulley.radius"), case.value("cable.stiffness")
+        allowed = bound * DEGREE
+        rows.append(
+            GuideRow(
+                {"bands.range": gain * LBF}, cell, allowed, radius * allowed, stiffness * radius * allowed, None,
+                1.2 * allowed, 2.5 * DEGREE, 2.5e-4 if gain < 2 else math.nan,
+            )
+        )  # fmt: skip
+    facts = provenance("design guide", {"gains": [1.5, 2.5]}) | {"case": case.provenance()}
+    return Guide(case, (), tuple(rows), {}, facts)
+
+
+def test_equations_one_and_two_of_the_paper() -> None:
+    """2.5 deg of backlash change the force by 1.25 lbf, 0.5 deg by 0.25 lbf."""
+    case = epp.case("fig8a_original")
+    for backlash, force in ((2.5, 1.25), (0.5, 0.25)):
+        found = case.value("cable.stiffness") * case.value("pulley.radius") * backlash * DEGREE
+        assert found / LBF == pytest.approx(force, rel=5e-4)
+
+
+def test_frame_has_units_and_numbers(guide: Guide) -> None:
+    frame = guide.to_frame()
+    assert frame["profile range [lbf]"].tolist() == pytest.approx([1.5, 2.5])
+    assert frame["largest backlash [deg]"].tolist() == pytest.approx([0.6, 0.98])
+    assert frame["force change [lbf]"][1] == pytest.approx(0.49, rel=5e-4)
+    assert frame["at the pulley [mm]"][1] == pytest.approx(19.0 * 0.98 * DEGREE)
+    sentence = guide.sentences()[0]
+    assert "profile range of 1.5 lbf keep backlash under 0.6 deg" in sentence
+    assert "a step of 0.25 mm at the harness starts" in sentence
+
+
+@pytest.mark.parametrize("suffix", FILES)
+def test_every_format_is_written(guide: Guide, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"guide{suffix}"
+    guide.write(path)
+    assert path.stat().st_size > 500
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_csv_is_read_back_and_runs_no_formula(guide: Guide, tmp_path: Path) -> None:
+    guide.write(tmp_path / "g.csv")
+    table = pandas.read_csv(tmp_path / "g.csv")
+    assert table["largest backlash [deg]"].tolist() == pytest.approx([0.6, 0.98], rel=1e-9)
+    assert table["remark"][1].startswith("'=1+1")
+    assert "sha256" in table["provenance"][0]
+
+
+def test_excel_is_read_back_and_runs_no_formula(guide: Guide, tmp_path: Path) -> None:
+    import openpyxl
+
+    guide.write(tmp_path / "g.xlsx")
+    book = openpyxl.load_workbook(tmp_path / "g.xlsx")
+    assert book.sheetnames == ["guideline", "sentences", "provenance"]
+    assert all(cell.data_type != "f" for sheet in book for row in sheet.iter_rows() for cell in row)
+    frame = pandas.read_excel(tmp_path / "g.xlsx")
+    assert frame["largest backlash [deg]"].tolist() == pytest.approx([0.6, 0.98])
+
+
+class _Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_html_shows_texts_as_texts(guide: Guide, tmp_path: Path) -> None:
+    guide.write(tmp_path / "g.html")
+    reader = _Reader()
+    reader.feed((tmp_path / "g.html").read_text())
+    assert "script" not in reader.tags and "b" not in reader.tags
+    assert '<script>alert("x")</script>' in reader.text
+    assert reader.tags.count("tr") == 3 and reader.tags.count("img") == 1
+
+
+def test_markdown_and_latex_keep_their_columns(guide: Guide, tmp_path: Path) -> None:
+    guide.write(tmp_path / "g.md")
+    lines = [line for line in (tmp_path / "g.md").read_text().splitlines() if line.startswith("|")]
+    assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
+    guide.write(tmp_path / "g.tex")
+    text = (tmp_path / "g.tex").read_text()
+    assert "\\input{x}" not in text and "\\_1" in text and "\\%" in text and "\\&" in text
+    assert text.count("{") - text.count("\\{") == text.count("}") - text.count("\\}")
+
+
+def test_only_elbows_have_guidelines() -> None:
+    with pytest.raises(epp.EppError, match="expected a case of the elbow"):
+        epp.design_guide(epp.case("backlash_servo"), ["2 lbf"])
+    with pytest.raises(epp.EppError, match="the margin of bands.range is 0.5"):
+        epp.design_guide(epp.case("fig8a_original"), ["2 lbf"], margins={"bands.range": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlsh"], "did you mean"),
+        (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "--within", "1 deg"],
+         "expected LOW:HIGH"),
+        (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "-o", "x.doc"],
+         "cannot write"),
+        (["guide", "backlash_servo"], "expected a case of the elbow"),
+        (["guide", "fig8a_original", "--margin", "bands.range=big"], "is no factor"),
+        (["guide", "fig8a_original", "-o", "guide.doc"], "cannot write"),
+    ],
+)  # fmt: skip
+def test_command_line_refuses_with_a_sentence(arguments: list[str], words: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert words in result.output
+    assert "Traceback" not in result.output
+
+
+def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    cells = (
+        BoundCell(2 * LBF, "bound", first_order=0.011, harmonic=0.0136, order=9, exact=0.0135, n_runs=9, n_settled=9,
+                  safe_value=0.0134, other_value=0.0136, verified=True),
+        BoundCell(3 * LBF, "none", message="No limit cycle exists anywhere in the range."),
+    )  # fmt: skip
+
+    def fake(case: epp.Case, over: str, limit: str, **_: object) -> DesignBounds:
+        names = (over, limit)
+        return DesignBounds(
+            case.name, over, limit, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
+            {n: case.value(n) for n in names}, (0.001, 0.1), cells, provenance("bounds", {"margin": 0.01}),
+        )  # fmt: skip
+
+    monkeypatch.setattr("eppanalysis.methods.bounds.design_bounds", fake)
+    base = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
+    shown = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.png")])
+    assert shown.exit_code == 0, shown.output
+    assert "0.773493" in shown.output and "1 of 1 bounds verified 1 % away" in shown.output
+    assert "No limit cycle exists anywhere" in shown.output
+    assert (tmp_path / "b.png").stat().st_size > 5000
+    printed = CliRunner().invoke(app, [*base, "--json", "-o", str(tmp_path / "b.csv")])
+    document = json.loads(printed.output, parse_constant=lambda name: pytest.fail(name))
+    assert document["cases"][0]["result"]["cells"][0]["exact"] == 0.0135
+    assert "exact [rad]" in (tmp_path / "b.csv").read_text()
+    written = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.nc")])
+    assert written.exit_code == 0, written.output
