@@ -12,7 +12,7 @@ from eppanalysis.methods.bounds import design_bounds
 from eppanalysis.methods.bounds_equations import write
 from eppanalysis.methods.bounds_exact import correct
 from eppanalysis.methods.bounds_fold import _unknowns, anchored
-from eppanalysis.methods.bounds_harmonic import Question, steady_loop
+from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds_tolerance import quantile, tolerance_bound
 from eppanalysis.methods.bounds_verify import verify
@@ -132,24 +132,25 @@ def test_numbers_as_polynomials_of_the_parameter(case: epp.Case) -> None:
         np.testing.assert_allclose(dependence.at(value), exact, rtol=1e-8, atol=1e-12)
 
 
+def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it() -> None:
+    sweep = HarmonicSweep(Question(epp.case("backlash_servo"), "play.gap", 0.2, 5.0))
+    _, bound = sweep.bound(0.0)
+    assert bound.finding is Finding.SCALES
+    assert "scale with this parameter alone" in bound.finding.value
+    assert math.isnan(bound.value)
+
+
 @pytest.mark.parametrize(
-    ("name", "limit", "within", "finding", "words"),
+    ("within", "finding", "words"),
     [
-        ("backlash_servo", "play.gap", (0.2, 5.0), "scales", "scale with this parameter alone"),
-        ("fig8a_original", "lock_pin.backlash", ("0.1 deg", "0.5 deg"), "none", "No limit cycle exists anywhere"),
-        ("fig8a_original", "lock_pin.backlash", ("2 deg", "3 deg"), "always", "no value in it is free"),
+        (("0.1 deg", "0.5 deg"), "none", "No limit cycle exists anywhere"),
+        (("2 deg", "3 deg"), "always", "no value in it is free"),
     ],
 )
 def test_questions_without_a_bound_get_a_sentence(
-    name: str, limit: str, within: tuple[object, object], finding: str, words: str
+    case: epp.Case, within: tuple[str, str], finding: str, words: str
 ) -> None:
-    over = "bands.range" if name == "fig8a_original" else "loop.gain"
-    asked = epp.case(name)
-    value = asked.value(over) if over in asked.parameters else 1.0
-    if over not in asked.parameters:
-        over = next(p for p in asked.parameters if p != limit)
-        value = asked.value(over)
-    result = design_bounds(asked, over, limit, at=[value], within=within)
+    result = design_bounds(case, "bands.range", "lock_pin.backlash", at=["2.5 lbf"], within=within)
     assert result[0].finding == finding
     assert words in result[0].message
     assert math.isnan(result[0].bound)
