@@ -170,7 +170,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     assert "No limit cycle exists anywhere" in shown.output
     assert (tmp_path / "b.png").stat().st_size > 5000
     printed = CliRunner().invoke(app, [*base, "--json", "-o", str(tmp_path / "b.csv")])
-    document = json.loads(printed.output, parse_constant=lambda name: pytest.fail(name))
+    document = json.loads(printed.output, parse_constant=pytest.fail)
     assert document["cases"][0]["result"]["cells"][0]["exact"] == 0.0135
     assert "exact [rad]" in (tmp_path / "b.csv").read_text()
     written = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.nc")])
