@@ -10,6 +10,7 @@ sys.path.insert(0, str(HERE))
 
 import figures  # noqa: E402
 import figures_howto  # noqa: E402
+import figures_identify  # noqa: E402
 import figures_paper  # noqa: E402
 import tables  # noqa: E402
 import tables_paper  # noqa: E402
@@ -55,6 +56,7 @@ def make_pages(app) -> None:
     generated = HERE / "_generated"
     generated.mkdir(exist_ok=True)
     figures.make_all(generated)
+    figures_identify.make_all(generated)
     tables.make_all(generated)
     figures_howto.make_all(generated)
     figures_paper.make_all(generated)

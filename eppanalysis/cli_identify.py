@@ -81,6 +81,7 @@ def identify(
     chosen = _choices(columns)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = _load(case, settings)
+    tray, backlash, step = (_measured(path) for path in (tray, backlash, step))
     with _progress() as progress:
         found = run(
             base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
@@ -93,6 +94,16 @@ def identify(
             _show(part)
     for output in outputs:
         _write(found, output, benches)
+
+
+def _measured(path: Path | None) -> Path | None:
+    """The file, or where there is none the recording of that name that ships as an example."""
+    from eppanalysis.case import shipped_cases_folder
+
+    if path is None or path.exists() or path.name != str(path):
+        return path
+    shipped = shipped_cases_folder() / "measured" / path.name
+    return shipped if shipped.is_file() else path
 
 
 def _choices(texts: Sequence[str]) -> dict[str, tuple[str, str]]:

@@ -64,12 +64,19 @@ class Unknown:
         """
         value = case.value(name)
         quantity = find_quantity(FILES["elbow"], name.split("."))
-        logarithmic = quantity is not None and quantity.above is not None and value > 0
+        # A lag adds to the delay, so it is even on its own scale; a stiffness or an inertia on that of ratios.
+        logarithmic = quantity is not None and quantity.above is not None and value > 0 and quantity.unit != "s"
         scale = 1.0 if logarithmic else abs(value) or _TYPICAL.get(name, 1.0)
         known = case.parameters.get(name)
         tolerance = None if known is None or not known.tolerance else known.tolerance
         spread = None if tolerance is None else tolerance / 1.96 / (value if logarithmic else scale)
         return cls(name, value, logarithmic, scale, spread)
+
+    @property
+    def lag(self) -> float:
+        """1 for a time constant that may be short but not vanish, 0 for what may."""
+        quantity = find_quantity(FILES["elbow"], self.name.split("."))
+        return float(quantity is not None and quantity.above is not None)
 
     def to_scale(self, value: float) -> float:
         """Place of a value on the fitted scale."""

@@ -9,7 +9,7 @@ from the case as known to its own size, and named.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
-from eppanalysis.identify.intervals import weighted
+from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.reading import Progress, Recording
 from eppanalysis.identify.response import Response, Unknown
+from eppanalysis.identify.sampling import Cloud, draw_cloud
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Status
 
@@ -35,8 +36,8 @@ STARTS, KEPT_STARTS, ROUNDS = 120, (8, 4, 3, 2, 1), 3
 _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
 #: A parameter counts as told when half its interval is smaller than this share of it.
 TOLD = 0.6
-#: Multiples of a held parameter at which the others are fitted again.
-_SCAN_DOWN, _SCAN_UP = (0.6, 0.3, 0.05), (1.5, 2.0, 3.0)
+#: Standard deviation on the fitted scale where the data tell nothing at all; least lag, in units of the case's.
+_WIDEST_START, _LEAST_LAG = 0.7, 0.02
 #: Residuals larger than this in units of the noise mean that the model does not describe the record.
 _WORST_FIT, _GOOD_FIT = 3.0, 1.7
 
@@ -76,8 +77,10 @@ def fit_step(
         raise EppError(
             f"{recording.source}: {len(response.time)} rows cannot tell {len(unknowns)} parameters; expected more rows."
         )
+    if _deaf(response, seed):
+        raise EppError(f"{recording.source}: cannot tell {' or '.join(names)}; {_remedy(response)}")
     q = _search(response, seed, progress)
-    solution = _settle(response, q, names)
+    solution = _settle(response, q, names, seed)
     if all(name in solution.held for name in names):
         raise EppError(f"{recording.source}: cannot tell {' or '.join(names)}; {_remedy(response)}")
     return _result(recording, solution, names, seed)
@@ -96,7 +99,7 @@ def _unknowns(case: Case, names: Sequence[str]) -> tuple[Unknown, ...]:
 
 
 def _bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
-    low = np.array([u.to_scale(u.start) - math.log(50.0) if u.logarithmic else 0.0 for u in unknowns])
+    low = np.array([u.to_scale(u.start) - math.log(50.0) if u.logarithmic else _LEAST_LAG * u.lag for u in unknowns])
     high = np.array([u.to_scale(u.start) + math.log(50.0) if u.logarithmic else 50.0 for u in unknowns])
     for i, u in enumerate(unknowns):
         if u.name == "pulley.kinetic_ratio":
@@ -121,6 +124,16 @@ def _starts(unknowns: Sequence[Unknown], seed: int) -> Array:
     first = [u.to_scale(u.start) for u in unknowns]
     low, high = _bounds(unknowns)
     return np.clip(np.vstack([first, np.column_stack(rows)]), low, high)
+
+
+def _deaf(response: Response, seed: int) -> bool:
+    """Whether the motion is the same, next to the noise, whatever the parameters."""
+    first, *others = (response.signals(q) for q in _starts(response.unknowns, seed)[:8])
+    return all(
+        float(np.max(np.abs(other[c.role] - first[c.role]))) < 0.1 * c.noise
+        for other in others
+        for c in response.channels
+    )
 
 
 def _search(response: Response, seed: int, progress: Progress | None) -> Array:
@@ -196,15 +209,15 @@ class _Solution:
     Attributes
     ----------
     response : Response
-        With what is held by its own size.
     q : array, shape (p,)
+        With what is held where the case has it.
     low, high : array, shape (p,)
         Ends of the intervals on the fitted scale.
     held : dict of str to str
         What the data cannot tell, and what it is confused with.
     together : dict of str to str
         What they tell only together with a held one.
-    converged : bool
+    cloud : Cloud
     """
 
     response: Response
@@ -213,82 +226,65 @@ class _Solution:
     high: Array
     held: dict[str, str]
     together: dict[str, str]
-    converged: bool
+    cloud: Cloud
+
+    @property
+    def converged(self) -> bool:
+        """Whether the draws carry the whole likelihood, or nearly."""
+        return self.cloud.temper > 0.3
 
 
-def _settle(response: Response, q: Array, names: Sequence[str]) -> _Solution:
-    """Weighted fit and covariance; one parameter after the other is held until the data tell the rest."""
+def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _Solution:
+    """What the data leave possible; one parameter after the other is held until the data tell the rest."""
+    low, high = _bounds(response.unknowns)
+    for _ in range(2):
+        whitener, matrix = _local(response, q)
+        spread = np.minimum(np.sqrt(np.diag(matrix)), _WIDEST_START)
+        scale = spread / np.sqrt(np.diag(matrix))
+        cloud = draw_cloud(whitener.cost, q, matrix * np.outer(scale, scale), low, high, seed)
+        q = cloud.best
+    student = _student(cloud.effective)
+    spread = student * np.sqrt(np.diag(cloud.matrix))
+    ends = (np.minimum(cloud.mean - spread, q), np.maximum(cloud.mean + spread, q))
     held: dict[str, str] = {}
     together: dict[str, str] = {}
-    while True:
-        q, matrix, converged = _weighted_fit(response, q, held)
-        vague = _vague(response, q, matrix, [n for n in names if n not in held and n not in together])
-        if not vague:
-            spread = 1.96 * np.sqrt(np.maximum(np.diag(matrix), 0.0))
-            low, high = _reach(response, q, matrix, held) if held else (q - spread, q + spread)
-            return _Solution(response, q, low, high, held, together, converged)
-        worst = vague[0]
-        partner = _partner(response, matrix, worst, names)
-        if held and not _vague(response, q, _given(response, matrix, held), [worst]):
-            together[worst] = partner or next(iter(held))
-            continue
-        held[worst] = partner
-        q = _hold(response, q, matrix, worst)
+    for name in _vague(response, q, cloud.matrix, names):
+        partner = _partner(response, cloud.matrix, name)
+        if held and not _vague(response, q, _given(response, cloud.matrix, held), [name]):
+            together[name] = partner or next(iter(held))
+        else:
+            held[name] = partner
+    for name in held:
+        q = _hold(response, q, cloud.matrix, name)
+    # About a place with something held, the others are as uncertain as if that were known; and wherever else it may be.
+    near = student * np.sqrt(np.maximum(np.diag(_given(response, cloud.matrix, held)), 0.0)) if held else 0.0
+    return _Solution(response, q, np.minimum(ends[0], q - near), np.maximum(ends[1], q + near), held, together, cloud)
+
+
+def _student(effective: float) -> float:
+    """97.5 % point for a spread that is known from so many draws."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(effective - 1.0, 3.0)))
 
 
 def _hold(response: Response, q: Array, matrix: Array, name: str) -> Array:
-    """Place of the best fit with a parameter held where the case has it, and from then on known to its size."""
+    """Place of the best fit with a parameter held where the case has it, the others following it there."""
     place = [u.name for u in response.unknowns].index(name)
     unknown = response.unknowns[place]
-    _, q = _follow(response, q, matrix, place, unknown.to_scale(unknown.start))
-    response.replace(place, replace(unknown, prior=0.5))
-    return q
-
-
-def _follow(response: Response, q: Array, matrix: Array, place: int, target: float) -> tuple[float, Array]:
-    """Sum of squares and place of the best fit with one parameter taken to `target`, the others following it."""
-    unknown = response.unknowns[place]
+    target = unknown.to_scale(unknown.start)
     follow = matrix[:, place] / matrix[place, place]
     start = q[place]
-    cost = math.inf
+    low, high = _bounds(response.unknowns)
     for share in np.linspace(0.0, 1.0, max(2, math.ceil(abs(target - start) / 0.3) + 1))[1:]:
         at = start + share * (target - start)
         response.replace(place, replace(unknown, start=unknown.value(float(at)), prior=1e-4))
-        low, high = _bounds(response.unknowns)
-        half, q = _fit(response, np.clip(q + follow * (at - q[place]), low, high), math.inf, robust=False)
-        cost = 2.0 * half
+        _, q = _fit(response, np.clip(q + follow * (at - q[place]), low, high), math.inf, robust=False)
     q = q.copy()
     q[place] = target
-    response.replace(place, unknown)
-    return cost, q
-
-
-def _reach(response: Response, q: Array, matrix: Array, held: dict[str, str]) -> tuple[Array, Array]:
-    """Ends of the intervals of all parameters over all values of the first held one that fit nearly as well.
-
-    How well a lag and a dead time can be told apart depends on the lag itself, so the interval of one that is held is
-    not that of a straight line: its sum of squares is followed from the case's value down and up instead.
-    """
-    conditional = 1.96 * np.sqrt(np.maximum(np.diag(_given(response, matrix, held)), 0.0))
-    place = [u.name for u in response.unknowns].index(next(iter(held)))
-    unknown = response.unknowns[place]
-    centre = float(q[place])
-    away = [math.log(f) if unknown.logarithmic else centre * (f - 1.0) for f in _SCAN_DOWN + _SCAN_UP]
-    found = [(float(np.sum(response.residual(q) ** 2)), q)]
-    for group in (away[: len(_SCAN_DOWN)], away[len(_SCAN_DOWN) :]):
-        here = q
-        for offset in group:
-            cost, here = _follow(response, here, matrix, place, centre + offset)
-            found.append((cost, here))
-            if cost > 1.5 * found[0][0]:
-                break
-    rows = sum(int(c.live.sum()) for c in response.channels)
-    least = min(cost for cost, _ in found)
-    near = [at for cost, at in found if (cost - least) * rows / least < 3.84 or at is q]
-    low = np.min(near, axis=0) - conditional
-    high = np.max(near, axis=0) + conditional
-    spread = 1.96 * np.sqrt(np.diag(matrix))
-    return np.minimum(low, q - spread), np.maximum(high, q + spread)
+    # Those that follow must not bring it back.
+    response.replace(place, replace(unknown, prior=1e-4))
+    return q
 
 
 def _given(response: Response, matrix: Array, held: dict[str, str]) -> Array:
@@ -313,7 +309,7 @@ def _vague(response: Response, q: Array, matrix: Array, names: Sequence[str]) ->
     return [name for _, name in sorted(found, reverse=True)]
 
 
-def _partner(response: Response, matrix: Array, name: str, names: Sequence[str]) -> str:
+def _partner(response: Response, matrix: Array, name: str) -> str:
     """The parameter that a vague one is confused with, empty where there is none."""
     all_names = [u.name for u in response.unknowns]
     i = all_names.index(name)
@@ -324,46 +320,47 @@ def _partner(response: Response, matrix: Array, name: str, names: Sequence[str])
     return all_names[j] if correlation[j] > 0.8 else ""
 
 
-def _weighted_fit(response: Response, q: Array, held: Container[str] = ()) -> tuple[Array, Array, bool]:
-    """Gauss-Newton steps with the noise of every channel as its residuals show it; covariance on the fitted scale."""
-    steps = 1e-3 * np.ones(q.size)
-    low, high = _bounds(response.unknowns)
-    matrix, converged = np.eye(q.size), False
-    for _ in range(6):
-        jacobians = _jacobians(response, q, steps)
-        now = response.signals(q)
-        rows, values = [], []
-        for channel in response.channels:
-            r = ((now[channel.role] - channel.data) / channel.noise)[channel.live]
-            columns = np.column_stack([jacobians[channel.role] / channel.noise, channel.nuisance])[channel.live]
-            live = np.linalg.norm(columns, axis=0) > 0
-            step = np.linalg.lstsq(columns[:, live], -r, rcond=1e-10)[0]
-            noise = weighted(_independent(columns[:, live]), r + columns[:, live] @ step, 1e-3)
-            whitened, left = noise.whiten(columns), noise.whiten(r)
-            basis = np.linalg.qr(whitened[:, q.size :])[0]
-            rows.append(whitened[:, : q.size] - basis @ (basis.T @ whitened[:, : q.size]))
-            values.append(left - basis @ (basis.T @ left))
-        beliefs = [i for i, u in enumerate(response.unknowns) if u.prior is not None]
-        rows.append(np.eye(q.size)[beliefs] / np.array([[response.unknowns[i].prior or 1.0] for i in beliefs]))
-        values.append(response.beliefs(q))
-        J, r = np.vstack(rows), np.concatenate(values)
-        normal = J.T @ J
-        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True)
-        matrix = inverse / np.outer(size, size)
-        matrix = matrix + np.diag(np.where(np.diag(normal) > 1e-12, 0.0, 1e6))
-        free = [i for i, u in enumerate(response.unknowns) if u.name not in held]
-        move = np.zeros(q.size)
-        move[free] = -np.linalg.lstsq(J[:, free] / size[free], r, rcond=1e-9)[0] / size[free]
-        spread = np.sqrt(np.diag(matrix))
-        move = np.clip(move, -0.2, 0.2)
-        q = _no_worse(response, q, np.clip(q + move, low, high))
-        # Differences over half an interval see the kinks of friction as the data would.
-        steps = np.clip(0.5 * spread, 1e-5, 3e-2)
-        converged = bool(np.all(np.abs(move) < 0.2 * spread))
-        if converged:
-            break
-    return q, matrix, converged
+@dataclass(frozen=True, eq=False)
+class _Whitener:
+    """Cost of a candidate with the noise of every channel as the residuals of the best one show it."""
+
+    response: Response
+    noises: tuple[Weighted, ...]
+    bases: tuple[Array, ...]
+
+    def left(self, i: int, model: Array) -> Array:
+        """Residual of channel `i` in units of its noise, without zero and drift."""
+        channel = self.response.channels[i]
+        r = self.noises[i].whiten(((model - channel.data) / channel.noise)[channel.live])
+        return r - self.bases[i] @ (self.bases[i].T @ r)
+
+    def cost(self, q: Array) -> float:
+        """Sum of squares over all channels and what the case knows."""
+        try:
+            found = self.response.signals(q)
+        except (EppError, ArithmeticError, ValueError):
+            return 1e12
+        parts = [self.left(i, found[c.role]) for i, c in enumerate(self.response.channels)]
+        return float(sum(p @ p for p in parts) + np.sum(self.response.beliefs(q) ** 2))
+
+
+def _local(response: Response, q: Array) -> tuple[_Whitener, Array]:
+    """Noise of every channel at a place, and a covariance from derivatives there to begin with."""
+    jacobians, now = _jacobians(response, q, np.full(q.size, 3e-3)), response.signals(q)
+    noises, bases, normal = [], [], np.diag([0.0 if u.prior is None else u.prior**-2 for u in response.unknowns])
+    for channel in response.channels:
+        r = ((now[channel.role] - channel.data) / channel.noise)[channel.live]
+        columns = np.column_stack([jacobians[channel.role] / channel.noise, channel.nuisance])[channel.live]
+        moving = columns[:, np.linalg.norm(columns, axis=0) > 0]
+        step = np.linalg.lstsq(moving, -r, rcond=1e-10)[0]
+        noises.append(weighted(_independent(moving), r + moving @ step, 1e-3))
+        whitened = noises[-1].whiten(columns)
+        bases.append(np.linalg.qr(whitened[:, q.size :])[0])
+        J = whitened[:, : q.size] - bases[-1] @ (bases[-1].T @ whitened[:, : q.size])
+        normal = normal + J.T @ J
+    # Directions that nothing tells reach as far as the starts do.
+    matrix = np.linalg.inv(normal + np.diag(np.full(q.size, _WIDEST_START**-2)))
+    return _Whitener(response, tuple(noises), tuple(bases)), matrix
 
 
 def _independent(columns: Array) -> Array:
@@ -371,16 +368,6 @@ def _independent(columns: Array) -> Array:
     basis, triangle = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))
     kept = np.abs(np.diag(triangle)) > 1e-9
     return basis[:, kept]
-
-
-def _no_worse(response: Response, q: Array, moved: Array) -> Array:
-    """The moved place, or the nearest on the way whose plain sum of squares is not clearly larger."""
-    before = float(np.sum(response.residual(q) ** 2))
-    for share in (1.0, 0.5, 0.25):
-        trial = q + share * (moved - q)
-        if float(np.sum(response.residual(trial) ** 2)) < 1.05 * before:
-            return trial
-    return q
 
 
 def _jacobians(response: Response, q: Array, steps: Array) -> dict[str, Array]:

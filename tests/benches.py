@@ -1,0 +1,144 @@
+"""Coverage of the intervals on synthetic benches with known truth: ``python -m tests.benches``.
+
+Runs weight-tray tests, backlash cycling and step responses, 200 of each unless told otherwise, and prints for every
+parameter how often its 95 % interval holds the truth, how often the data told it, and how wide the interval was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import eppanalysis as epp
+from tests.reference.benches import Bench, backlash_cycling, step_response, weight_tray
+
+MAKERS: dict[str, Callable[[int], Bench]] = {"tray": weight_tray, "backlash": backlash_cycling, "step": step_response}
+#: How well the case knows what the step response takes as known.
+TOLERANCE = "2 %"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One parameter of one bench: whether its interval holds the truth, whether the data told it, relative width."""
+
+    test: str
+    seed: int
+    name: str
+    held: bool
+    told: bool
+    width: float
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class BenchRun:
+    """What one bench gave: outcomes, or the sentence with which it was refused; which parameter limited it."""
+
+    test: str
+    seed: int
+    outcomes: tuple[Outcome, ...] = ()
+    refusal: str = ""
+    limited_by: str = ""
+    seconds: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+
+def base_case(bench: Bench, test: str) -> epp.Case:
+    """What is known before the test."""
+    known: dict[str, object] = {k: v for k, v in bench.setting.items() if "." in k}
+    if test == "step":
+        known = {k: {"value": v, "tolerance": TOLERANCE, "mark": "measured"} for k, v in known.items()}
+    return epp.case("fig8a_original").with_values(known)
+
+
+def run_bench(test: str, seed: int) -> BenchRun:
+    """Make a bench, write it as CSV, identify it, and compare with the truth."""
+    bench = MAKERS[test](seed)
+    start = perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        path = bench.write(Path(folder) / f"{test}.csv")
+        options = {test: path, "press": bench.setting.get("press", 0.0)}
+        try:
+            fit = epp.identify(base_case(bench, test), **options).fits[0]  # type: ignore[arg-type]
+        except epp.EppError as error:
+            return BenchRun(test, seed, refusal=str(error))
+    estimates = {e.name: e for e in fit.estimates}
+    outcomes = []
+    for name, true in bench.truth.items():
+        if name in estimates:
+            e = estimates[name]
+            text = f"true {e.text(true)}, found {e.text(e.value)} in {e.text(e.low)} to {e.text(e.high)}"
+            outcomes.append(Outcome(test, seed, name, e.low <= true <= e.high, e.identified, e.relative_width, text))
+    return BenchRun(test, seed, tuple(outcomes), "", fit.limited_by, perf_counter() - start, fit.notes)
+
+
+def run_all(test: str, n: int, first: int, workers: int) -> Iterator[BenchRun]:
+    """Many benches, on several processes."""
+    seeds = range(first, first + n)
+    if workers == 1:
+        yield from map(partial(run_bench, test), seeds)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        yield from pool.map(partial(run_bench, test), seeds)
+
+
+def report(test: str, runs: list[BenchRun]) -> list[str]:
+    """Lines of a table: coverage of what was told, and of everything."""
+    refused = [r for r in runs if r.refusal]
+    lines = [f"\n{test}: {len(runs)} benches, {len(refused)} refused, {np.mean([r.seconds for r in runs]):.1f} s each"]
+    lines.append(f"  {'parameter':32s} {'told':>10s} {'covered':>9s} {'of all':>9s} {'half width':>11s}")
+    for name in dict.fromkeys(o.name for r in runs for o in r.outcomes):
+        found = [o for r in runs for o in r.outcomes if o.name == name]
+        told = [o for o in found if o.told]
+        share = f"{100 * np.mean([o.held for o in told]):.1f} %" if told else "-"
+        width = f"{100 * np.median([o.width for o in told]):.2g} %" if told else "-"
+        everything = f"{100 * np.mean([o.held for o in found]):.1f} %"
+        lines.append(f"  {name:32s} {len(told):4d} of {len(found):3d} {share:>9s} {everything:>9s} {width:>11s}")
+    limits = Counter(r.limited_by for r in runs if r.limited_by)
+    lines.append("  limited by: " + ", ".join(f"{name} {count}" for name, count in limits.most_common()))
+    lines += [f"  refused {r.seed}: {r.refusal}" for r in refused[:5]]
+    return lines
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benches; 1 if an interval that was told covers in fewer than 90 or more than 99 % of many benches."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benches", description=__doc__)
+    parser.add_argument("--n", type=int, default=200, help="benches of each test")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first")
+    parser.add_argument("--only", choices=[*MAKERS], action="append", help="run only this test; repeatable")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--misses", action="store_true", help="print every interval that misses")
+    chosen = parser.parse_args(arguments)
+    bad = 0
+    for test in chosen.only or MAKERS:
+        runs = list(run_all(test, chosen.n, chosen.first, chosen.workers))
+        sys.stdout.write("\n".join(report(test, runs)) + "\n")
+        misses = [o for r in runs for o in r.outcomes if not o.held]
+        if chosen.misses:
+            sys.stdout.writelines(f"  missed {o.seed}: {o.name} {o.text}\n" for o in misses)
+        bad += sum(outside(runs, name) for name in {o.name for r in runs for o in r.outcomes})
+    return int(bad > 0)
+
+
+def outside(runs: list[BenchRun], name: str) -> bool:
+    """Whether coverage of what was told is outside 90 to 99 %, beyond what so many benches leave to chance."""
+    held = [o.held for r in runs for o in r.outcomes if o.name == name and o.told]
+    if not held:
+        return False
+    share, n = float(np.mean(held)), len(held)
+    return share < 0.90 - 2 * math.sqrt(0.09 / n) or share > 0.99 + 2 * math.sqrt(0.0099 / n)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
