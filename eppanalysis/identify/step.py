@@ -430,6 +430,8 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         }  # fmt: skip
     notes = recording.sentences()
     notes.append(f"{response.runs} simulated candidates from {STARTS} starts.")
+    if solution.cloud.temper < 1.0:
+        notes.append("The sum of squares is so rough that the intervals were drawn wider than the data ask for.")
     if worst > _WORST_FIT:
         notes.append(
             f"The residuals are {worst:.3g} times the noise of the record: the model does not describe this motion; "
