@@ -124,8 +124,8 @@ def picture(given: Given) -> Facts:
     return {"png": stream.getvalue()}
 
 
-#: Jobs that would keep the others waiting.
-_LONG = (branch,)
+#: In which process a job is done: what takes long keeps nothing else waiting.
+_PLACES = {"design_map": "quick", "picture": "quick", "all_cycles": "cycles", "branch": "branch"}
 
 
 def _quietly(job: Callable[..., Facts], args: tuple[Any, ...]) -> Facts:
@@ -143,14 +143,14 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(AttributeError, OSError):
-        os.nice(10)
+        os.nice(5)
 
 
 class Workshop:
-    """Two processes that work for all pages, one for what takes seconds, and what they have found so far."""
+    """A few processes that work for all pages, and what they have found so far."""
 
     def __init__(self) -> None:
-        self._pools = {long: self._fresh() for long in (False, True)}
+        self._pools = {place: self._fresh() for place in sorted({*_PLACES.values()})}
         self._kept: OrderedDict[Any, Facts] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -178,12 +178,12 @@ class Workshop:
         return future
 
     def _submit(self, job: Callable[..., Facts], args: tuple[Any, ...]) -> Future[Facts]:
-        long = job in _LONG
+        place = _PLACES[job.__name__]
         try:
-            return self._pools[long].submit(_quietly, job, args)
+            return self._pools[place].submit(_quietly, job, args)
         except BrokenProcessPool:
-            self._pools[long] = self._fresh()
-            return self._pools[long].submit(_quietly, job, args)
+            self._pools[place] = self._fresh()
+            return self._pools[place].submit(_quietly, job, args)
 
     def _finish(self, key: Any, done: Future[Facts], then: Callable[[Facts], None]) -> None:
         if done.cancelled():

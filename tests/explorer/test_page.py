@@ -78,12 +78,12 @@ def test_what_is_shown_is_what_the_methods_say(page):
 
 
 def test_slow_pictures_arrive(page):
-    wait(page, "model('map').title.text === 'Design map'", 60)
+    wait(page, "model('map').title.text === 'Design map'", 240)
     codes = page.evaluate(
         "Array.from(model('map').renderers.find((r) => r.glyph.type === 'Image').data_source.data.image[0])"
     )
     assert {1, 2} <= set(codes)
-    wait(page, "model('exact').text.includes('stable 4.394 deg at 8.974 Hz')", 60)
+    wait(page, "model('exact').text.includes('stable 4.394 deg at 8.974 Hz')", 240)
     assert "unstable 1.162 deg at 5.183 Hz" in page.evaluate("model('exact').text")
 
 
@@ -190,7 +190,7 @@ def test_case_and_picture_are_given_to_the_browser(page, tmp_path):
     assert tomllib.loads(text)["title"]
     (tmp_path / "again.toml").write_text(text)
     assert epp.read_case(tmp_path / "again.toml").value("lock_pin.backlash") == pytest.approx(0.0261799, rel=1e-5)
-    with page.expect_download(timeout=60_000) as waiting:
+    with page.expect_download(timeout=240_000) as waiting:
         page.get_by_role("button", name="Picture").click()
     assert save(tmp_path, waiting.value).startswith(b"\x89PNG")
 
