@@ -160,12 +160,12 @@ def list_cases(as_json: Json = False) -> None:
 
 app.command("cycles")(cycles)
 app.command("branch")(branch)
-app.command("sweep")(sweep)
 app.command("bounds")(bounds)
-app.command("explore")(explore)
 app.command("guide")(guide)
+app.command("sweep")(sweep)
 app.command("identify")(identify)
 app.command("report")(report)
+app.command("explore")(explore)
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def identify(
         typer.Option(
             "--column",
             metavar="ROLE=HEADER:UNIT",
-            help='Which column is what, as in force="F (lbf):lbf"; by default headers are "force [lbf]". Repeatable.',
+            help=r'Which column is what, as in force="F (lbf):lbf"; by default headers are "force \[lbf]". Repeatable.',
         ),
     ] = _NONE,
     settings: Annotated[
