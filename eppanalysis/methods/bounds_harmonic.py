@@ -28,7 +28,7 @@ from eppanalysis.models.signals import standing_inputs
 from eppanalysis.results import LimitCycle
 
 #: Orders tried in turn, and the relative change of the bound from one to the next at which they end.
-ORDERS = (3, 5, 7, 9, 11, 13, 15, 17, 19)
+ORDERS = (5, 7, 9, 11, 13, 15, 17, 19)
 CHANGE = 0.02
 N_SCAN = 5
 _SCALED = (0.5, 2.0)
