@@ -88,6 +88,8 @@ def draw_cloud(
         centre = weights @ places
         away = places - centre
         spread = (away * weights[:, None]).T @ away
+        # Draws that follow their own covariance lose a share p/N of it from round to round.
+        spread = spread * (effective / max(effective - p, 0.5 * effective))
         cloud = Cloud(best, centre, spread, effective, temper)
         # What few draws say of a covariance is uncertain; a floor keeps it from collapsing.
         spread = 1.5 * spread + np.diag(1e-3 * np.diag(matrix) + 1e-14)
