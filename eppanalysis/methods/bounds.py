@@ -244,6 +244,14 @@ class _Checked:
 
 
 def _check(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
+    """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
+    try:
+        return _corrected(question, near, sign, settings)
+    except (EppError, np.linalg.LinAlgError) as error:
+        return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
+
+
+def _corrected(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
     """Correct and test one bound; where the search on the safe side finds another family, its bound is the one."""
     found = correct(question, near, sign)
     if found.cycle is None:
@@ -274,7 +282,7 @@ def _other_family(question: Question, tested: Verification, sign: float) -> Exac
     for cycle in tested.search or ():
         try:
             branch = continue_branch(question.case, question.limit, tested.safe_value, end, cycle=cycle, n_points=150)
-        except EppError:
+        except (EppError, np.linalg.LinAlgError):
             continue
         if branch.folds:
             turn = min(branch.folds, key=lambda s: sign * s.value)

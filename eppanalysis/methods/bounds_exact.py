@@ -92,7 +92,7 @@ def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) ->
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             return continue_branch(question.case, question.limit, start, stop, cycle=cycle, n_points=150, max_step=0.08)
-    except EppError:
+    except (EppError, np.linalg.LinAlgError):
         return None
 
 
