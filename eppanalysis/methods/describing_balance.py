@@ -284,8 +284,13 @@ def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
         out = np.asarray(np.linalg.solve(safe, right[..., None])[..., 0], float)
     except np.linalg.LinAlgError:
         # One exactly singular matrix stops the whole batch; shifted, it gives a huge step that the caller rejects.
-        shifted = safe + 1e-13 * np.eye(J.shape[-1])
-        out = np.asarray(np.linalg.solve(shifted, right[..., None])[..., 0], float)
+        # The shifts differ in size and order, or a shift would only move a matrix onto another singular one.
+        shifted = safe + 1e-13 * np.diag(np.sqrt(np.arange(2.0, J.shape[-1] + 2.0)))
+        try:
+            out = np.asarray(np.linalg.solve(shifted, right[..., None])[..., 0], float)
+        except np.linalg.LinAlgError:
+            out = (np.linalg.pinv(safe) @ right[..., None])[..., 0]
+            ok &= np.linalg.matrix_rank(safe) == J.shape[-1]
     ok &= np.all(np.isfinite(out), -1)
     return np.where(ok[:, None], out, 0.0), ok
 
