@@ -18,7 +18,7 @@ import numpy as np
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.describing import predict_limit_cycles
-from eppanalysis.methods.rungs import FACTOR, Clock, Rung, climb, distance, largest_harmonic
+from eppanalysis.methods.rungs import FACTOR, Clock, Rung, climb, distance, largest_harmonic, load_kernels
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion
@@ -212,6 +212,7 @@ def ladder(case: _CaseLike) -> Ladder:
     """
     system, final = case.to_system(), case.final_input()
     signal = case.expected.signal or system.signals.names[0]
+    load_kernels()
     clock = Clock()
     prediction, why_not = _predict(system, final)
     predict_seconds = clock.lap()

@@ -9,14 +9,18 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles
+from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.exact import exact_orbit
 from eppanalysis.methods.harmonic import harmonic_balance
+from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.nonlinearities import Relay
 from eppanalysis.results import LimitCycle, Prediction, Trajectory
 
 #: Factor in frequency and in size within which two cycles may belong together.
@@ -64,6 +68,14 @@ class Clock:
         """Time since the lap before."""
         before, self.last = self.last, time.perf_counter()
         return self.last - before
+
+
+@cache
+def load_kernels() -> None:
+    """Load the compiled kernels (compile them, on a machine's first use), so that times are those of the methods."""
+    loop = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
+    simulate(loop, t_end=1.0)
+    exact_orbit(loop, predict_limit_cycles(loop)[0])
 
 
 def largest_harmonic(cycle: LimitCycle, signal: str) -> int:

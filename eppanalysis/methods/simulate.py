@@ -172,7 +172,7 @@ def announce_compilation(kernel: Any) -> None:
         return
     folder = Path(kernel.stats.cache_path or "")
     if not any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi")):
-        sys.stderr.write("Compiling the engine for this machine; once, for about half a minute ...\n")
+        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
         sys.stderr.flush()
 
 
