@@ -437,7 +437,11 @@ def advance(
     if code != SINGULAR and code != CLOSED:
         expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
         for i in range(n):
-            rate[i] = X[1, i]
+            # A rate that is rounding of what it was added up from is none: a run at rest is known by it.
+            size = abs(f[i])
+            for c in range(slots.M_count[q, i]):
+                size += abs(slots.M_value[q, i, c] * x[slots.M_place[q, i, c]])
+            rate[i] = X[1, i] if n_s > 0 or abs(X[1, i]) > 64.0 * EPS * size else 0.0
     stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
     return code
 

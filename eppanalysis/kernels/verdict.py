@@ -32,17 +32,18 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
     """
     keep, n = ev_x.shape
     held = min(count, keep)
-    size = np.zeros(n)
+    size, rounding = np.zeros(n), np.zeros(n)
     for i in range(n):
         low, high = min(x_start[i], x_end[i]), max(x_start[i], x_end[i])
         for k in range(held):
             low, high = min(low, ev_x[k, i]), max(high, ev_x[k, i])
         size[i] = high - low
+        rounding[i] = 4e-15 * max(abs(low), abs(high))
     quiet = t_end - ev_t[(count - 1) % keep] if count > 0 else t_end
     if quiet >= 0.02 * t_end:
         rest = True
         for i in range(n):
-            if compared[i] and abs(rate_end[i]) * max(quiet, 0.1 * t_end) > REST_TOLERANCE * size[i]:
+            if compared[i] and abs(rate_end[i]) * max(quiet, 0.1 * t_end) > max(REST_TOLERANCE * size[i], rounding[i]):
                 rest = False
         if rest:
             return SETTLED

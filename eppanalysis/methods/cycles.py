@@ -105,7 +105,9 @@ class CycleSearch:
         return plot_cycles(self, signal)
 
 
-def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> CycleSearch:
+def find_limit_cycles(
+    system: LureSystem, input_value: Mapping[str, float] | None = None, *, by_balance: bool = True
+) -> CycleSearch:
     """All limit cycles of a loop as exact orbits, stable and unstable.
 
     Parameters
@@ -114,6 +116,9 @@ def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | Non
         In continuous time.
     input_value : mapping of str to float, optional
         Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+    by_balance : bool
+        Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a second
+        or two for a prediction without an orbit near.
 
     Returns
     -------
@@ -134,7 +139,7 @@ def find_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | Non
     [(8.25509713, False), (6.3277966, True)]
     """
     hybrid = steady_hybrid(system, input_value)
-    search = _Search(system, hybrid, _predictions(system, input_value), input_value)
+    search = _Search(system, hybrid, _predictions(system, input_value), input_value, by_balance)
     search.run()
     cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
     outcomes = search.outcomes
@@ -168,6 +173,7 @@ class _Search:
     hybrid: HybridSystem
     predicted: Sequence[LimitCycle]
     input_value: Mapping[str, float] | None
+    by_balance: bool = True
     orbits: list[Orbit] = field(default_factory=list)
     outcomes: dict[str, int] = field(default_factory=dict)
     n_runs: int = 0
@@ -178,7 +184,7 @@ class _Search:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
         self.horizon = self._horizon()
         for cycle in self.predicted:
-            for orbit in orbits_of(self.system, self.hybrid, cycle, self.input_value):
+            for orbit in orbits_of(self.system, self.hybrid, cycle, self.input_value, self.by_balance):
                 self.add(orbit)
         rays = self._rays()
         for ray in rays:
@@ -193,8 +199,9 @@ class _Search:
     def sentence(self) -> str:
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
+        balance = ", by harmonic balance where needed" * self.by_balance
         return (
-            f"{len(self.predicted)} predicted cycles as seeds, by harmonic balance where needed; {self.n_runs} runs "
+            f"{len(self.predicted)} predicted cycles as seeds{balance}; {self.n_runs} runs "
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."

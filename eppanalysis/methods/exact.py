@@ -82,7 +82,11 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
 
 
 def orbits_of(
-    system: LureSystem, hybrid: HybridSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None
+    system: LureSystem,
+    hybrid: HybridSystem,
+    start: LimitCycle,
+    input_value: Mapping[str, float] | None = None,
+    by_balance: bool = True,
 ) -> Iterator[Orbit]:
     """Closed orbits that an approximate cycle leads to; the last one is what :func:`exact_orbit` gives."""
     for orbit in orbits_near(hybrid, *start_of(hybrid, start), start.period):
@@ -90,6 +94,8 @@ def orbits_of(
         if start.stable is None or is_stable(orbit.multipliers) == start.stable:
             return
         break
+    if not by_balance:
+        return
     for orbit in orbits_by_balance(system, hybrid, start, input_value):
         yield orbit
         if is_stable(orbit.multipliers) == start.stable:
