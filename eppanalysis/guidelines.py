@@ -59,6 +59,8 @@ class GuideRow:
     knock : float
         Smallest step of the harness that starts the oscillation at the own backlash [m]; nan where there is none, or
         where the own backlash is within the bound.
+    missing : str
+        Why there is no bound under tolerances though they are given; empty where nothing is missing.
     """
 
     values: dict[str, float]
@@ -70,6 +72,7 @@ class GuideRow:
     from_rest: float
     own: float
     knock: float
+    missing: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units."""
@@ -83,6 +86,7 @@ class GuideRow:
             "from_rest": self.from_rest,
             "own": self.own,
             "knock": self.knock,
+            "missing": self.missing,
         }
 
 
@@ -168,6 +172,8 @@ class Guide:
         )
         if row.tolerance is not None:
             out += f"; under {text(LIMIT, row.tolerance.worst_case, 3)} where every tolerance is used up"
+        if row.missing:
+            out += f" (no bound under tolerances: {row.missing})"
         if row.own <= row.allowed:
             return out + f". The {text(LIMIT, row.own, 3)} of this elbow are within it."
         out += f". This elbow has {text(LIMIT, row.own, 3)}: "
@@ -327,6 +333,12 @@ class _Work:
         question = Question(here, LIMIT, within[0], max(within[1], 2.0 * own))
         found = math.isfinite(bound)
         hit = smallest_knock(question, own) if found and own > bound else None
+        tolerance, missing = None, ""
+        if found:
+            try:
+                tolerance = self._tolerance(here.with_values({GAIN: cell.value}), within, sweep)
+            except EppError as error:
+                missing = str(error).rstrip(".")
         radius, stiffness = case.value("pulley.radius"), case.value("cable.stiffness")
         return GuideRow(
             values={GAIN: gain, **{name: case.value(name) for name in varied}},
@@ -334,10 +346,11 @@ class _Work:
             allowed=allowed,
             pulley=radius * allowed,
             force=stiffness * radius * allowed,
-            tolerance=self._tolerance(here.with_values({GAIN: cell.value}), within, sweep) if found else None,
+            tolerance=tolerance,
             from_rest=starts_from_rest(question, bound, cell.sign) if found else _NAN,
             own=own,
             knock=_NAN if hit is None else hit.size,
+            missing=missing,
         )
 
     def _tolerance(self, case: Case, within: tuple[float, float], sweep: HarmonicSweep) -> ToleranceBound | None:

@@ -117,8 +117,8 @@ def find_limit_cycles(
     input_value : mapping of str to float, optional
         Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
     by_balance : bool
-        Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a second
-        or two for a prediction without an orbit near.
+        Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a
+        second or two for a prediction without an orbit near.
 
     Returns
     -------
