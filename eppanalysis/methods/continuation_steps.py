@@ -109,6 +109,7 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
         return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
 
 
+@np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
 def step(point: Point, ds: float) -> Point | None:
     """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
     family, it = point.family, point.orbit.arcs.itinerary

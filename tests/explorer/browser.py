@@ -105,6 +105,7 @@ def running_browser():
 def open_page(browser, address: str, width: int = 1200, height: int = 900):
     """A tab with the page, when its first pictures are there; what it asks for elsewhere is written down."""
     page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(240_000)
     page.asked = []
     page.on("request", lambda request: page.asked.append(request.url))
     page.goto(address)
@@ -123,7 +124,7 @@ def press(page, field: str, key: str = "ArrowRight", times: int = 1) -> None:
         page.keyboard.press(key)
 
 
-def wait(page, condition: str, seconds: float = 60.0) -> None:
+def wait(page, condition: str, seconds: float = 240.0) -> None:
     """Until a condition holds."""
     page.wait_for_function(condition, timeout=1000 * seconds)
 
