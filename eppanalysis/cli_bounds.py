@@ -5,12 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -23,16 +22,6 @@ Limit = Annotated[
     str, typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded, as in lock_pin.backlash.")
 ]
 Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
-        show_default=False,
-    ),
-]
 
 
 def bounds(

@@ -31,6 +31,16 @@ Settings = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
+        show_default=False,
+    ),
+]
 
 
 def load_case(text: str, settings: Sequence[str]) -> Case:

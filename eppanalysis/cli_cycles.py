@@ -7,23 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
     from eppanalysis.methods.continuation import Branch
     from eppanalysis.methods.cycles import CycleSearch
 
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
-        show_default=False,
-    ),
-]
 Picture = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),

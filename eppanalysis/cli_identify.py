@@ -6,18 +6,17 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eppanalysis.cli_common import NOTHING, load_case, print_json
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case
     from eppanalysis.identify import BenchFit, Identification
     from eppanalysis.identify.reading import Progress
 
-_NONE: list[str] = []
 _NO_FILES: list[Path] = []
 _PICTURES = (".png", ".svg", ".pdf")
 _FILES = (".toml", ".csv", *_PICTURES)
@@ -57,13 +56,13 @@ def identify(
             metavar="ROLE=HEADER:UNIT",
             help=r'Which column is what, as in force="F (lbf):lbf"; by default headers are "force \[lbf]". Repeatable.',
         ),
-    ] = _NONE,
+    ] = NOTHING,
     settings: Annotated[
         list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
-    ] = _NONE,
+    ] = NOTHING,
     fit: Annotated[
         list[str], typer.Option("--fit", metavar="FIELD", help="What the step response is to tell; repeatable.")
-    ] = _NONE,
+    ] = NOTHING,
     wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
     press: Annotated[
         str, typer.Option("--press", help="Largest torque of the hand in cycling, where none is recorded.")
@@ -80,7 +79,7 @@ def identify(
         _check_output(output, benches)
     chosen = _choices(columns)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
-    base = _load(case, settings)
+    base = load_case(case, settings)
     tray, backlash, step = (_measured(path) for path in (tray, backlash, step))
     with _progress() as progress:
         found = run(
@@ -88,7 +87,7 @@ def identify(
             fit=fit or None, seed=seed, progress=progress,
         )  # fmt: skip
     if as_json:
-        _print_json(found)
+        print_json("identify", [(found.case, found.to_dict())], settings)
     else:
         for part in found.fits:
             _show(part)
@@ -136,20 +135,6 @@ def _check_output(output: Path, benches: Sequence[str]) -> None:
         raise EppError(f"{output}: is one picture for {len(benches)} tests; expected {{bench}} in its name.")
 
 
-def _load(text: str, settings: Sequence[str]) -> Case:
-    """The case of a file or of a shipped name, with the fields of ``--set`` in place."""
-    from eppanalysis.case import case, read_case
-
-    found = read_case(text) if text.endswith(".toml") or Path(text).is_file() else case(text)
-    values = {}
-    for item in settings:
-        name, separator, value = item.partition("=")
-        if not separator or not name.strip():
-            raise EppError(f"--set {item}: has no field and value; expected FIELD=VALUE.")
-        values[name.strip()] = value.strip()
-    return found.with_values(values, "--set") if values else found
-
-
 @contextmanager
 def _progress() -> Iterator[Progress | None]:
     """A bar on the terminal; nothing where the output goes elsewhere."""
@@ -179,32 +164,6 @@ def _show(fit: BenchFit) -> None:
     typer.echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
     if not fit.status.ok:
         typer.echo(f"  {fit.status.value}")
-
-
-def _print_json(found: Identification) -> None:
-    import json
-
-    from eppanalysis import __version__
-
-    document = {
-        "eppanalysis": __version__,
-        "command": "identify",
-        "cases": [{"name": found.case.name, "title": found.case.title, "kind": "elbow", "result": found.to_dict()}],
-    }
-    sys.stdout.write(json.dumps(_plain(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    """Plain JSON: what is not finite as null."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if value - value == 0.0 else None
-    return value
 
 
 def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
