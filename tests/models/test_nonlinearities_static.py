@@ -11,7 +11,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.automaton import Automaton
@@ -114,6 +114,8 @@ def test_smooth_shapes_match_quadrature(scale: float, amplitude: float, bias: fl
 
 @settings(max_examples=60)
 @given(positive, st.floats(1e-3, 200), amplitudes, numbers)
+@example(static=1.0, fall=1.0, amplitude=1.0, bias=2.0)
+@example(static=1.0, fall=1.0, amplitude=2.0, bias=1.0)
 def test_stribeck_friction_matches_quadrature(static: float, fall: float, amplitude: float, bias: float) -> None:
     element = Friction(0.0, static=static, stribeck=fall)
     switches = crossings([0.0], amplitude, bias)

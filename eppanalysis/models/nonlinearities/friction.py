@@ -126,18 +126,18 @@ def _half(a: Array, b: Array, fall: float) -> tuple[Array, Array]:
     """Integrals of ``g`` and ``g sin(phi)``, ``g = 1/(1 + fall v)``, where ``v = b + a sin(phi)`` is positive."""
     inner = np.abs(b) < a
     centre, swing = 1 + fall * b, fall * a
-    low = np.where(inner | (b > 0), 1 + fall * (b - a), 1.0)
-    high = np.where(inner | (b > 0), 1 + fall * (b + a), 1.0)
+    outside = b >= a
+    low = np.where(inner | outside, 1 + fall * (b - a), 1.0)
+    high = np.where(inner | outside, 1 + fall * (b + a), 1.0)
     root = np.sqrt(np.maximum(low, 0)) * np.sqrt(high)
     theta = angle(a + b, a - b)
     safe_root = np.where(inner, 1.0, root)
     # All of the cycle is on this side where b >= a, none of it where b <= -a.
     whole_mean = 2 * np.pi / safe_root
-    whole_gain = -2 * np.pi * swing / (safe_root * (np.where(inner, 1.0, centre) + safe_root))
+    whole_gain = -2 * np.pi * swing / (safe_root * (np.where(outside, centre, 1.0) + safe_root))
     part_mean = _reciprocal(np.where(inner, a, 1.0), np.where(inner, b, 0.0), fall)
     closed = (2 * theta - centre * part_mean) / swing
     part_gain = np.where(swing < 0.05, _series(theta, swing, np.where(inner, centre, 1.0)), closed)
-    outside = b >= a
     mean = np.where(inner, part_mean, np.where(outside, whole_mean, 0.0))
     gain = np.where(inner, part_gain, np.where(outside, whole_gain, 0.0))
     undefined = np.isnan(a) | np.isnan(b)
@@ -163,7 +163,9 @@ def _series(theta: Array, swing: Array, centre: Array) -> Array:
     The closed form is a difference of nearly equal numbers there; 14 terms reach rounding for swing < 0.05.
     """
     cosine, sine = np.cos(theta), np.sin(theta)
-    q = np.where(swing < 0.05, -swing / centre, 0.0)
+    small = swing < 0.05
+    centre = np.where(small, centre, 1.0)
+    q = -np.where(small, swing, 0.0) / centre
     before, moment = 2 * theta, 2 * sine
     total, power = np.zeros_like(theta), np.ones_like(theta)
     for n in range(2, 16):
