@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT
+from eppanalysis.kernels.modes import HOT, INLINE
 
 #: Longest period looked for, in events, and how many periods a contraction is looked back for.
 MOST_EVENTS, MOST_TURNS = 128, 64
@@ -131,14 +131,15 @@ def sort_into(phases, period, order, first):
     Evenly spread phases fall about one to a bin, so that the insertions that finish the work are few.
     """
     n, bins = phases.size, first.size - 1
+    scale = bins / period
     for b in range(bins + 1):
         first[b] = 0
     for i in range(n):
-        first[_bin(phases[i], period, bins) + 1] += 1
+        first[_bin(phases[i], scale, bins) + 1] += 1
     for b in range(bins):
         first[b + 1] += first[b]
     for i in range(n):
-        b = _bin(phases[i], period, bins)
+        b = _bin(phases[i], scale, bins)
         order[first[b]] = i
         first[b] += 1
     for k in range(1, n):
@@ -149,6 +150,6 @@ def sort_into(phases, period, order, first):
         order[j] = i
 
 
-@njit(**HOT)
-def _bin(phase, period, bins):
-    return min(bins - 1, max(0, int(phase / period * bins)))
+@njit(**INLINE)
+def _bin(phase, scale, bins):
+    return min(bins - 1, max(0, int(phase * scale)))

@@ -34,6 +34,7 @@ from eppanalysis.kernels.series import (
     combine,
     expand,
     first_rise,
+    four_at,
     guard_noise,
     guard_series,
     guard_travel,
@@ -57,7 +58,7 @@ class Room(NamedTuple):
     Sg: np.ndarray  # (order + 1, s) series of the smooth channels, their arguments, and helpers
     arg: np.ndarray
     aux: np.ndarray
-    sigma: np.ndarray  # (s,)
+    lanes: np.ndarray  # (n + s, 4) state and smooth channels at four samples
     p: np.ndarray  # (order + 1,) series of a guard
     still: np.ndarray  # (y,) constant parts of the signals
     row: np.ndarray  # (8, n)
@@ -87,7 +88,7 @@ def make_room(model):
         np.zeros((ORDER + 1, n_s)),
         np.zeros((ORDER + 1, n_s)),
         np.zeros((ORDER + 1, n_s)),
-        np.zeros(n_s),
+        np.zeros((n + n_s, 4)),
         np.zeros(ORDER + 1),
         np.zeros(model.Yx.shape[0]),
         np.zeros((8, n)),
@@ -196,9 +197,10 @@ def repeat(
     n = last - first
     if n > 0:
         phases, order = np.empty(n), np.empty(n, np.int64)
+        per_second = 1.0 / period
         for i in range(n):
             after = samples[first + i] - t
-            phases[i] = max(0.0, after - np.floor(after / period) * period)
+            phases[i] = max(0.0, after - np.floor(after * per_second) * period)
         sort_into(phases, period, order, np.empty(n + 1, np.int64))
         values, own, y, m, K = np.empty((n, out.shape[1])), np.zeros(8), x.copy(), modes.copy(), H.copy()
         advance(
@@ -353,12 +355,14 @@ def advance(
                 recent[i] = abs(X[0, i]) + D[i]
         if best > 0.0:
             u1 = min(best, 1.0)
-            while i_sample < n_samples and samples[i_sample] < t + u1 * d - 1e-9 * h * (which < 0):
-                _sample_series(
-                    slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], X, last, Sg,
-                    max(0.0, (samples[i_sample] - t) / d), room.row[6], still, room.sigma, out[i_sample],
-                )  # fmt: skip
+            first, until = i_sample, t + u1 * d - 1e-9 * h * (which < 0)
+            while i_sample < n_samples and samples[i_sample] < until:
                 i_sample += 1
+            if i_sample > first:
+                _sample_series(
+                    slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], X, last, Sg, samples, first,
+                    i_sample, t, d, still, room.lanes, out,
+                )  # fmt: skip
             if n_s > 0:
                 _extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
         if which < 0:
@@ -698,11 +702,29 @@ def _signals(count, place, value, smooth, x, still, sigma, row):
 
 
 @njit(**HOT)
-def _sample_series(count, place, value, smooth, X, last, Sg, u, x, still, sigma, row):
-    """Signals at u of a series step. (Handed over are the few arrays that it needs: a call with all is dearer.)"""
-    state_at(X, last, u, x)
-    state_at(Sg, last, u, sigma)
-    _signals(count, place, value, smooth, x, still, sigma, row)
+def _sample_series(count, place, value, smooth, X, last, Sg, samples, first, stop, t, d, still, lanes, out):
+    """Signals at the samples first..stop of a series step, four at a time. (A call with all arrays would be dearer.)"""
+    n, n_s = X.shape[1], Sg.shape[1]
+    final = stop - 1
+    for k0 in range(first, stop, 4):
+        # Beyond the last sample it is taken again, to the same place.
+        k1, k2, k3 = min(k0 + 1, final), min(k0 + 2, final), min(k0 + 3, final)
+        u0, u1 = max(0.0, (samples[k0] - t) / d), max(0.0, (samples[k1] - t) / d)
+        u2, u3 = max(0.0, (samples[k2] - t) / d), max(0.0, (samples[k3] - t) / d)
+        for i in range(n):
+            lanes[i, 0], lanes[i, 1], lanes[i, 2], lanes[i, 3] = four_at(X, last, i, u0, u1, u2, u3)
+        for i in range(n_s):
+            v0, v1, v2, v3 = four_at(Sg, last, i, u0, u1, u2, u3)
+            lanes[n + i, 0], lanes[n + i, 1], lanes[n + i, 2], lanes[n + i, 3] = v0, v1, v2, v3
+        for i in range(still.size):
+            v0 = v1 = v2 = v3 = still[i]
+            for c in range(count[i]):
+                a, x = value[i, c], lanes[place[i, c]]
+                v0, v1, v2, v3 = v0 + a * x[0], v1 + a * x[1], v2 + a * x[2], v3 + a * x[3]
+            for j in range(n_s):
+                a, x = smooth[i, j], lanes[n + j]
+                v0, v1, v2, v3 = v0 + a * x[0], v1 + a * x[1], v2 + a * x[2], v3 + a * x[3]
+            out[k0, i], out[k1, i], out[k2, i], out[k3, i] = v0, v1, v2, v3
 
 
 @njit(**INLINE)

@@ -550,7 +550,7 @@ def flow(M, h, rate, integral, power, half, term, work):
         for j in range(n):
             term[i, j] = integral[i, j] = d if i == j else 0.0
     for k in range(2, 22):
-        _multiply(term, M, work)
+        _multiply(M, term, work)  # in this order, because M has few entries
         largest = 0.0
         for i in range(n):
             for j in range(n):
@@ -600,29 +600,54 @@ def compile_step(slots, work, q):
     flow(M, h, rate, integral, power, half, a[5], a[6])
     bound = slots.bound[q]
     _fill_step(slots.T[q], slots.gf[q], G, integral, power)
-    row, other, total = work.row[0], work.row[1], work.row[2]
     for g in range(G):
-        f = slots.gf[q, g]
-        # Fourth derivative of the guard: gf M^3 exp(M s) x'(0), bounded over the step by its series about the middle.
-        _apply(M, f, row)
+        twin = _twin(slots.gf[q], g)
+        for i in range(n):
+            bound[i, g] = bound[i, twin]
+        if twin == g:
+            _stray(slots, work, q, g, half, bound)
+
+
+@njit(**HOT)
+def _twin(gf, g):
+    """An earlier guard on the same row but for its sign (two levels of one input), or the guard itself."""
+    for k in range(g):
+        same, mirrored = True, True
+        for i in range(gf.shape[1]):
+            same = same and gf[k, i] == gf[g, i]
+            mirrored = mirrored and gf[k, i] == -gf[g, i]
+        if same or mirrored:
+            return k
+    return g
+
+
+@njit(**HOT)
+def _stray(slots, work, q, g, half, bound):
+    """Bound on how far guard g strays from the cubic through its end values: its fourth derivative over the step.
+
+    The derivative is ``gf M^3 exp(M s) x'(0)``, bounded by its series about the middle.
+    """
+    M, h, n = slots.M[q], slots.step[q], half.shape[0]
+    row, other, total = work.row[0], work.row[1], work.row[2]
+    _apply(M, slots.gf[q, g], row)
+    _apply(M, row, other)
+    _apply(M, other, row)
+    _apply(half, row, other)
+    factor = 1.0
+    for i in range(n):
+        row[i], total[i] = other[i], abs(other[i])
+    for k in range(1, 25):
+        factor *= 0.5 * h / k
         _apply(M, row, other)
-        _apply(M, other, row)
-        _apply(half, row, other)
-        scale, factor = h**4 / 384.0, 1.0
+        grown = False
         for i in range(n):
-            row[i], total[i] = other[i], abs(other[i])
-        for k in range(1, 25):
-            factor *= 0.5 * h / k
-            _apply(M, row, other)
-            grown = False
-            for i in range(n):
-                row[i] = other[i]
-                total[i] += factor * abs(other[i])
-                grown = grown or factor * abs(other[i]) > 1e-4 * total[i]
-            if k > 8 and not grown:
-                break
-        for i in range(n):
-            bound[i, g] = 1.001 * scale * total[i]
+            row[i] = other[i]
+            total[i] += factor * abs(other[i])
+            grown = grown or factor * abs(other[i]) > 1e-4 * total[i]
+        if k > 8 and not grown:
+            break
+    for i in range(n):
+        bound[i, g] = 1.001 * h**4 / 384.0 * total[i]
 
 
 @njit(**HOT)

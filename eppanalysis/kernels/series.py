@@ -27,6 +27,16 @@ def state_at(X, last, u, out):
 
 
 @njit(**INLINE)
+def four_at(X, last, i, u0, u1, u2, u3):
+    """Column i of the series X, of order `last`, at four places."""
+    v0 = v1 = v2 = v3 = X[last, i]
+    for k in range(last - 1, -1, -1):
+        c = X[k, i]
+        v0, v1, v2, v3 = v0 * u0 + c, v1 * u1 + c, v2 * u2 + c, v3 * u3 + c
+    return v0, v1, v2, v3
+
+
+@njit(**INLINE)
 def rate_at(X, last, u, h, out):
     """Rate of the series X, of order `last` over the step h, at u."""
     n = out.size
