@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -72,6 +72,20 @@ def _corners(marks: Array, delays: Array) -> Array:
     return np.append(corners[:-1][near], marks[-1])
 
 
+@cache
+def _rule() -> tuple[Array, Array]:
+    """Nodes and weights of Gauss and Legendre."""
+    return legendre.leggauss(N_NODES)
+
+
+@cache
+def _to_coefficients() -> Array:
+    """From values at the nodes to Legendre coefficients, shape (N_NODES, N_NODES)."""
+    nodes, weights = _rule()
+    degrees = np.arange(N_NODES)
+    return (legendre.legvander(nodes, N_NODES - 1) * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
+
+
 @dataclass(frozen=True, eq=False)
 class _Pieces:
     """Smooth pieces of a period, with Gauss-Legendre nodes on each."""
@@ -89,22 +103,15 @@ class _Pieces:
         return cls(start, size)
 
     @cached_property
-    def _rule(self) -> tuple[Array, Array]:
-        return legendre.leggauss(N_NODES)
-
-    @cached_property
     def times(self) -> Array:
         """Sample times [s], increasing, shape (pieces * N_NODES,)."""
-        nodes, _ = self._rule
+        nodes, _ = _rule()
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
     def coefficients(self, y: Array) -> Array:
         """Legendre coefficients on each piece, shape (pieces, N_NODES); Gauss quadrature is exact for them."""
-        nodes, weights = self._rule
-        degrees = np.arange(N_NODES)
-        to_coefficients = (legendre.legvander(nodes, N_NODES - 1) * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
         # einsum, not BLAS: its threads cost far more than these small products.
-        return np.einsum("ij,kj->ik", y.reshape(-1, N_NODES), to_coefficients)
+        return np.einsum("ij,kj->ik", y.reshape(-1, N_NODES), _to_coefficients())
 
     def resolved(self, values: Array) -> bool:
         """Whether the last coefficients of every signal are near rounding of its range."""
@@ -116,21 +123,24 @@ class _Pieces:
 
     def analyse(self, samples: Mapping[str, Array]) -> PeriodShape:
         """Mean, peak-to-peak, harmonics and waveform of signals sampled at `times`."""
-        _, weights = self._rule
+        _, weights = _rule()
         begin, period = float(self.start[0]), float(self.size.sum())
         w = (self.size[:, None] * weights / 2).ravel() / period
         grid = np.linspace(-1.0, 1.0, 33)
         on_grid = legendre.legvander(grid, N_NODES - 1)
-        phases = np.exp(-2j * np.pi * np.outer(np.arange(N_HARMONICS + 1), self.times - begin) / period)
+        # Powers of the first harmonic cost far less than exponentials of all.
+        first = np.exp(-2j * np.pi * (self.times - begin) / period)
+        phases = np.multiply.accumulate(np.vstack([2.0 * w, *[first] * N_HARMONICS]), axis=0)
         mean, harmonics, waveform = {}, {}, {}
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
         c = np.array([self.coefficients(y) for y in samples.values()])
         fine = np.einsum("sij,kj->sik", c, on_grid)
         both = _maxima(np.concatenate([c, -c]), np.concatenate([fine, -fine]), grid)
         peak = dict(zip(samples, (both[: len(c)] + both[len(c) :]).tolist(), strict=True))
-        for name, y, values in zip(samples, samples.values(), fine, strict=True):
-            coefficients = 2.0 * np.einsum("ij,j->i", phases, w * y)
-            coefficients[0] /= 2.0
+        parts = (np.einsum("ij,sj->si", part, np.array([*samples.values()])) for part in (phases.real, phases.imag))
+        all_coefficients = next(parts) + 1j * next(parts)
+        all_coefficients[:, 0] /= 2.0
+        for name, coefficients, values in zip(samples, all_coefficients, fine, strict=True):
             harmonics[name], mean[name] = coefficients, float(coefficients[0].real)
             waveform[name] = values[:, :-1:4].ravel()
         return PeriodShape(mean, peak, harmonics, fine_t, waveform)

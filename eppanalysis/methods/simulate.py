@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ class Run:
         """Events that the ring still holds."""
         return min(self.count, self.time.size)
 
-    @property
+    @cached_property
     def order(self) -> NDArray[np.int64]:
         """Ring places of the held events, oldest first."""
         return np.arange(self.count - self.held, self.count) % max(self.time.size, 1)
@@ -168,7 +169,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
 
 def announce_compilation(kernel: Any) -> None:
     """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
-    if getattr(kernel, "signatures", True):
+    if getattr(kernel, "overloads", True):
         return
     folder = Path(kernel.stats.cache_path or "")
     if not any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi")):
