@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.hybrid import CLOSED, advance, begin, make_room, repeat
+from eppanalysis.kernels.hybrid import advance, follow, make_ring, make_room, unwatch
 from eppanalysis.kernels.modes import Model, make_slots, make_work
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
@@ -39,8 +39,7 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
     n, n_e, n_H, n_y = x0.shape[1], modes0.shape[1], H0.shape[1], one.Yx.shape[0]
     slots, work, room = make_slots(one, min(256, 16 + 4 * one.mode_first[-1])), make_work(one), make_room(one)
     x, modes, H = np.empty(n), np.empty(n_e, np.int64), np.empty(n_H)
-    ev_t, ev_guard, ev_x, ev_v = np.empty(keep), np.empty(keep, np.int64), np.empty((keep, n)), np.empty((keep, n))
-    ev_H, ev_modes = np.empty((keep, n_H)), np.empty((keep, n_e), np.int64)
+    ring = make_ring(keep, n, n_H, n_e)
     rate, stats, found = np.empty(n), np.empty(8), np.empty(4)
     none, nothing = np.empty(0), np.empty((0, n_y))
     times, signals = np.empty(SAMPLES + 1), np.empty((SAMPLES + 1, n_y))
@@ -48,46 +47,36 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
         model = _cell(stack, c)
         x[:], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
-        begin(room, x, stats)
-        code = advance(
-            model, slots, work, room, True, 0, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
-            ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+        code = follow(
+            model, slots, work, room, x, modes, H, t_end, base_step[c], none, nothing, max_events, ring, rate, stats
         )  # fmt: skip
-        if code == CLOSED:
-            repeat(
-                model, slots, work, room, x, modes, H, t_end, base_step[c], none, nothing, max_events, keep,
-                ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
-            )  # fmt: skip
-            code = advance(
-                model, slots, work, room, False, model.knot_time.size, x, modes, H, t_end, base_step[c], none, nothing,
-                max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
-            )  # fmt: skip
+        unwatch(model, room)
         count = int(stats[1])
         out.code[c], out.events[c] = code, count
-        out.since[c] = ev_t[(count - 1) % keep] if count > 0 else 0.0
+        out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
         if code != 0:
             continue
-        kind = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x0[c], x, rate, compared, found)
+        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, x0[c], x, rate, compared, found)
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]
             out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
             k = (count - 1 - p) % keep
-            x[:], modes[:], H[:] = ev_x[k], ev_modes[k], ev_H[k]
+            x[:], modes[:], H[:] = ring.x[k], ring.modes[k], ring.H[k]
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
             stats[:] = 0.0
             advance(
-                model, slots, work, room, False, model.knot_time.size, x, modes, H, period, base_step[c],
-                times, signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+                model, slots, work, room, x, modes, H, period, base_step[c], times, signals, max_events, ring, rate,
+                stats,
             )  # fmt: skip
             _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
         elif kind == SETTLED:
             times[0] = 0.0
             stats[:] = 0.0
             advance(
-                model, slots, work, room, False, model.knot_time.size, x, modes, H, 1e-12 * t_end, base_step[c],
-                times[:1], signals, max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+                model, slots, work, room, x, modes, H, 1e-12 * t_end, base_step[c], times[:1], signals, max_events,
+                ring, rate, stats,
             )  # fmt: skip
             out.mean[c], out.low[c], out.high[c] = signals[0], signals[0], signals[0]
 

@@ -22,13 +22,13 @@ ROUNDING = 5e-13
 
 
 @njit(**HOT)
-def closing(watch, count, keep, ev_guard, ev_x, ev_H, ev_modes, largest):
+def closing(watch, count, ring, largest):
     """Events in the period on which the run has closed; 0 as long as it has not.
 
     `watch` holds, from event to event: events in the candidate period, and how many events in a row were near their
     predecessors.
     """
-    c, p = count - 1, int(watch[0])
+    c, p, keep, ev_guard, ev_x = count - 1, int(watch[0]), ring.t.size, ring.guard, ring.x
     if p == 0:
         if count % 8 == 0:
             watch[0], watch[1] = _candidate(ev_guard, count, keep), 0.0
@@ -43,7 +43,7 @@ def closing(watch, count, keep, ev_guard, ev_x, ev_H, ev_modes, largest):
     if watch[1] < 2 * p:
         return 0
     watch[1] = p
-    change = max(_change(c, p, keep, ev_x, ev_H, ev_modes, largest), 1e-16)
+    change = max(_change(c, p, ring, largest), 1e-16)
     for k in range(1, MOST_TURNS):
         if (k + 1) * p >= min(count, keep) or ev_guard[(c - k * p) % keep] != ev_guard[c % keep]:
             return 0
@@ -79,9 +79,9 @@ def _apart(c, p, keep, ev_x, largest):
 
 
 @njit(**HOT)
-def _change(c, p, keep, ev_x, ev_H, ev_modes, largest):
+def _change(c, p, ring, largest):
     """Largest change over a period within the last two, relative to the cycle's own size; infinite for other modes."""
-    worst = 0.0
+    worst, keep, ev_x, ev_H, ev_modes = 0.0, ring.t.size, ring.x, ring.H, ring.modes
     for k in range(2 * p):
         for e in range(ev_modes.shape[1]):
             if ev_modes[(c - k) % keep, e] != ev_modes[(c - k - p) % keep, e]:
@@ -104,24 +104,25 @@ def _change(c, p, keep, ev_x, ev_H, ev_modes, largest):
 
 
 @njit(**HOT)
-def ring_on(turns, p, period, count, keep, times, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes):
+def ring_on(turns, p, period, count, times, ring):
     """Enter the events of `turns` more periods of `p` events into the ring; `times` has room for p of them."""
+    keep = ring.t.size
     for k in range(p):
-        times[k] = ev_t[(count - p + k) % keep]
+        times[k] = ring.t[(count - p + k) % keep]
     first = max(0, turns * p - keep)
     first -= first % p
     for k in range(first, turns * p):
         r, source = (count + k) % keep, (count - p + k % p) % keep
         if k >= first + p:
             source = (count + k - p) % keep
-        ev_t[r] = times[k % p] + (k // p + 1) * period
-        ev_guard[r] = ev_guard[source]
-        for i in range(ev_x.shape[1]):
-            ev_x[r, i], ev_v[r, i] = ev_x[source, i], ev_v[source, i]
-        for i in range(ev_H.shape[1]):
-            ev_H[r, i] = ev_H[source, i]
-        for i in range(ev_modes.shape[1]):
-            ev_modes[r, i] = ev_modes[source, i]
+        ring.t[r] = times[k % p] + (k // p + 1) * period
+        ring.guard[r] = ring.guard[source]
+        for i in range(ring.x.shape[1]):
+            ring.x[r, i], ring.v[r, i] = ring.x[source, i], ring.v[source, i]
+        for i in range(ring.H.shape[1]):
+            ring.H[r, i] = ring.H[source, i]
+        for i in range(ring.modes.shape[1]):
+            ring.modes[r, i] = ring.modes[source, i]
 
 
 @njit(**HOT)

@@ -48,6 +48,8 @@ from eppanalysis.kernels.series import (
 
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY, CLOSED = 0, 1, 2, 3, 4, 5, 6
 LINE_CAPACITY = 8192
+#: Functions that call `advance` are written into their own callers: each level of calls has it translated once more.
+WRITTEN_IN = {"cache": True, "nogil": True, "inline": "always"}
 
 
 class Room(NamedTuple):
@@ -66,10 +68,31 @@ class Room(NamedTuple):
     guard: np.ndarray  # (4, G)
     end: np.ndarray  # (2n + 2G,)
     watch: np.ndarray  # (2,) candidate period of a run that closes, events near their predecessors
+    course: np.ndarray  # (2,) int: knots passed, whether the run is watched for closing
     line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
     line_h: np.ndarray  # (s, ring) unit of its series
     line_c: np.ndarray  # (s, ring, order + 1)
     line_n: np.ndarray  # (s, 2) int: segments written, segment being read
+
+
+class Ring(NamedTuple):
+    """The last events of a run (leading axis: place)."""
+
+    t: np.ndarray  # (keep,)
+    guard: np.ndarray  # (keep,) int
+    x: np.ndarray  # (keep, n) state just after the event
+    v: np.ndarray  # (keep, n) its rate just before
+    H: np.ndarray  # (keep, h) held values
+    modes: np.ndarray  # (keep, E) int
+
+
+@njit(cache=True, nogil=True)
+def make_ring(keep, n, n_H, n_e):
+    """Room for the last `keep` events."""
+    return Ring(
+        np.empty(keep), np.empty(keep, np.int64), np.empty((keep, n)), np.empty((keep, n)), np.empty((keep, n_H)),
+        np.empty((keep, n_e), np.int64),
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -96,6 +119,7 @@ def make_room(model):
         np.zeros((4, G)),
         np.zeros(2 * n + 2 * G),
         np.zeros(2),
+        np.zeros(2, np.int64),
         np.zeros((n_s, size, 2)),
         np.ones((n_s, size)),
         np.zeros((n_s, size, ORDER + 1)),
@@ -104,26 +128,7 @@ def make_room(model):
 
 
 @njit(cache=True, nogil=True)
-def run(
-    model,
-    x,
-    modes,
-    H,
-    t_end,
-    base_step,
-    samples,
-    out,
-    max_events,
-    keep,
-    ev_t,
-    ev_guard,
-    ev_x,
-    ev_v,
-    ev_H,
-    ev_modes,
-    rate,
-    stats,
-):
+def run(model, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
     """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
 
     Parameters
@@ -135,10 +140,10 @@ def run(
         End, and longest step of the grid.
     samples, out : arrays (nt,), (nt, y)
         Increasing times at which the signals are wanted, and where they go.
-    max_events, keep : int
-        Events allowed in all, and the size of the ring that keeps the last ones.
-    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes : arrays (keep, ...)
-        Ring: time, guard, and state, rate (just before), held values and modes (just after the event).
+    max_events : int
+        Events allowed in all.
+    ring : Ring
+        Keeps the last ones.
     rate : array (n,)
         Filled with the rate of the state at the end.
     stats : array (8,)
@@ -151,19 +156,21 @@ def run(
         DONE or the reason for stopping early.
     """
     slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
-    begin(room, x, stats)
-    code = advance(
-        model, slots, work, room, True, 0, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-        ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+    return follow(
+        model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats
     )  # fmt: skip
+
+
+@njit(**WRITTEN_IN)
+def follow(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
+    """The run from its start to its end, in the room given; as soon as it has closed it is only repeated."""
+    begin(room, x, stats)
+    code = advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats)
     if code == CLOSED:
-        repeat(
-            model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-            ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
-        )  # fmt: skip
+        unwatch(model, room)
+        repeat(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats)
         code = advance(
-            model, slots, work, room, False, model.knot_time.size, x, modes, H, t_end, base_step, samples, out,
-            max_events, keep, ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
+            model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats
         )  # fmt: skip
     return code
 
@@ -175,19 +182,24 @@ def begin(room, x, stats):
         stats[i] = 0.0
     for i in range(x.size):
         room.row[0, i] = room.row[1, i] = abs(x[i])
+    room.course[0], room.course[1] = 0, 1
 
 
-@njit(cache=True, nogil=True, inline="always")
-def repeat(
-    model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
-):  # fmt: skip
+@njit(cache=True, nogil=True)
+def unwatch(model, room):
+    """From now on all knots have passed, and the run is computed through."""
+    room.course[0], room.course[1] = model.knot_time.size, 0
+
+
+@njit(**WRITTEN_IN)
+def repeat(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
     """Carry a run that has closed through all whole periods to come: its clock, its events, and its signals.
 
     The samples that fall into these periods are taken in one turn, in the order of their phases.
     """
     t, count, first, p = stats[0], int(stats[1]), int(stats[2]), int(stats[6])
-    period = 0.5 * (ev_t[(count - 1) % keep] - ev_t[(count - 1 - 2 * p) % keep])
+    keep = ring.t.size
+    period = 0.5 * (ring.t[(count - 1) % keep] - ring.t[(count - 1 - 2 * p) % keep])
     # Switches that pile up at one instant have no period.
     turns = min(int((t_end - t) / period), (max_events - count) // p) if period > 1e-12 * t else 0
     stats[6] = turns
@@ -203,29 +215,25 @@ def repeat(
             phases[i] = max(0.0, after - np.floor(after * per_second) * period)
         sort_into(phases, period, order, np.empty(n + 1, np.int64))
         values, own, y, m, K = np.empty((n, out.shape[1])), np.zeros(8), x.copy(), modes.copy(), H.copy()
+        brief = make_ring(1, x.size, H.size, modes.size)
         advance(
-            model, slots, work, room, False, model.knot_time.size, y, m, K, period, base_step, phases[order], values,
-            max_events, 1, np.empty(1), np.empty(1, np.int64), np.empty((1, x.size)), np.empty((1, x.size)),
-            np.empty((1, H.size)), np.empty((1, modes.size), np.int64), rate, own,
+            model, slots, work, room, y, m, K, period, base_step, phases[order], values, max_events, brief, rate, own
         )  # fmt: skip
         for i in range(n):
             for j in range(out.shape[1]):
                 out[first + order[i], j] = values[i, j]
         for i in range(3, 6):
             stats[i] += own[i]
-    ring_on(turns, p, period, count, keep, np.empty(p), ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes)
+    ring_on(turns, p, period, count, np.empty(p), ring)
     stats[0], stats[1], stats[2] = t + turns * period, count + turns * p, last
 
 
 @njit(**HOT)
-def advance(
-    model, slots, work, room, watched, first_knot, x, modes, H, t_end, base_step, samples, out, max_events, keep,
-    ev_t, ev_guard, ev_x, ev_v, ev_H, ev_modes, rate, stats,
-):  # fmt: skip
+def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
     """The loop of :func:`run`, without allocation, from the time, event and sample that `stats` gives (see `begin`).
 
-    Knots before `first_knot` are taken as passed. A run that is `watched` returns CLOSED as soon as it has closed on a
-    cycle, with the number of events in a period in place of the periods repeated.
+    A run that is watched returns CLOSED as soon as it has closed on a cycle, with the number of events in a period in
+    place of the periods repeated.
     """
     n, n_s = x.size, model.S.shape[1]
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
@@ -234,11 +242,12 @@ def advance(
     constant, g0, g1, tol, end = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.end
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
     n_samples, n_knots = samples.size, model.knot_time.size
-    t, count, i_sample, i_knot = stats[0], int(stats[1]), int(stats[2]), first_knot
+    t, count, i_sample, i_knot = stats[0], int(stats[1]), int(stats[2]), room.course[0]
     j_grid, last_t, same_instant, quiet, armed, forced = 0, t, 0, 0, False, False
     limit_same = 2 * model.mode_first[-1] + 16
-    watch = room.watch
+    watch, watched = room.watch, room.course[1] == 1
     watch[0] = 0.0
+    keep = ring.t.size
     code = DONE
     q = find_slot(model, slots, work, modes, base_step)
     if q < 0:
@@ -416,16 +425,13 @@ def advance(
             _settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
             _enter(slots, q, H, f, constant, still)
             r = count % keep
-            ev_t[r] = t
-            ev_guard[r] = k
-            for i in range(n):
-                ev_v[r, i] = rate[i]
-            _record(r, x, H, modes, ev_x, ev_H, ev_modes)
+            ring.t[r], ring.guard[r] = t, k
+            _record(ring, r, x, rate, H, modes)
             count += 1
             if watched and i_knot == n_knots and n_s == 0:
                 for i in range(n):
                     largest[i] = max(largest[i], abs(x[i]))
-                p_events = closing(watch, count, keep, ev_guard, ev_x, ev_H, ev_modes, largest)
+                p_events = closing(watch, count, ring, largest)
                 if p_events > 0:
                     code, stats[6] = CLOSED, p_events
                     break
@@ -439,7 +445,7 @@ def advance(
             _write(slots, q, x, still, Sg[0], out[i_sample])
             i_sample += 1
     if code != SINGULAR and code != CLOSED:
-        expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
+        _expand_at_end(model, slots, q, x, f, H, largest, small, X, Sg, arg, aux)
         for i in range(n):
             # A rate that is rounding of what it was added up from is none: a run at rest is known by it.
             size = abs(f[i])
@@ -448,6 +454,12 @@ def advance(
             rate[i] = X[1, i] if n_s > 0 or abs(X[1, i]) > 64.0 * EPS * size else 0.0
     stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
     return code
+
+
+@njit(**HOT)
+def _expand_at_end(model, slots, q, x, f, H, largest, small, X, Sg, arg, aux):
+    """The series once more, for the rate. (Compiled apart: written in twice it takes the compiler much longer.)"""
+    expand(model, slots, q, x, f, H, 1.0, largest, small, X, Sg, arg, aux)
 
 
 @njit(**INLINE)
@@ -728,14 +740,14 @@ def _sample_series(count, place, value, smooth, X, last, Sg, samples, first, sto
 
 
 @njit(**INLINE)
-def _record(r, x, H, modes, ev_x, ev_H, ev_modes):
-    """State just after an event, into place r of the ring."""
+def _record(ring, r, x, rate, H, modes):
+    """State just after an event and its rate just before, into place r of the ring."""
     for i in range(x.size):
-        ev_x[r, i] = x[i]
+        ring.x[r, i], ring.v[r, i] = x[i], rate[i]
     for i in range(H.size):
-        ev_H[r, i] = H[i]
+        ring.H[r, i] = H[i]
     for i in range(modes.size):
-        ev_modes[r, i] = modes[i]
+        ring.modes[r, i] = modes[i]
 
 
 @njit(**HOT)

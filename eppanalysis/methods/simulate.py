@@ -141,20 +141,17 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     EppError
         If a combination of modes has no unique solution, or a dead time is too long for its history.
     """
-    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
+    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, make_ring, run
 
     announce_compilation(run)
     x, modes, H = hybrid.x0.copy(), hybrid.modes0.copy(), hybrid.H0.copy()
     n, keep = x.size, max(1, min(keep, max_events))
     times = np.array(times, float)
     samples = np.empty((times.size, hybrid.model.Yx.shape[0]))
-    time, guard = np.empty(keep), np.empty(keep, np.int64)
-    state, speed, held = np.empty((keep, n)), np.empty((keep, n)), np.empty((keep, H.size))
-    mode, rate, stats = np.empty((keep, modes.size), np.int64), np.zeros(n), np.zeros(8)
-    code = run(
-        hybrid.model, x, modes, H, t_end, base, times, samples, max_events, keep,
-        time, guard, state, speed, held, mode, rate, stats,
-    )  # fmt: skip
+    ring = make_ring(keep, n, H.size, modes.size)
+    rate, stats = np.zeros(n), np.zeros(8)
+    # As floats, whatever the caller wrote: the kernel would be compiled anew for whole numbers.
+    code = run(hybrid.model, x, modes, H, float(t_end), float(base), times, samples, max_events, ring, rate, stats)
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "
@@ -164,7 +161,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    return Run(code, samples, int(stats[1]), time, guard, state, speed, held, mode, x, rate, stats)
+    return Run(code, samples, int(stats[1]), *ring, x, rate, stats)
 
 
 def announce_compilation(kernel: Any) -> None:
