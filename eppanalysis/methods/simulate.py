@@ -161,7 +161,9 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    return Run(code, samples, int(stats[1]), *ring, x, rate, stats)
+    return Run(
+        code, samples, int(stats[1]), ring.t, ring.guard, ring.x, ring.v, ring.H, ring.modes, x, rate, stats
+    )  # fmt: skip
 
 
 def announce_compilation(kernel: Any) -> None:
