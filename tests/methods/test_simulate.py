@@ -382,3 +382,13 @@ def test_dataset_carries_units_and_the_verdict() -> None:
     dataset = run_case("fig8a_original", 1.0).to_dataset()
     assert dataset["theta"].attrs["units"] == "rad" and dataset.sizes["time"] == 6001
     assert dataset.attrs["status"] in {"limit_cycle", "undecided"}
+
+
+def test_whole_numbers_do_not_compile_the_kernel_anew() -> None:
+    from eppanalysis.kernels.hybrid import run
+
+    case = epp.case("fig8a_original")
+    epp.simulate(case.to_system(), case.input, t_end=0.5, step=1e-3)
+    compiled = list(run.overloads)
+    epp.simulate(case.to_system(), case.input, t_end=1, t_eval=[0, 1], step=1)
+    assert list(run.overloads) == compiled
