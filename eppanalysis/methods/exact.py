@@ -1,4 +1,4 @@
-"""One exact orbit from an approximate cycle: directly, or by way of harmonic balance where a run leaves the cycle."""
+"""One exact orbit from an approximate cycle: from a run, from the edge of growth, or by way of harmonic balance."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.edge import orbits_on_edge
 from eppanalysis.methods.harmonic import balances_of
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import require_autonomous
@@ -50,8 +51,8 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     """The exact orbit near an approximate one (a prediction, a balance, or the limit cycle of a run).
 
     A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
-    it has come round: where what is found is not of the predicted stability, harmonic balance of rising order is put in
-    between.
+    it has come round: for a cycle predicted unstable, the edge between growth and decay is bisected first. Where what
+    is found is not of the predicted stability, harmonic balance of rising order is put in between.
 
     Parameters
     ----------
@@ -65,7 +66,8 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     Returns
     -------
     LimitCycle
-        With status NOT_CONVERGED, and otherwise as given, when there is no orbit near.
+        With status NOT_CONVERGED, and otherwise as given, when there is no orbit near: none with a period between half
+        and 1.6 times the given one.
 
     Raises
     ------
@@ -75,7 +77,7 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     hybrid = steady_hybrid(system, input_value)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    found = list(orbits_of(system, hybrid, start, input_value))
+    found = [o for o in orbits_of(system, hybrid, start, input_value) if 0.5 < o.period / start.period < 1.6]
     if found:
         return to_limit_cycle(system, found[-1])
     return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
@@ -89,6 +91,13 @@ def orbits_of(
     by_balance: bool = True,
 ) -> Iterator[Orbit]:
     """Closed orbits that an approximate cycle leads to; the last one is what :func:`exact_orbit` gives."""
+    if start.stable is False and "mean_state" in start.provenance:
+        x, held = start_of(hybrid, start)
+        centre = x.copy()
+        centre[: hybrid.n_plant] = start.provenance["mean_state"]
+        for orbit in orbits_on_edge(hybrid, x, centre, held, start.period):
+            yield orbit
+            return
     for orbit in orbits_near(hybrid, *start_of(hybrid, start), start.period):
         yield orbit
         if start.stable is None or is_stable(orbit.multipliers) == start.stable:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -19,6 +19,11 @@ Array = NDArray[np.float64]
 N_NODES = 16
 N_HARMONICS = 25
 _TRIED = 4
+#: Pieces of a period to begin with (so many that every harmonic varies moderately on each), and most of them.
+_FEWEST, _MOST = 32, 6000
+_ROUNDS = 14
+#: Tails of the Legendre series, relative to the range of the signal: resolved, and where rounding may begin to show.
+_RESOLVED, _ROUNDING = 1e-12, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +49,7 @@ def analyse_period(
     delays : array
         Dead times [s] after which a switch is felt again.
     time_scale : float
-        First guess of the length on which signals vary moderately [s].
+        Length on which signals vary moderately behind an event [s].
     names : sequence of str
         Of the signals.
     sample : callable
@@ -52,14 +57,14 @@ def analyse_period(
     """
     corners = _corners(marks, delays)
     period = float(marks[-1] - marks[0])
-    # The highest harmonic too must vary moderately on a piece, or its integral is not exact.
-    longest = min(max(time_scale, period / 2000), period / 16)
-    for _ in range(6):
-        pieces = _Pieces.cut(corners, longest)
-        values = sample(pieces.times)
-        if pieces.resolved(values):
+    pieces, before = _Pieces.cut(corners, max(time_scale, 1e-5 * period), period / _FEWEST), None
+    values = sample(pieces.times)
+    for _ in range(_ROUNDS):
+        coarse, before = pieces.unresolved(values, before)
+        if not np.any(coarse) or pieces.size.size + np.sum(coarse) > _MOST:
             break
-        longest = float(pieces.size.max()) / 2
+        pieces, before = pieces.halved(coarse, before)
+        values = sample(pieces.times)
     return pieces.analyse(dict(zip(names, values.T, strict=True)))
 
 
@@ -72,20 +77,6 @@ def _corners(marks: Array, delays: Array) -> Array:
     return np.append(corners[:-1][near], marks[-1])
 
 
-@cache
-def _rule() -> tuple[Array, Array]:
-    """Nodes and weights of Gauss and Legendre."""
-    return legendre.leggauss(N_NODES)
-
-
-@cache
-def _to_coefficients() -> Array:
-    """From values at the nodes to Legendre coefficients, shape (N_NODES, N_NODES)."""
-    nodes, weights = _rule()
-    degrees = np.arange(N_NODES)
-    return (legendre.legvander(nodes, N_NODES - 1) * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
-
-
 @dataclass(frozen=True, eq=False)
 class _Pieces:
     """Smooth pieces of a period, with Gauss-Legendre nodes on each."""
@@ -94,56 +85,88 @@ class _Pieces:
     size: Array
 
     @classmethod
-    def cut(cls, corners: Array, longest: float) -> _Pieces:
-        counts = np.ceil(np.diff(corners) / longest).astype(int)
-        size = np.repeat(np.diff(corners) / counts, counts)
-        start = np.concatenate(
-            [a + (b - a) / n * np.arange(n) for a, b, n in zip(corners, corners[1:], counts, strict=False)]
-        )
-        return cls(start, size)
+    def cut(cls, corners: Array, first: float, longest: float) -> _Pieces:
+        """Pieces between corners, short behind each, where fast modes die out, and then growing to `longest`."""
+        marks = [corners[:1]]
+        for a, b in zip(corners, corners[1:], strict=False):
+            growing = a + first * np.cumsum(4.0 ** np.arange(np.log(max(longest / first, 1.0)) / np.log(4.0)))
+            growing = np.append(a, growing[growing < a + 0.5 * (b - a)])
+            rest = int(np.ceil((b - growing[-1]) / longest))
+            marks.append(np.append(growing[1:], np.linspace(growing[-1], b, rest + 1)[1:]))
+        all_marks = np.concatenate(marks)
+        return cls(all_marks[:-1], np.diff(all_marks))
 
-    @cached_property
+    @property
     def times(self) -> Array:
         """Sample times [s], increasing, shape (pieces * N_NODES,)."""
-        nodes, _ = _rule()
+        nodes = _rule()[0]
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
-    def coefficients(self, y: Array) -> Array:
-        """Legendre coefficients on each piece, shape (pieces, N_NODES); Gauss quadrature is exact for them."""
+    def coefficients(self, samples: Array) -> Array:
+        """Legendre coefficients of signals (pieces * N_NODES, s) on each piece, shape (s, pieces, N_NODES)."""
         # einsum, not BLAS: its threads cost far more than these small products.
-        return np.einsum("ij,kj->ik", y.reshape(-1, N_NODES), _to_coefficients())
+        by_signal = np.ascontiguousarray(samples.T).reshape(samples.shape[1], -1, N_NODES)
+        return np.einsum("spj,kj->spk", by_signal, _rule()[2])
 
-    def resolved(self, values: Array) -> bool:
-        """Whether the last coefficients of every signal are near rounding of its range."""
-        for y in values.T:
-            tail = np.abs(self.coefficients(y)[:, -2:]).max()
-            if not tail <= 1e-12 * max(np.ptp(y), 1e-6 * np.abs(y).max()):
-                return False
-        return True
+    def unresolved(self, values: Array, before: Array | None) -> tuple[NDArray[np.bool_], Array]:
+        """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
+
+        `before` are the largest tails of the pieces from which these come: where halving no longer shrinks a small
+        tail, it is rounding. Returns the tails of these pieces too.
+        """
+        tails = np.abs(self.coefficients(values)[:, :, -2:]).max(axis=2)
+        size = np.maximum(np.ptp(values, axis=0), 1e-6 * np.abs(values).max(axis=0))[:, None]
+        tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
+        coarse = ~(tail <= _RESOLVED)
+        if before is not None:
+            coarse &= ~((tail < _ROUNDING) & (tail > 0.3 * before))
+        return coarse, tail
+
+    def halved(self, coarse: NDArray[np.bool_], tail: Array) -> tuple[_Pieces, Array]:
+        """Marked pieces cut in two, and for each new piece the tail of the one it comes from."""
+        count = np.where(coarse, 2, 1)
+        size = np.repeat(self.size / count, count)
+        start = np.repeat(self.start, count)
+        second = np.cumsum(count)[coarse] - 1
+        start[second] += size[second]
+        return _Pieces(start, size), np.repeat(np.where(coarse, tail, np.inf), count)
 
     def analyse(self, samples: Mapping[str, Array]) -> PeriodShape:
         """Mean, peak-to-peak, harmonics and waveform of signals sampled at `times`."""
-        _, weights = _rule()
         begin, period = float(self.start[0]), float(self.size.sum())
-        w = (self.size[:, None] * weights / 2).ravel() / period
-        grid = np.linspace(-1.0, 1.0, 33)
-        on_grid = legendre.legvander(grid, N_NODES - 1)
-        # Powers of the first harmonic cost far less than exponentials of all.
-        first = np.exp(-2j * np.pi * (self.times - begin) / period)
-        phases = np.multiply.accumulate(np.vstack([2.0 * w, *[first] * N_HARMONICS]), axis=0)
-        mean, harmonics, waveform = {}, {}, {}
-        fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
-        c = np.array([self.coefficients(y) for y in samples.values()])
+        w = (self.size[:, None] * _rule()[1] / 2).ravel() / period
+        grid, on_grid = _grid()
+        values = np.column_stack(list(samples.values()))
+        turn = np.exp(-2j * np.pi * (self.times - begin) / period)
+        phases = np.vstack([w, np.broadcast_to(turn, (N_HARMONICS, turn.size))])
+        np.cumprod(phases, axis=0, out=phases)
+        series = 2.0 * np.einsum("kt,st->sk", phases, np.ascontiguousarray(values.T))
+        series[:, 0] /= 2.0
+        c = self.coefficients(values)
         fine = np.einsum("sij,kj->sik", c, on_grid)
         both = _maxima(np.concatenate([c, -c]), np.concatenate([fine, -fine]), grid)
         peak = dict(zip(samples, (both[: len(c)] + both[len(c) :]).tolist(), strict=True))
-        parts = (np.einsum("ij,sj->si", part, np.array([*samples.values()])) for part in (phases.real, phases.imag))
-        all_coefficients = next(parts) + 1j * next(parts)
-        all_coefficients[:, 0] /= 2.0
-        for name, coefficients, values in zip(samples, all_coefficients, fine, strict=True):
-            harmonics[name], mean[name] = coefficients, float(coefficients[0].real)
-            waveform[name] = values[:, :-1:4].ravel()
+        mean = dict(zip(samples, series[:, 0].real.tolist(), strict=True))
+        harmonics = dict(zip(samples, series, strict=True))
+        fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
+        waveform = {name: y[:, :-1:4].ravel() for name, y in zip(samples, fine, strict=True)}
         return PeriodShape(mean, peak, harmonics, fine_t, waveform)
+
+
+@cache
+def _rule() -> tuple[Array, Array, Array]:
+    """Nodes and weights, and the matrix from samples to Legendre coefficients; Gauss quadrature is exact for them."""
+    nodes, weights = legendre.leggauss(N_NODES)
+    degrees = np.arange(N_NODES)
+    values = legendre.legvander(nodes, N_NODES - 1)
+    return nodes, weights, (values * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
+
+
+@cache
+def _grid() -> tuple[Array, Array]:
+    """Fine grid on a piece, with the Legendre polynomials there."""
+    grid: Array = np.linspace(-1.0, 1.0, 33)
+    return grid, legendre.legvander(grid, N_NODES - 1)
 
 
 def _maxima(c: Array, fine: Array, grid: Array) -> Array:
@@ -164,6 +187,8 @@ def _maxima(c: Array, fine: Array, grid: Array) -> Array:
         turns = curvature < 0
         if not np.any(turns):
             break
-        u = np.where(turns, np.clip(u - rate / np.where(turns, curvature, 1.0), -1.0, 1.0), u)
+        old, u = u, np.where(turns, np.clip(u - rate / np.where(turns, curvature, 1.0), -1.0, 1.0), u)
+        if np.max(np.abs(u - old)) < 1e-9:
+            break
     refined = np.einsum("spj,spj->sp", legendre.legvander(u, N_NODES - 1), c)
     return np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))

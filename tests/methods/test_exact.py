@@ -9,6 +9,8 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
+from eppanalysis.methods.edge import orbits_on_edge
+from eppanalysis.methods.exact import start_of, steady_hybrid
 from eppanalysis.results import Status
 
 
@@ -31,6 +33,28 @@ def test_the_unstable_cycle_of_the_original_elbow_from_its_prediction():
     assert cycle.status is Status.CONVERGED and cycle.residual < 1e-9
     # What the search finds by bisection between outcomes.
     assert cycle.period == pytest.approx(0.192932133055, rel=1e-9)
+
+
+def test_the_edge_between_growth_and_decay_leads_to_the_unstable_cycle_alone():
+    case = epp.case("relay_deadzone")
+    system = case.to_system()
+    hybrid = steady_hybrid(system)
+    guess = epp.predict_limit_cycles(system)[0]
+    x, held = start_of(hybrid, guess)
+    orbit = next(orbits_on_edge(hybrid, x, np.zeros_like(x), held, guess.period))
+    # What the search finds by bisection between outcomes of long runs.
+    assert orbit.period == pytest.approx(8.25509713011712, rel=1e-12)
+    assert np.sum(np.abs(orbit.multipliers) > 1.0) == 1
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
+    assert not list(orbits_on_edge(steady_hybrid(loop), np.array([1.0, 0.0, 0.0]), np.zeros(3), np.ones(1), 4.4))
+
+
+def test_a_cycle_of_another_period_is_not_the_predicted_one():
+    # First order sees a slow unstable cycle where there is only the fast stable one.
+    system = epp.case("backlash_servo").to_system()
+    slow = epp.predict_limit_cycles(system)[0]
+    assert not slow.stable and slow.period > 15.0
+    assert epp.exact_orbit(system, slow).status is Status.NOT_CONVERGED
 
 
 def test_a_prediction_without_an_orbit_says_so():
