@@ -13,11 +13,13 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation_steps import (
     Point,
     admissible,
+    bend,
     beyond,
     last_admissible,
     locate,
     make_point,
     other_sequence,
+    point_at,
     signal_ranges,
     step,
     weights,
@@ -307,7 +309,7 @@ class _Walk:
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
             new = step(points[-1], ds)
-            if new is None or _bend(points[-1], new) > 0.4:
+            if new is None or bend(points[-1], new) > 0.4:
                 ds *= 0.3
                 if ds > 3e-7:
                     continue
@@ -325,7 +327,7 @@ class _Walk:
                 ds = 0.25 * self.max_step
                 continue
             if not self.limits[0] <= new.value <= self.limits[1]:
-                end = self._to_limit(points[-1], ds, new)
+                end = self._to_limit(points[-1], new)
                 if end is not None:
                     points.append(end)
                 return points, "leaves the range"
@@ -333,12 +335,12 @@ class _Walk:
             points.append(new)
             if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
                 return points, "closes on itself"
-            ds = min(1.5 * ds, self.max_step) if _bend(points[-2], new) < 0.1 else ds
+            ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
         return points, "stops at the number of points asked for"
 
-    def _to_limit(self, point: Point, ds: float, new: Point) -> Point | None:
+    def _to_limit(self, point: Point, new: Point) -> Point | None:
         limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
-        return locate(point, ds, lambda p: (p.value - limit) / self.family.width, 1e-13)
+        return point_at(point, new, limit)
 
     def _change(self, points: list[Point], ds: float) -> Point | None:
         """Cross a change of the sequence of events."""
@@ -401,13 +403,6 @@ class _Walk:
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
             provenance={"case": self.case.name, "limits": self.limits},
         )
-
-
-def _bend(old: Point, new: Point) -> float:
-    """How much the direction turns between two points: one less the cosine of the angle."""
-    w = weights(new.orbit, new.family.width)
-    size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
-    return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
 
 
 def _same_value(one: Point, other: Point) -> bool:

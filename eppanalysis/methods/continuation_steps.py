@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_guess import Guess
-from eppanalysis.methods.shooting import CONVERGED, Orbit, close_orbit, evaluate, next_guess
+from eppanalysis.methods.shooting import CONVERGED, Orbit, close_orbit, evaluate, next_guess, solve
 from eppanalysis.models.arcs import Arcs, Itinerary
 
 Array = NDArray[np.float64]
@@ -20,22 +21,26 @@ Array = NDArray[np.float64]
 #: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
 TOLERANCE = 1e-11
 _MOST_ITERATIONS = 9
+#: Share of a step that its foretold bend may have.
+_GENTLE = 0.1
 
 
-def evaluate_at(family: Family, itinerary: Itinerary, value: float, y: Array, tau: Array) -> Orbit:
+def evaluate_at(
+    family: Family, itinerary: Itinerary, value: float, y: Array, tau: Array, like: Arcs | None = None
+) -> Orbit:
     """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
     hybrid = family.at(value)
     y = y.copy()
     y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-    return evaluate(hybrid, Arcs.build(hybrid, itinerary), y, tau)
+    return evaluate(hybrid, Arcs.build(hybrid, itinerary, like), y, tau)
 
 
 def slope_at(family: Family, orbit: Orbit, value: float) -> Array:
     """Derivative of the residual with respect to the parameter, by central differences at fixed unknowns."""
     h = 1e-6 * max(abs(value), 1e-3 * family.width)
-    it = orbit.arcs.itinerary
-    up = evaluate_at(family, it, value + h, orbit.y, orbit.tau).r
-    down = evaluate_at(family, it, value - h, orbit.y, orbit.tau).r
+    it, like = orbit.arcs.itinerary, orbit.arcs
+    up = evaluate_at(family, it, value + h, orbit.y, orbit.tau, like).r
+    down = evaluate_at(family, it, value - h, orbit.y, orbit.tau, like).r
     return (up - down) / (2.0 * h)
 
 
@@ -52,6 +57,8 @@ class Point:
         Derivative of the residual with respect to the parameter.
     tangent : array, shape (m + p + 1,)
         Direction of (unknowns, parameter); of unit length in the branch's own measure.
+    before : (float, array, array), optional
+        Distance, slope and tangent of the point from which this one was reached.
     """
 
     family: Family
@@ -59,6 +66,7 @@ class Point:
     orbit: Orbit
     slope: Array
     tangent: Array
+    before: tuple[float, Array, Array] | None = None
 
     @property
     def turn(self) -> float:
@@ -69,6 +77,24 @@ class Point:
     def multipliers(self) -> NDArray[np.complex128]:
         """Floquet multipliers."""
         return self.orbit.multipliers
+
+    @cached_property
+    def unknowns(self) -> Array:
+        """Free part of the start, dwell times, parameter; shape (m + p + 1,)."""
+        return np.concatenate([self.orbit.y[self.orbit.arcs.free], self.orbit.tau, [self.value]])
+
+    def ahead(self, ds: float) -> tuple[Array, Array]:
+        """Unknowns and slope at a distance along the branch, as this point and the one before foretell them."""
+        plain = self.unknowns + ds * self.tangent
+        if self.before is None:
+            return plain, self.slope
+        way, slope, tangent = self.before
+        bent = (0.5 * ds * ds / way) * (self.tangent - tangent)
+        size = self.orbit.column_scale
+        # Beside a grazing contact the branch bends like a root, and what lies behind foretells nothing.
+        if np.max(np.abs(bent[:-1]) / size) > _GENTLE * np.max(np.abs(ds * self.tangent[:-1]) / size):
+            return plain, self.slope
+        return plain + bent, self.slope + (ds / way) * (self.slope - slope)
 
 
 def weights(orbit: Orbit, width: float) -> Array:
@@ -109,29 +135,47 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
         return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
 
 
-@np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
 def step(point: Point, ds: float) -> Point | None:
     """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
-    family, it = point.family, point.orbit.arcs.itinerary
-    m = point.orbit.arcs.free.size
-    start = np.concatenate([point.orbit.y[point.orbit.arcs.free], point.orbit.tau, [point.value]])
+    found = _corrected(point, ds, *point.ahead(ds))
+    return None if found is None else _arrived(point, ds, found)
+
+
+def _arrived(point: Point, ds: float, found: _Found) -> Point:
+    """The orbit found at a distance from a point, with the direction of the branch there."""
+    new = make_point(point.family, found.value, found.orbit, point.tangent)
+    return replace(new, before=(ds, point.slope, point.tangent)) if ds != 0.0 else new
+
+
+class _Found(NamedTuple):
+    """Where a corrector arrives."""
+
+    value: float
+    orbit: Orbit
+    unknowns: Array
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
+def _corrected(point: Point, ds: float, u: Array, slope: Array) -> _Found | None:
+    """Newton from u to the orbit in the plane at a distance from a point across its tangent."""
+    family, like = point.family, point.orbit.arcs
+    m = like.free.size
     row = weights(point.orbit, family.width) * point.tangent
-    u = start + ds * point.tangent
     best = np.inf
     for i in range(_MOST_ITERATIONS):
         y = point.orbit.y.copy()
-        y[point.orbit.arcs.free] = u[:m]
+        y[like.free] = u[:m]
         try:
-            orbit = evaluate_at(family, it, float(u[-1]), y, u[m:-1])
+            orbit = evaluate_at(family, like.itinerary, float(u[-1]), y, u[m:-1], like)
         except (EppError, ModelError):
             return None
         if not orbit.residual < 1e3:
             return None
-        right = -np.concatenate([orbit.r, [row @ (u - start) - ds]])
-        change = bordered(orbit, point.slope, row, right)
+        right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
+        change = bordered(orbit, slope, row, right)
         size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
         if (orbit.residual < TOLERANCE and size < 1e-9) or (orbit.residual < CONVERGED and size > 0.5 * best):
-            return make_point(family, float(u[-1]), orbit, point.tangent)
+            return _Found(float(u[-1]), orbit, u)
         if i > 3 and size > best:
             return None
         best = min(best, size)
@@ -139,9 +183,35 @@ def step(point: Point, ds: float) -> Point | None:
     return None
 
 
+def point_at(old: Point, new: Point, value: float) -> Point | None:
+    """The point at a value of the parameter between two points of one sequence; None when Newton fails."""
+    share = (value - old.value) / (new.value - old.value)
+    family, like, m = old.family, old.orbit.arcs, old.orbit.arcs.free.size
+    u = old.unknowns + share * (new.unknowns - old.unknowns)
+    y = old.orbit.y.copy()
+    y[like.free] = u[:m]
+    hybrid = family.at(value)
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    orbit = solve(hybrid, Guess(like.itinerary, y, u[m:-1]))
+    if not orbit.residual < CONVERGED:
+        return None
+    found = make_point(family, value, orbit, old.tangent)
+    return found if bend(old, found) < 0.4 else None
+
+
+def bend(old: Point, new: Point) -> float:
+    """How much the direction turns between two points: one less the cosine of the angle."""
+    w = weights(new.orbit, new.family.width)
+    size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
+    return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+
+
 def admissible(point: Point) -> bool:
     """Whether the engine, started on the orbit, meets the same events."""
-    orbit = point.orbit
+    return _true(point.orbit)
+
+
+def _true(orbit: Orbit) -> bool:
     return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and next_guess(orbit) is None
 
 
@@ -172,18 +242,24 @@ def locate(point: Point, ds: float, test: Callable[[Point], float], tolerance: f
     return best
 
 
-def last_admissible(point: Point, ds: float, n_halvings: int = 26) -> tuple[float, Point, Point]:
+def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[float, Point, Point]:
     """Distance at which the sequence of events ceases to be true, with the points on both sides."""
-    a, b = 0.0, ds
-    inside, outside = point, step(point, ds)
+    a, inside, at_a = 0.0, None, point.unknowns
+    far = _corrected(point, ds, *point.ahead(ds))
+    b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
-        found = step(point, c)
-        if found is None or not admissible(found):
-            b, outside = c, found if found is not None else outside
+        u, slope = point.ahead(c)
+        # Between two known orbits a third is foretold better than from the point alone.
+        found = _corrected(point, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        if found is None or not _true(found.orbit):
+            b = c
+            if found is not None:
+                outside, at_b = found, found.unknowns
         else:
-            a, inside = c, found
-    return 0.5 * (a + b), inside, outside if outside is not None else inside
+            a, inside, at_a = c, found, found.unknowns
+    first = point if inside is None else _arrived(point, a, inside)
+    return 0.5 * (a + b), first, first if outside is None else _arrived(point, b, outside)
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:

@@ -37,7 +37,9 @@ class _Interpolant:
 
     def at(self, value: float) -> HybridSystem:
         """The system at a value."""
-        row = chebyshev.chebvander(np.array((value - self.middle) / self.half), self.coefficients[0].shape[0] - 1)[0]
+        # Chebyshev polynomials as cosines: the place stays inside the range, which is a little wider than asked for.
+        angle = np.arccos(np.clip((value - self.middle) / self.half, -1.0, 1.0))
+        row = np.cos(angle * np.arange(self.coefficients[0].shape[0] if self.coefficients else 1))
         changed = {}
         for name, places, c in zip(self.names, self.places, self.coefficients, strict=True):
             array = _array(self.base, name).copy()
@@ -76,7 +78,7 @@ class Family:
         self._asked += 1
         if self._asked == 8:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))
-        if self._stand_in is None or abs(value - self._stand_in.middle) > 1.001 * self._stand_in.half:
+        if self._stand_in is None or abs(value - self._stand_in.middle) > self._stand_in.half:
             return self.build(value)
         return self._stand_in.at(value)
 
@@ -86,9 +88,13 @@ def interpolate(build: Callable[[float], HybridSystem], low: float, high: float)
     middle, half = 0.5 * (low + high), 0.5 * abs(high - low) * 1.02
     try:
         checks = [build(middle + u * half) for u in _CHECKED]
+        built: dict[float, HybridSystem] = {}
         for degree in _DEGREES:
-            nodes = chebyshev.chebpts1(degree + 1)
-            systems = [build(middle + half * float(u)) for u in nodes]
+            # The extrema of a Chebyshev polynomial are among those of one of twice the degree.
+            nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
+            keys = [k / degree for k in range(degree + 1)]
+            built |= {k: build(middle + half * float(u)) for k, u in zip(keys, nodes, strict=True) if k not in built}
+            systems = [built[k] for k in keys]
             if not all(_same_structure(checks[0], s) for s in [*systems, *checks]):
                 return None
             found = _fit(nodes, systems, middle, half)
@@ -120,8 +126,9 @@ def _same_structure(one: HybridSystem, other: HybridSystem) -> bool:
 
 def _fit(nodes: Array, systems: list[HybridSystem], middle: float, half: float) -> _Interpolant:
     degree = nodes.size - 1
-    to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / nodes.size)
-    to_coefficients[0] /= 2.0
+    to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / degree)
+    for ends in (np.s_[[0, -1]], np.s_[:, [0, -1]]):
+        to_coefficients[ends] /= 2.0
     names, places, coefficients = [], [], []
     for name in _arrays(systems[0]):
         stack = np.array([_array(s, name).ravel() for s in systems])

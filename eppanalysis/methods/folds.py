@@ -152,7 +152,7 @@ class _FoldWalk:
 
     def _next(self, fold: Point, family: Family, d: float) -> Point | None:
         """The fold in a neighbouring family, from the last one."""
-        moved = step(replace(fold, family=family, value=fold.value + self.slope * d), 0.0)
+        moved = step(replace(fold, family=family, value=fold.value + self.slope * d, before=None), 0.0)
         for _ in range(4):
             new = None if moved is None else _fold_near(moved)
             if new is None or moved is None or not self.limits[0] <= new.value <= self.limits[1]:

@@ -166,7 +166,7 @@ def _rule() -> tuple[Array, Array, Array]:
 def _grid() -> tuple[Array, Array]:
     """Fine grid on a piece, with the Legendre polynomials there."""
     grid: Array = np.linspace(-1.0, 1.0, 33)
-    return grid, legendre.legvander(grid, N_NODES - 1)
+    return grid, np.asarray(legendre.legvander(grid, N_NODES - 1), float)
 
 
 def _maxima(c: Array, fine: Array, grid: Array) -> Array:

@@ -117,8 +117,10 @@ class Arcs:
         return slice(first, first + self.channels.smooth_H.shape[1])
 
     @classmethod
-    def build(cls, hybrid: HybridSystem, itinerary: Itinerary) -> Arcs:
+    def build(cls, hybrid: HybridSystem, itinerary: Itinerary, like: Arcs | None = None) -> Arcs:
         """The arcs of `itinerary` in the system `hybrid`.
+
+        `like` are its arcs in a system that differs in numbers only: the places that must repeat are taken from there.
 
         Raises
         ------
@@ -146,7 +148,7 @@ class Arcs:
         arcs = plain._with_delays(model) if np.any(model.smooth_kind == DELAY_LINE) else plain
         shift = np.zeros(arcs.size)
         shift[arcs.held.start : arcs.held.start + n_held] = _clock_shift(hybrid)
-        return replace(arcs, free=arcs._free(hybrid), shift=shift)
+        return replace(arcs, free=arcs._free(hybrid) if like is None else like.free, shift=shift)
 
     def _free(self, hybrid: HybridSystem) -> IntArray:
         """Compared states, timers, and held values that some event renews."""
