@@ -22,7 +22,6 @@ from eppanalysis.methods.continuation_steps import (
     point_at,
     signal_ranges,
     step,
-    weights,
 )
 from eppanalysis.methods.cycles import find_limit_cycles, same_orbit
 from eppanalysis.methods.exact import start_of
