@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation_doubling import doubled, half_alike
+from eppanalysis.methods.continuation_labels import crossing, difference
 from eppanalysis.methods.continuation_steps import (
     Point,
     admissible,
@@ -171,6 +173,7 @@ def continue_branch(
     stop: object,
     *,
     cycle: LimitCycle | None = None,
+    origin: SpecialPoint | None = None,
     n_points: int = 200,
     max_step: float = 0.02,
     n_simulated: int = 0,
@@ -187,6 +190,8 @@ def continue_branch(
     cycle : LimitCycle, optional
         Exact or predicted cycle at `start` from which the branch begins. By default the cycle on which the case's run
         ends there, or at `stop`, or any cycle found at `stop` or `start`.
+    origin : SpecialPoint, optional
+        A period doubling of another branch over this parameter: the branch of cycles of twice the period begins there.
     n_points : int
         At most so many orbits.
     max_step : float
@@ -201,15 +206,19 @@ def continue_branch(
     Raises
     ------
     EppError
-        If no limit cycle is found at either end, or the range is empty.
+        If no limit cycle is found at either end, the range is empty, or no cycle of twice the period leaves at
+        `origin`.
     """
     first, last = case.si(parameter, start), case.si(parameter, stop)
     if not first != last:
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
-    seed = _seed(case, parameter, family, (first, last), cycle)
-    branch = _Walk(case, parameter, family, limits, n_points, max_step).run(seed)
+    walk = _Walk(case, parameter, family, limits, n_points, max_step)
+    if origin is None:
+        branch = walk.run(_seed(case, parameter, family, (first, last), cycle))
+    else:
+        branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
     if n_simulated == 0:
         return branch
     return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
@@ -300,6 +309,11 @@ class _Walk:
             points = back[::-1][:-1] + points
         return self._branch(points, f"One end {other}; the other {why}.")
 
+    def run_off(self, begin: Point) -> Branch:
+        """Away from where the branch leaves another one."""
+        points, why = self._along(begin, self.n_points)
+        return self._branch(points, f"One end leaves the branch of half the period; the other {why}.")
+
     def _at_limit(self, value: float) -> bool:
         return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
 
@@ -308,20 +322,14 @@ class _Walk:
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
             new = step(points[-1], ds)
-            if new is None or bend(points[-1], new) > 0.4:
+            lost = new is None or bend(points[-1], new) > 0.4
+            if lost and ds > 1e-6:
                 ds *= 0.3
-                if ds > 3e-7:
-                    continue
-                new = self._crossed(points, points[-1], *beyond(points[-1]))
-                if new is None:
-                    return points, "ends where no orbit continues it"
-                points.append(new)
-                ds = 0.25 * self.max_step
                 continue
-            if not admissible(new):
-                new = self._change(points, ds)
+            if new is None or lost or not admissible(new):
+                new, why = self._lost(points) if lost else self._change(points, ds)
                 if new is None:
-                    return points, "ends at a change of the sequence of events that no orbit continues"
+                    return points, why
                 points.append(new)
                 ds = 0.25 * self.max_step
                 continue
@@ -330,7 +338,8 @@ class _Walk:
                 if end is not None:
                     points.append(end)
                 return points, "leaves the range"
-            self._watch(points[-1], new, ds, len(points))
+            if self._watch(points[-1], new, ds, len(points)):
+                return points, "joins the branch of half its period"
             points.append(new)
             if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
                 return points, "closes on itself"
@@ -341,33 +350,42 @@ class _Walk:
         limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
         return point_at(point, new, limit)
 
-    def _change(self, points: list[Point], ds: float) -> Point | None:
+    def _lost(self, points: list[Point]) -> tuple[Point | None, str]:
+        """Go on where Newton does not with the old sequence."""
+        new = self._crossed(points, points[-1], *beyond(points[-1]))
+        return new, "ends where no orbit continues it"
+
+    def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
         _, inside, outside = last_admissible(points[-1], ds)
         new, back = other_sequence(inside, outside)
-        return self._crossed(points, inside, new, back)
+        why = "ends at a change of the sequence of events that no orbit continues"
+        return self._crossed(points, inside, new, back), why
 
     def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
-        note = _difference(inside.orbit, None if new is None else new.orbit)
+        note = difference(inside.orbit, None if new is None else new.orbit)
         if new is not None and _same_motion(points, new):
             new = None
         kind = "end" if new is None else ("turning change of sequence" if back else "change of sequence")
         self._note(kind, inside, note, len(points))
         return new
 
-    def _watch(self, old: Point, new: Point, ds: float, index: int) -> None:
-        """Folds and changes of stability between two points of one sequence."""
+    def _watch(self, old: Point, new: Point, ds: float, index: int) -> bool:
+        """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
         if old.turn * new.turn < 0:
             found = locate(old, ds, lambda p: p.turn, 1e-11)
+            if found is not None and half_alike(found.orbit):
+                self._note("period doubling", found, "the cycle of half the period, which this branch leaves", index)
+                return True
             if found is not None:
                 self._note("fold", found, "a stable and an unstable cycle, or two unstable ones, meet", index)
-            return
-        if is_stable(old.multipliers) == is_stable(new.multipliers):
-            return
-        kind, test = _crossing(old, new)
-        found = locate(old, ds, test, 1e-9)
-        if found is not None:
-            self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
+            return False
+        if is_stable(old.multipliers) != is_stable(new.multipliers):
+            kind, test = crossing(old, new)
+            found = locate(old, ds, test, 1e-9)
+            if found is not None:
+                self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
+        return False
 
     def _note(self, kind: str, point: Point, note: str, index: int) -> None:
         self.special.append((kind, point, note, index))
@@ -414,46 +432,3 @@ def _same_motion(points: list[Point], new: Point) -> bool:
         return False
     it = new.orbit.arcs.itinerary.key
     return it == points[-1].orbit.arcs.itinerary.key
-
-
-def _crossing(old: Point, new: Point) -> tuple[str, Callable[[Point], float]]:
-    """Which way a multiplier crosses the unit circle, and the test function for it."""
-    unstable = new if not is_stable(new.multipliers) else old
-    values = unstable.multipliers
-    leading = values[np.abs(values) >= 1.0][-1]
-    if abs(leading.imag) > 1e-9:
-        return "torus", lambda p: _nearest(p.multipliers, leading) - 1.0
-    if leading.real < 0:
-        return "period doubling", lambda p: _determinant(p, 1.0)
-    return "branch point", lambda p: _determinant(p, -1.0)
-
-
-def _determinant(point: Point, sign: float) -> float:
-    """Product of (multiplier + sign), from the scaled return map."""
-    P, scale = point.orbit.return_map, point.orbit.scale[point.orbit.arcs.free]
-    return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
-
-
-def _nearest(values: NDArray[np.complex128], leading: complex) -> float:
-    return float(np.abs(values[np.argmin(np.abs(values - leading))]))
-
-
-def _difference(old: Orbit, new: Orbit | None) -> str:
-    """Which events come and go at a change of the sequence."""
-    if new is None:
-        return "the sequence of events changes and no orbit continues it"
-
-    def names(orbit: Orbit) -> list[str]:
-        model, it = orbit.hybrid.model, orbit.arcs.itinerary
-        return [
-            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_names[g]}"
-            + (" at once" if at_once == 1 else "")
-            for g, at_once in zip(it.guards, it.at_once, strict=True)
-            if g >= 0
-        ]
-
-    before, after = names(old), names(new)
-    gone = sorted({n for n in before if before.count(n) > after.count(n)})
-    come = sorted({n for n in after if after.count(n) > before.count(n)})
-    parts = [f"appears: {', '.join(come)}"] * bool(come) + [f"disappears: {', '.join(gone)}"] * bool(gone)
-    return "; ".join(parts) or "events change their order"

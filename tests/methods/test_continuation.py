@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
@@ -152,9 +153,52 @@ def test_period_doubling_is_located_and_labelled():
         assert cycle.period == pytest.approx(turns * doubling.cycle.period, rel=1e-2)
 
 
+def settled_turns(alpha: float) -> tuple[float, float]:
+    """Period and peak-to-peak of x on which Chua's circuit settles, by scipy's integrator and its own section."""
+
+    def rate(t, v):
+        x, y, z = v
+        return [alpha * (y - x + 5 / 7 * x + 3 / 7 * min(max(x, -1.0), 1.0)), x - y + z, -100 / 7 * y]
+
+    def section(t, v):
+        return v[1]
+
+    section.direction = 1
+    kinds = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    begin = solve_ivp(rate, (0.0, 500.0), [1.5, 0.1, -1.5], **kinds | {"rtol": 1e-9}).y[:, -1]
+    run = solve_ivp(rate, (0.0, 20.0), begin, events=section, dense_output=True, **kinds)
+    at, states = run.t_events[0], run.y_events[0]
+    turns = next(k for k in range(1, 5) if np.max(np.abs(states[k] - states[0])) < 1e-6)
+    wave = run.sol(np.linspace(at[0], at[turns], 20_001))[0]
+    return float(at[turns] - at[0]), float(np.ptp(wave))
+
+
+def test_branch_of_doubled_period_is_what_the_circuit_settles_on():
+    single = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3)
+    (doubling,) = single.special
+    double = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3, origin=doubling)
+    points = double.points
+    assert "half the period" in double.message and "leaves the range" in double.message
+    # It leaves at twice the period, and only beyond the point, where the single turn is unstable.
+    assert points["period"][0] == pytest.approx(2 * doubling.cycle.period, rel=1e-5)
+    assert points["value"].min() >= doubling.value and points["value"][-1] == pytest.approx(8.3)
+    assert points["stable"].all() and points["residual"].max() < 1e-8
+    period, span = settled_turns(8.3)
+    assert points["period"][-1] == pytest.approx(period, rel=1e-8)
+    assert points[double.signals[0]][-1] == pytest.approx(span, rel=1e-6)
+
+
 def test_doubled_branch_leads_back_to_where_it_branches_off():
     branch = epp.continue_branch(Chua(8.25), "alpha", 8.25, 8.1)
-    meets = branch.special[-1] if branch.special else None
+    (meets,) = branch.special
     assert branch.points["period"][0] == pytest.approx(2 * 2.29, rel=1e-2)
-    assert meets is None or meets.value == pytest.approx(8.17520835, abs=2e-3)
-    assert branch.points["value"].min() == pytest.approx(8.17520835, abs=2e-3)
+    assert meets.kind == "period doubling" and "half the period" in meets.note
+    assert meets.value == pytest.approx(8.17520835, rel=1e-8)
+    assert "joins the branch of half its period" in branch.message
+
+
+def test_nothing_branches_off_at_a_fold(original):
+    case, found = original
+    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", cycle=found[1])
+    with pytest.raises(EppError, match="expected a period doubling"):
+        epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", origin=branch.folds[0])
