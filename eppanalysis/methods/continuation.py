@@ -214,7 +214,7 @@ def continue_branch(
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
-    walk = _Walk(case, parameter, family, limits, n_points, max_step)
+    walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is None:
         branch = walk.run(_seed(case, parameter, family, (first, last), cycle))
     else:
@@ -281,7 +281,7 @@ def _seed(
 
 
 @dataclass
-class _Walk:
+class Walk:
     """One branch under way; lives for one call."""
 
     case: CaseLike
@@ -297,12 +297,12 @@ class _Walk:
         value, orbit = seed
         inward = 1.0 if value - self.limits[0] <= self.limits[1] - value else -1.0
         begin = make_point(self.family, value, orbit, None, inward)
-        points, why = self._along(begin, self.n_points)
+        points, why = self.along(begin, self.n_points)
         back: list[Point] = []
         other = "begins at the given value"
         if not self._at_limit(value):
             forward, self.special = self.special, []
-            back, other = self._along(make_point(self.family, value, orbit, None, -inward), self.n_points - len(points))
+            back, other = self.along(make_point(self.family, value, orbit, None, -inward), self.n_points - len(points))
             n = len(back)
             turned = [(k, p, note, n - 1 - i) for k, p, note, i in self.special]
             self.special = turned[::-1] + [(k, p, note, i + n - 1) for k, p, note, i in forward]
@@ -311,13 +311,13 @@ class _Walk:
 
     def run_off(self, begin: Point) -> Branch:
         """Away from where the branch leaves another one."""
-        points, why = self._along(begin, self.n_points)
+        points, why = self.along(begin, self.n_points)
         return self._branch(points, f"One end leaves the branch of half the period; the other {why}.")
 
     def _at_limit(self, value: float) -> bool:
         return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
 
-    def _along(self, point: Point, n_points: int) -> tuple[list[Point], str]:
+    def along(self, point: Point, n_points: int) -> tuple[list[Point], str]:
         """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:

@@ -199,6 +199,13 @@ def point_at(old: Point, new: Point, value: float) -> Point | None:
     return found if bend(old, found) < 0.4 else None
 
 
+def point_across(point: Point, u: Array) -> Point | None:
+    """The point in the plane across a point's tangent that Newton finds from other unknowns u."""
+    row = weights(point.orbit, point.family.width) * point.tangent
+    found = _corrected(point, float(row @ (u - point.unknowns)), u, point.slope)
+    return None if found is None else _arrived(point, 0.0, found)
+
+
 def bend(old: Point, new: Point) -> float:
     """How much the direction turns between two points: one less the cosine of the angle."""
     w = weights(new.orbit, new.family.width)

@@ -9,12 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation import CaseLike, continue_branch, steady_case
-from eppanalysis.methods.continuation_steps import Point, admissible, other_sequence, step
+from eppanalysis.methods.continuation import CaseLike, Walk, continue_branch, steady_case
+from eppanalysis.methods.continuation_steps import Point, admissible, make_point, other_sequence, point_across, step
 from eppanalysis.methods.families import Family
+from eppanalysis.methods.orbit_cycle import to_limit_cycle
+from eppanalysis.methods.stability import is_stable
 from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
+
+#: Into how many steps a way along a curve of folds is divided at most before a branch is asked instead.
+_FEW = 8
+#: Most orbits on the way aside of a fold.
+_MOST_ASIDE = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +135,7 @@ class _FoldWalk:
     other: str
     limits: tuple[float, float]
     slope: float = 0.0
+    drift: Array | None = None
 
     def family(self, value: float, near: float) -> Family:
         """The systems over `parameter`, around `near`, at a value of `other`."""
@@ -136,23 +144,32 @@ class _FoldWalk:
         return Family(lambda v: steady_case(case.with_values({self.parameter: v})), self.limits, window)
 
     def reach(self, fold: Point, here: float, there: float) -> Point | None:
-        """The fold at another value of `other`, in as many steps as it takes."""
+        """The fold at another value of `other`: in a few steps along the curve, else by a branch at that value."""
         at, d = here, there - here
+        begin = fold
         while abs(there - at) > 1e-12 * abs(there - here):
             d = there - at if abs(d) > abs(there - at) else d
             new = self._next(fold, self.family(at + d, fold.value + self.slope * d), d)
             if new is None:
                 d *= 0.5
-                if abs(d) < abs(there - here) / 100:
-                    return None
+                if abs(d) < abs(there - here) / _FEW:
+                    return self._by_branch(begin, here, there)
                 continue
-            self.slope = (new.value - fold.value) / d
+            self._remember(fold, new, d)
             fold, at, d = new, at + d, 1.5 * d
         return fold
 
+    def _remember(self, old: Point, new: Point, d: float) -> None:
+        """How the fold and its orbit move with `other`, as a secant for the next one."""
+        self.slope = (new.value - old.value) / d
+        same = old.orbit.arcs.itinerary.key == new.orbit.arcs.itinerary.key
+        self.drift = (new.unknowns - old.unknowns) / d if same else None
+
     def _next(self, fold: Point, family: Family, d: float) -> Point | None:
         """The fold in a neighbouring family, from the last one."""
-        moved = step(replace(fold, family=family, value=fold.value + self.slope * d, before=None), 0.0)
+        u = fold.unknowns + (0.0 if self.drift is None or self.drift.size != fold.unknowns.size else d * self.drift)
+        u[-1] = fold.value + self.slope * d
+        moved = point_across(replace(fold, family=family, before=None), u)
         for _ in range(4):
             new = None if moved is None else _fold_near(moved)
             if new is None or moved is None or not self.limits[0] <= new.value <= self.limits[1]:
@@ -161,6 +178,41 @@ class _FoldWalk:
                 return new
             moved, _ = other_sequence(moved, new)
         return None
+
+    def _by_branch(self, fold: Point, here: float, there: float) -> Point | None:
+        """The fold on a branch that begins aside of the last one, on its stable side, at the new value of `other`."""
+        old, case = (self.case.with_values({self.other: value}) for value in (here, there))
+        distance = abs(self.slope * (there - here)) + 0.1 * abs(fold.value)
+        aside = _aside(old, self.parameter, fold, distance)
+        if aside is None:
+            return None
+        system, outward = old.with_values({self.parameter: aside.value}).to_system(), fold.value < aside.value
+        try:
+            cycle = to_limit_cycle(system, aside.orbit)
+            branch = continue_branch(
+                case, self.parameter, aside.value, self.limits[0 if outward else 1], cycle=cycle, n_points=100
+            )
+        except EppError:
+            return None
+        foretold = fold.value + self.slope * (there - here)
+        folds = sorted((s.point for s in branch.folds), key=lambda p: abs(p.value - foretold))
+        if not folds:
+            return None
+        self.slope, self.drift = (folds[0].value - fold.value) / (there - here), None
+        return folds[0]
+
+
+def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:
+    """The last stable orbit, at most so far in the parameter, on one of the two branches that meet in a fold."""
+    limits = fold.value - distance, fold.value + distance
+    family = Family(lambda v: steady_case(case.with_values({parameter: v})), limits)
+    for tangent in (fold.tangent, -fold.tangent):
+        begin = make_point(family, fold.value, fold.orbit, tangent)
+        points, _ = Walk(case, parameter, family, limits, _MOST_ASIDE, 0.05).along(begin, _MOST_ASIDE)
+        stable = [p for p in points[1:] if is_stable(p.multipliers)]
+        if stable:
+            return stable[-1]
+    return None
 
 
 def _fold_near(point: Point) -> Point | None:
