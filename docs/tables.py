@@ -10,6 +10,7 @@ from pathlib import Path
 
 import control
 import first_order_tables
+import ladder_study
 import numpy as np
 
 import eppanalysis as epp
@@ -281,6 +282,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "textbook_simulation": textbook_simulation,
     "both_directions": both_directions,
     "python_control": python_control,
+    "ladder": lambda: markdown(*ladder_study.table()),
     "first_order_by_element": lambda: markdown(*first_order_tables.by_element()),
     "first_order_by_filter": lambda: markdown(*first_order_tables.by_filter()),
     "first_order_by_ratio": lambda: markdown(*first_order_tables.by_ratio()),

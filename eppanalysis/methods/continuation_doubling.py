@@ -51,14 +51,21 @@ def doubled(family: Family, point: Point, length: float) -> Point:
     start = vectors[:, k].real * scale
     dwell = -np.linalg.solve(orbit.A[m:, m:], orbit.A[m:, :m] @ start)
     twice = _gone_round_twice(orbit)
+    w = weights(twice, family.width)
+    along = point.tangent[[*range(m + arcs.n_arcs), *range(m, m + arcs.n_arcs), -1]]
     direction = np.concatenate([start, dwell, -dwell, [0.0]])
-    direction /= np.sqrt(np.sum(weights(twice, family.width) * direction**2))
+    # Across the branch of the single turn, or Newton, asked for a distance, would go along that one.
+    direction -= along * (np.sum(w * along * direction) / np.sum(w * along**2))
+    direction /= np.sqrt(np.sum(w * direction**2))
     begin = Point(family, value, twice, slope_at(family, twice, value), direction)
     for share in _SHARES:
         new = step(begin, share * length)
         if new is not None and not half_alike(new.orbit, 1e-2 * share * length) and admissible(new):
             return new
-    raise EppError(f"continue_branch: no orbit of twice the period was found beside the value {value:.6g}.")
+    raise EppError(
+        "continue_branch: no orbit of twice the period with the doubled sequence of events was found beside "
+        f"{value:.6g}; where a contact is about to change there, a run beyond the point shows what follows."
+    )
 
 
 def _gone_round_twice(orbit: Orbit) -> Orbit:
