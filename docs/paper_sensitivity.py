@@ -31,7 +31,8 @@ PATIENCE = 30.0
 def assumed() -> tuple[str, ...]:
     """Parameters of the elbow that are assumed, and the one that is for some of the findings."""
     parameters = epp.case("elbow").parameters
-    return (*(name for name, p in parameters.items() if p.mark == "assumed"), "lock_pin.backlash", RANGE)
+    names = (name for name, p in parameters.items() if p.mark == "assumed" and name != RANGE)
+    return (*names, "lock_pin.backlash", RANGE)
 
 
 def is_open(finding: str, name: str) -> bool:
