@@ -2,21 +2,23 @@
 
 Runs weight-tray tests, backlash cycling and step responses, 200 of each unless told otherwise, and prints for every
 parameter how often its 95 % interval holds the truth, how often the data told it, and how wide the interval was.
+With ``--log FILE`` every bench is written down once it is done, and a run that was interrupted goes on from there.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -65,7 +67,7 @@ def base_case(bench: Bench, test: str) -> epp.Case:
 def run_bench(test: str, seed: int) -> BenchRun:
     """Make a bench, write it as CSV, identify it, and compare with the truth."""
     bench = MAKERS[test](seed)
-    start = perf_counter()
+    start = process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = bench.write(Path(folder) / f"{test}.csv")
         options = {test: path, "press": bench.setting.get("press", 0.0)}
@@ -80,17 +82,47 @@ def run_bench(test: str, seed: int) -> BenchRun:
             e = estimates[name]
             text = f"true {e.text(true)}, found {e.text(e.value)} in {e.text(e.low)} to {e.text(e.high)}"
             outcomes.append(Outcome(test, seed, name, e.low <= true <= e.high, e.identified, e.relative_width, text))
-    return BenchRun(test, seed, tuple(outcomes), "", fit.limited_by, perf_counter() - start, fit.notes)
+    return BenchRun(test, seed, tuple(outcomes), "", fit.limited_by, process_time() - start, fit.notes)
 
 
-def run_all(test: str, n: int, first: int, workers: int) -> Iterator[BenchRun]:
+def run_all(test: str, seeds: Sequence[int], workers: int) -> Iterator[BenchRun]:
     """Many benches, on several processes."""
-    seeds = range(first, first + n)
     if workers == 1:
         yield from map(partial(run_bench, test), seeds)
         return
     with ProcessPoolExecutor(workers) as pool:
         yield from pool.map(partial(run_bench, test), seeds)
+
+
+def logged(log: Path, test: str) -> dict[int, BenchRun]:
+    """The benches of a test that a log holds, by seed; a last line that was cut off is not one."""
+    found: dict[int, BenchRun] = {}
+    for line in log.read_text(encoding="utf-8").splitlines() if log.exists() else []:
+        try:
+            record = json.loads(line)
+        except json.JSONDecodeError:
+            continue  # an empty line, or the end of a run that was interrupted
+        if record["test"] == test:
+            outcomes = tuple(Outcome(**o) for o in record.pop("outcomes"))
+            notes = tuple(record.pop("notes"))
+            found[record["seed"]] = BenchRun(**record, outcomes=outcomes, notes=notes)
+    return found
+
+
+def collect(test: str, seeds: Sequence[int], workers: int, log: Path | None) -> list[BenchRun]:
+    """The benches with these seeds, those of the log as they are there, the others run and added to it."""
+    if log is None:
+        return list(run_all(test, seeds, workers))
+    known = logged(log, test)
+    missing = [seed for seed in seeds if seed not in known]
+    with log.open("a", encoding="utf-8") as file:
+        if log.stat().st_size:
+            file.write("\n")  # whatever was cut off there ends here
+        for run in run_all(test, missing, workers):
+            file.write(json.dumps(asdict(run)) + "\n")
+            file.flush()
+            known[run.seed] = run
+    return [known[seed] for seed in seeds]
 
 
 def report(test: str, runs: list[BenchRun]) -> list[str]:
@@ -118,11 +150,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
     parser.add_argument("--only", choices=[*MAKERS], action="append", help="run only this test; repeatable")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--log", type=Path, help="file of JSON lines to go on from")
     parser.add_argument("--misses", action="store_true", help="print every interval that misses")
     chosen = parser.parse_args(arguments)
     bad = 0
     for test in chosen.only or MAKERS:
-        runs = list(run_all(test, chosen.n, chosen.first, chosen.workers))
+        runs = collect(test, range(chosen.first, chosen.first + chosen.n), chosen.workers, chosen.log)
         sys.stdout.write("\n".join(report(test, runs)) + "\n")
         misses = [o for r in runs for o in r.outcomes if not o.held]
         if chosen.misses:

@@ -1,9 +1,10 @@
 """Which parameters a sum of squares leaves possible, where it is too rough for a straight line.
 
-Sticking and slipping make the motion, and with it the sum of squares, rough on the scale of the intervals: a matrix of
-derivatives at one place does not tell how wide they are. So places are drawn, wide at first, weighted by how well they
-fit, and drawn again where the weight is (population Monte Carlo; Cappé, Guillin, Marin and Robert, J Comput Graph Stat
-13, 2004, with the mixture weights of Owen and Zhou, J Am Stat Assoc 95, 2000).
+Sticking and slipping may make the motion, and with it the sum of squares, so rough on the scale of the intervals that
+no quadratic surface describes it (see :mod:`eppanalysis.identify.surface`, which comes first and needs a tenth of the
+runs). Then places are drawn, wide at first, weighted by how well they fit, and drawn again where the weight is
+(population Monte Carlo; Cappé, Guillin, Marin and Robert, J Comput Graph Stat 13, 2004, with the mixture weights of Owen
+and Zhou, J Am Stat Assoc 95, 2000).
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 A limit cycle makes the sum of squares a comb: a candidate whose frequency is off by a swing over the record fits
 another tooth. So the fit begins with many starts on the first swings, and the record grows as the frequency gets sharp.
+Near the best place it is a bent ridge, and intervals come from weighted draws (:mod:`eppanalysis.identify.surface`).
 What the case knows within a tolerance is fitted along and held by that tolerance. What the data cannot tell is taken
 from the case as known to its own size, and named.
 """
@@ -22,6 +23,7 @@ from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.reading import Progress, Recording
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import Cloud, draw_cloud
+from eppanalysis.identify.surface import explore
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Status
 
@@ -38,6 +40,8 @@ _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
 TOLD = 0.6
 #: Standard deviation on the fitted scale where the data tell nothing at all; least lag, in units of the case's.
 _WIDEST_START, _LEAST_LAG = 0.7, 0.02
+#: Fewer draws than this are too few to say how wide an interval is; then more are drawn without a surface.
+_FEW_DRAWS = 15.0
 #: Residuals larger than this in units of the noise mean that the model does not describe the record.
 _WORST_FIT, _GOOD_FIT = 3.0, 1.7
 
@@ -190,9 +194,9 @@ def _fit(response: Response, start: Array, until: float, robust: bool) -> tuple[
         bounds=(low, high),
         diff_step=np.full(start.size, 1e-4),
         x_scale=_sizes(response.unknowns),
-        max_nfev=25,
-        xtol=1e-7,
-        ftol=1e-7,
+        max_nfev=12,
+        xtol=1e-4,
+        ftol=1e-4,
         loss="soft_l1" if robust else "linear",
     )
     return float(fit.cost), np.asarray(fit.x, float)
@@ -241,7 +245,9 @@ def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _S
         whitener, matrix = _local(response, q)
         spread = np.minimum(np.sqrt(np.diag(matrix)), _WIDEST_START)
         scale = spread / np.sqrt(np.diag(matrix))
-        cloud = draw_cloud(whitener.cost, q, matrix * np.outer(scale, scale), low, high, seed)
+        cloud = explore(whitener.residual, q, matrix * np.outer(scale, scale), low, high, seed)
+        if cloud.effective < _FEW_DRAWS:
+            cloud = draw_cloud(whitener.cost, cloud.best, cloud.matrix, low, high, seed)
         q = cloud.best
     student = _student(cloud.effective)
     spread = student * np.sqrt(np.diag(cloud.matrix))
@@ -334,14 +340,18 @@ class _Whitener:
         r = self.noises[i].whiten(((model - channel.data) / channel.noise)[channel.live])
         return r - self.bases[i] @ (self.bases[i].T @ r)
 
-    def cost(self, q: Array) -> float:
-        """Sum of squares over all channels and what the case knows."""
+    def residual(self, q: Array) -> Array:
+        """All channels and what the case knows; all large where a candidate has no solution."""
         try:
             found = self.response.signals(q)
+            parts = [self.left(i, found[c.role]) for i, c in enumerate(self.response.channels)]
         except (EppError, ArithmeticError, ValueError):
-            return 1e12
-        parts = [self.left(i, found[c.role]) for i, c in enumerate(self.response.channels)]
-        return float(sum(p @ p for p in parts) + np.sum(self.response.beliefs(q) ** 2))
+            parts = [np.full(int(c.live.sum()), 1e3) for c in self.response.channels]
+        return np.concatenate([*parts, self.response.beliefs(q)])
+
+    def cost(self, q: Array) -> float:
+        """Sum of squares of the residual."""
+        return float(np.sum(self.residual(q) ** 2))
 
 
 def _local(response: Response, q: Array) -> tuple[_Whitener, Array]:
