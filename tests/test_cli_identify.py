@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.case import shipped_cases_folder
 from eppanalysis.cli import app
+from tests.identify.test_reading import BAD
 
 runner = CliRunner()
 MEASURED = shipped_cases_folder() / "measured"
@@ -67,6 +68,17 @@ def test_what_is_wrong_is_one_sentence(arguments, expected):
     assert result.exit_code == 2
     assert expected in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_hostile_files_are_one_sentence(tmp_path, kind):
+    content, found, expected = BAD[kind]
+    (tmp_path / "bench.csv").write_bytes(content)
+    result = run("elbow", "--tray", tmp_path / "bench.csv")
+    assert result.exit_code == 2
+    assert found in result.stderr and expected in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not result.stdout
 
 
 def test_generic_loops_are_refused():
