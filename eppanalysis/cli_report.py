@@ -28,7 +28,14 @@ Cases = Annotated[
 ]
 
 
-def report(cases: Cases, output: Target, settings: Settings = NOTHING) -> None:
+def report(
+    cases: Cases,
+    output: Target,
+    settings: Settings = NOTHING,
+    full: Annotated[
+        bool, typer.Option("--full", help="With the guideline of an elbow at five gains; takes some minutes.")
+    ] = False,
+) -> None:
     """Write a report: all methods, pictures and provenance in one page, notebook or PDF.
 
     The page is one file that opens without a network; the notebook opens and runs again in Jupyter as it is.
@@ -38,7 +45,7 @@ def report(cases: Cases, output: Target, settings: Settings = NOTHING) -> None:
     check(output)
     found = [load_case(text, settings) for text in expanded(cases)]
     with _progress() as progress:
-        write_report(found, output, progress=progress)
+        write_report(found, output, full=full, progress=progress)
     typer.echo(f"{output}: written.")
 
 

@@ -128,6 +128,22 @@ def test_only_elbows_have_guidelines() -> None:
         epp.design_guide(epp.case("fig8a_original"), ["2 lbf"], margins={"bands.range": 0.5})
 
 
+def test_the_end_of_a_known_branch_is_the_bound() -> None:
+    """0.9785869 deg is what harmonic balance, corrected, leads to; the tests of both sides are made all the same."""
+    case = epp.case("fig8a_original")
+    branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg")
+    row = epp.design_guide(case, [case.value("bands.range")], starts=20, branch=branch).rows[0]
+    assert row.cell.exact / DEGREE == pytest.approx(0.9785869, abs=1e-7)
+    assert row.cell.verified and row.cell.n_settled == row.cell.n_runs == 20 and row.cell.n_cycles == 0
+    assert math.isfinite(row.knock) and math.isnan(row.cell.first_order)
+    with pytest.raises(epp.EppError, match="the branch is of the gain 2.5 lbf; expected that gain alone"):
+        epp.design_guide(case, ["2 lbf"], branch=branch)
+    with pytest.raises(epp.EppError, match="expected that gain alone"):
+        epp.design_guide(case, ["2.5 lbf"], branch=branch, margins={"bands.range": 1.5})
+    with pytest.raises(epp.EppError, match="the branch runs over bands.range; expected one over lock_pin.backlash"):
+        epp.design_guide(case, ["2.5 lbf"], branch=dataclasses.replace(branch, parameter="bands.range"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

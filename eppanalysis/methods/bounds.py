@@ -19,15 +19,15 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
-from eppanalysis.methods.bounds_exact import ExactBound, correct
+from eppanalysis.methods.bounds_exact import ExactBound, correct, turn_of
 from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
-from eppanalysis.methods.continuation import CaseLike, continue_branch
+from eppanalysis.methods.continuation import Branch, CaseLike, continue_branch
 from eppanalysis.provenance import provenance
 
-__all__ = ["BoundCell", "DesignBounds", "Finding", "design_bounds"]
+__all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
 
 Report = Callable[[int, int], None]
 
@@ -122,7 +122,7 @@ def design_bounds(
     if over == limit:
         raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
     values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
-    low, high = _range(case, limit, within)
+    low, high = range_within(case, limit, within)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed)
     cells = _cells(question, values, settings, workers, progress)
@@ -150,7 +150,14 @@ def _values(case: CaseLike, over: str, start: object, stop: object, points: int)
     return [float(v) for v in np.linspace(first, last, points)]
 
 
-def _range(case: CaseLike, limit: str, within: tuple[object, object] | None) -> tuple[float, float]:
+def range_within(case: CaseLike, limit: str, within: tuple[object, object] | None) -> tuple[float, float]:
+    """The range in which a bound is sought [SI]: the one given, else about the case's own value.
+
+    Raises
+    ------
+    EppError
+        If it is empty, not valid for the case, or none is given for a parameter that is not positive.
+    """
     if within is not None:
         low, high = (case.si(limit, v) for v in within)
         if not low < high:
@@ -246,14 +253,44 @@ class _Checked:
 def _check(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
     """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
     try:
-        return _corrected(question, near, sign, settings)
+        return _tested(question, correct(question, near, sign), sign, settings)
     except (EppError, np.linalg.LinAlgError) as error:
         return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
 
 
-def _corrected(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
-    """Correct and test one bound; where the search on the safe side finds another family, its bound is the one."""
-    found = correct(question, near, sign)
+def bound_of_branch(question: Question, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
+    """The bound at the end of a branch of exact cycles that is known already, tested like any other.
+
+    It takes no search by harmonic balance, and holds no value of it and none of first order. Other families of cycles
+    are found by the tests, as everywhere.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    value : float
+        That value [SI].
+    branch : Branch
+        Over the limiting parameter, from cycles above their bound.
+    settings : Settings
+
+    Returns
+    -------
+    BoundCell or None
+        None where the branch has no end within the range of the question.
+    """
+    turn = turn_of(question, branch, question.low, 1.0)
+    if turn is None:
+        return None
+    cell = BoundCell(value=value, finding=Finding.BOUND.name.lower())
+    try:
+        return _joined(cell, _tested(question, turn, 1.0, settings))
+    except (EppError, np.linalg.LinAlgError) as error:
+        return replace(cell, exact=turn.value, kind=turn.kind, message=f"Not verified: the tests failed ({error}).")
+
+
+def _tested(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
+    """Test one exact bound; where the search on the safe side finds another family, its bound is the one."""
     if found.cycle is None:
         return _Checked(found, None, {})
     tested: Verification | None = None

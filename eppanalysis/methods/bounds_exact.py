@@ -80,11 +80,19 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
             branch = _branch(question, inside, stop, start)
             if branch is None:
                 continue
-            turn = _last_turn(question, branch, stop, sign)
+            turn = turn_of(question, branch, stop, sign)
             if turn is not None:
-                return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
+                return turn
             message = f"the branch of exact orbits has no fold near: {branch.message[0].lower()}{branch.message[1:]}"
     return ExactBound(message=message)
+
+
+def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> ExactBound | None:
+    """The bound where a branch turns back; None where it does not before `stop`."""
+    turn = _last_turn(question, branch, stop, sign)
+    if turn is None:
+        return None
+    return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
 
 
 def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:

@@ -45,12 +45,17 @@ def check(path: Path) -> None:
 
 
 def report(
-    cases: Case | Sequence[Case], path: str | Path, *, progress: Callable[[int, int, str], None] | None = None
+    cases: Case | Sequence[Case],
+    path: str | Path,
+    *,
+    full: bool = False,
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> Path:
     """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
 
     The sections of a case: its values with their marks, prediction with margins and Nyquist picture, the ladder, all
-    exact limit cycles, knocks, the branch over a parameter, a small design map, and where everything comes from.
+    exact limit cycles, knocks, the branch over a parameter, a small design map, of an elbow the bound on its backlash
+    with the guideline, and where everything comes from.
 
     Parameters
     ----------
@@ -58,6 +63,9 @@ def report(
     path : str or Path
         ``.html`` is one file that opens without a network, ``.ipynb`` the executed notebook, ``.pdf`` the page printed
         by Chromium or Chrome.
+    full : bool
+        The guideline of an elbow at five gains about its own, with first order beside it and each bound tested by a
+        thousand runs; some minutes. Otherwise at its own gain, tested by a hundred runs.
     progress : callable, optional
         Called before each cell with its number, the number of cells, and the heading that it stands under.
 
@@ -90,5 +98,5 @@ def report(
     from eppanalysis.report.notebook import execute, make_notebook
     from eppanalysis.report.page import write
 
-    write(execute(make_notebook(chosen), str(target), progress), target)
+    write(execute(make_notebook(chosen, full=full), str(target), progress), target)
     return target

@@ -28,7 +28,7 @@ LONGEST_CELL = 600
 _LONGEST_SOCKET_FOLDER = 55
 
 
-def make_notebook(cases: Sequence[Case]) -> NotebookNode:
+def make_notebook(cases: Sequence[Case], *, full: bool = False) -> NotebookNode:
     """The notebook of some cases, not yet executed."""
     from nbformat import v4
 
@@ -44,7 +44,7 @@ def make_notebook(cases: Sequence[Case]) -> NotebookNode:
             cells.append(_markdown(v4, f"# {plain(case.title)}\n\nCase {plain(case.name)}."))
             cells.append(_code(v4, f"case = cases[{number}]"))
         for section in SECTIONS:
-            code = section.code(case)
+            code = section.cell(case, full=full)
             if code:
                 cells += [_markdown(v4, f"## {section.title}\n\n{section.text}"), _code(v4, code, section.title)]
     for number, cell in enumerate(cells):

@@ -26,16 +26,26 @@ class Section:
         Heading, and what the reader needs to know; empty for none.
     code : callable of Case to str
         The cell for a case, as a reader would write it; empty where the section does not apply.
+    full : callable of Case to str, optional
+        The cell in place of `code` in a full report, which may take minutes.
     """
 
     title: str
     text: str
     code: Callable[[Case], str]
+    full: Callable[[Case], str] | None = None
+
+    def cell(self, case: Case, *, full: bool) -> str:
+        """The cell for a case in a report of either length."""
+        return self.full(case) if full and self.full is not None else self.code(case)
 
 
 def _always(code: str) -> Callable[[Case], str]:
     return lambda case: code
 
+
+#: Gains of the full guideline, as profile ranges relative to the case's own.
+_GAINS = (0.6, 0.8, 1.0, 1.2, 1.4)
 
 SETUP = """\
 %matplotlib inline
@@ -72,7 +82,7 @@ print(ladder.verdict)"""
 
 _CYCLES = """\
 try:
-    cycles = epp.find_limit_cycles(system, final)
+    cycles = ladder.search if ladder.search is not None else epp.find_limit_cycles(system, final)
     display(epp.table(cycles))
     print(cycles.status.value, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
@@ -91,13 +101,15 @@ else:
     print("No exact limit cycle is known, so there is none that a knock could start.")"""
 
 _BRANCH = """\
+branch = None
 try:
     start = "{near}" if cycles and cycles.stable else "{far}"
     branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
     display(branch.plot({signal}at=case.value("{name}")))
-    for special in branch.special:
+    turning = [special for special in branch.special if special.kind != "change of sequence"]
+    for special in turning:
         print(special.kind, "at", case.text("{name}", special.value) + ":", special.note)
-    print(branch.message)
+    print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)
 except epp.EppError as reason:
     print(reason)"""
 
@@ -113,8 +125,19 @@ except epp.EppError as reason:
 
 _GUIDELINE = """\
 try:
-    guide = epp.design_guide(case, [case.value("bands.range")], starts=100)
-    display(guide.to_frame().round(3).T.set_axis(["this case"], axis="columns"))
+    guide = epp.design_guide(case, [case.value("bands.range")], starts=100, branch=branch)
+    shown = guide.to_frame().round(3).replace("", None).dropna(axis="columns", how="all")
+    display(shown.T.set_axis(["this case"], axis="columns"))
+    for sentence in guide.sentences():
+        print(sentence)
+except epp.EppError as reason:
+    print(reason)"""
+
+_FULL_GUIDELINE = """\
+try:
+    guide = epp.design_guide(case, {gains})
+    shown = guide.to_frame().round(3).replace("", None).dropna(axis="columns", how="all")
+    display(shown.set_index(shown.columns[0]).T.rename_axis(index=None), guide.plot())
     for sentence in guide.sentences():
         print(sentence)
 except epp.EppError as reason:
@@ -163,6 +186,12 @@ def _map(case: Case) -> str:
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(names, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
     return _MAP.format(axes=repr(axes), mark=mark)
+
+
+def _full_guideline(case: Case) -> str:
+    """At the case's own gain and at others on both sides of it."""
+    own = case.value("bands.range")
+    return _FULL_GUIDELINE.format(gains=[case.text("bands.range", factor * own, 4) for factor in _GAINS])
 
 
 def _around(case: Case, name: str) -> str:
@@ -222,9 +251,11 @@ SECTIONS: tuple[Section, ...] = (
     Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
     Section(
         "Bounds and guideline",
-        "How much backlash this gain bears before any limit cycle exists, put to the test on both sides. The commands "
-        "eppanalysis bounds and eppanalysis guide give whole curves and tables.",
+        "How much backlash a gain bears before any limit cycle exists, put to the test on both sides. The commands "
+        "eppanalysis bounds and eppanalysis guide give whole curves and tables, eppanalysis report --full this table "
+        "at several gains.",
         lambda case: _GUIDELINE if case.kind == "elbow" else "",
+        lambda case: _full_guideline(case) if case.kind == "elbow" else "",
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
 )

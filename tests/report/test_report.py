@@ -26,9 +26,6 @@ lock_pin.backlash = { value = "1.6 deg", mark = "measured", note = "<img src=htt
 """
 
 
-SECTIONS = tuple(section for section in sections.SECTIONS if section.title != "Bounds and guideline")
-
-
 class Links(HTMLParser):
     """Everything that a page would fetch, and every element that runs."""
 
@@ -56,10 +53,7 @@ def mine(folder) -> epp.Case:
 
 @pytest.fixture(scope="module")
 def written(folder, mine) -> Path:
-    """The report, without the section that takes as long as all others together."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "SECTIONS", SECTIONS)
-        return epp.report(mine, folder / "my.ipynb")
+    return epp.report(mine, folder / "my.ipynb")
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +74,7 @@ def outputs(notebook, heading: str) -> list:
 
 def test_every_section_has_something_to_show(written):
     notebook = nbformat.read(written, 4)
-    for section in SECTIONS:
+    for section in sections.SECTIONS:
         kinds = {kind for out in outputs(notebook, section.title) for kind in out.get("data", {"text": ""})}
         assert kinds & {"text/html", "image/png", "text"}, section.title
     for title in ("Prediction", "Ladder", "Limit cycles", "Branch", "Design map"):
@@ -140,6 +134,14 @@ def test_a_shipped_case_is_named_and_a_changed_one_is_not():
     assert 'epp.case("relay_hyst_servo")' in first
     changed = shipped.with_values({"title": "another"})
     assert "case_from_text" in making.make_notebook([changed]).cells[1].source
+
+
+def test_a_full_report_has_the_guideline_at_several_gains():
+    short, long = (
+        making.make_notebook([epp.case("fig8a_original")], full=full).cells[-3].source for full in (False, True)
+    )
+    assert "branch=branch" in short and "1.5 lbf" not in short
+    assert "['1.5 lbf', '2 lbf', '2.5 lbf', '3 lbf', '3.5 lbf']" in long and "guide.plot()" in long
 
 
 def test_several_cases_have_an_overview(folder, monkeypatch):
