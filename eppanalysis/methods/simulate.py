@@ -168,12 +168,17 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
 
 def announce_compilation(kernel: Any) -> None:
     """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
-    if getattr(kernel, "overloads", True):
-        return
-    folder = Path(kernel.stats.cache_path or "")
-    if not any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi")):
+    if not is_compiled(kernel):
         sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
         sys.stderr.flush()
+
+
+def is_compiled(kernel: Any) -> bool:
+    """Whether a kernel has been compiled, in this process or in an earlier one."""
+    if getattr(kernel, "overloads", True):
+        return True
+    folder = Path(kernel.stats.cache_path or "")
+    return any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi"))
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
