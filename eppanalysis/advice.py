@@ -1,37 +1,52 @@
-"""The paper's design advice for all initial conditions: what each piece of it does to bound and knock."""
+"""The paper's design advice for all initial conditions: what each piece of it does to the bound and to the knock.
+
+Two questions are asked of each piece, since a design may be safe in two ways. By how much does it move the *bound*,
+below which no limit cycle exists? And for a design that is beyond its bound, by how much does it raise the *knock* (a
+step of the harness, or a blow to the forearm) that just starts the oscillation?
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import design_bounds
-from eppanalysis.methods.bounds_harmonic import Question
-from eppanalysis.methods.bounds_regions import smallest_knock
+from eppanalysis.methods.bounds_exact import moved_bound
+from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end
+from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.methods.cycles import find_limit_cycles
+from eppanalysis.methods.knock import NoRest, knock
 
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["ADVICE", "AdviceRow", "advice_frame", "design_advice"]
+__all__ = ["ADVICE", "AdviceRow", "advice_frame", "advice_of", "advice_sentences", "design_advice", "with_mass"]
 
+GAIN, LIMIT, MASS = "bands.range", "lock_pin.backlash", "forearm.prehensor_mass"
 #: Advice of the paper: in words, the parameter, and the direction in which it is to be changed.
 ADVICE = (
-    ("less backlash", "lock_pin.backlash", -1),
+    ("less backlash", LIMIT, -1),
     ("less pulley friction", "pulley.friction", -1),
     ("softer cable", "cable.stiffness", -1),
-    ("lighter prehensor", "forearm.prehensor_mass", -1),
-    ("less gain", "bands.range", 1),
+    ("lighter prehensor", MASS, -1),
+    ("less gain", GAIN, 1),
 )
-STRONG, WEAK, _STEP = 0.5, 0.15, 0.1
+#: How far a parameter is moved for its knock, and for the bound at a corner.
+_STEP, _CORNER_STEP = 0.1, 0.01
+#: From which elasticity on an advice is called strong, moderate, weak; smaller ones are none.
+_WORDS = ((0.5, "strong"), (0.15, "moderate"), (0.02, "weak"), (-0.02, "none"), (-math.inf, "the other way"))
+_NAN = float("nan")
 
 
 @dataclass(frozen=True)
 class AdviceRow:
-    """One piece of advice at one operating point.
+    """One piece of advice at one operating point; elasticities have the sign of the advice: positive where it helps.
 
     Attributes
     ----------
@@ -41,12 +56,19 @@ class AdviceRow:
     bound : float
         Exact bound on the backlash there [rad].
     gained : float
-        Relative growth of the bound for a relative change of the parameter in the direction advised (elasticity, with
-        the sign of the advice); nan for the backlash itself and for a parameter that is zero.
-    knock : float
-        Relative growth of the knock that the elbow's own backlash survives, for a tenth in the direction advised; nan
-        where there is no knock to compare with, infinite where no knock starts the oscillation any more.
-    verdict : str
+        Per cent by which the bound on backlash grows for one per cent in the direction advised; nan for the backlash
+        itself, and for a parameter that is zero.
+    traded : float
+        Per cent by which the gain may grow, at the same backlash, for one per cent in the direction advised.
+    knock, blow : float
+        Smallest step of the harness [m], and smallest blow to the forearm [rad/s], that start the oscillation of the
+        elbow as it is; nan where none does.
+    knock_gained, blow_gained : float
+        Per cent by which they grow for one per cent in the direction advised (a tenth of what a change by a tenth
+        does); infinite where nothing starts the oscillation any more, nan where nothing did before.
+    verdict, knock_verdict : str
+        "strong", "moderate", "weak", "none", "the other way", "ends the oscillation" or "not applicable": for the bound
+        (for backlash, the gain that it is traded for), and for the knock.
     """
 
     gain: float
@@ -54,8 +76,17 @@ class AdviceRow:
     parameter: str
     bound: float
     gained: float
+    traded: float
     knock: float
+    blow: float
+    knock_gained: float
+    blow_gained: float
     verdict: str
+    knock_verdict: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return asdict(self)
 
 
 def design_advice(
@@ -66,7 +97,7 @@ def design_advice(
     Parameters
     ----------
     case : Case
-        Of an elbow.
+        Of an elbow. Where it gives the forearm's inertia, the mass of the prehensor is what the shell leaves of it.
     gains : sequence of quantity
         Profile ranges.
     within : (quantity, quantity), optional
@@ -76,64 +107,152 @@ def design_advice(
     Returns
     -------
     tuple of AdviceRow
+        For each gain in turn, as many as there are pieces of advice; bounds that do not exist are nan.
 
     Raises
     ------
     EppError
-        If the case is no elbow or gives no prehensor mass.
+        If the case is no elbow, or its forearm leaves no mass for a prehensor.
+    """
+    found = design_bounds(with_mass(case), GAIN, LIMIT, at=gains, within=within, verify=False, workers=workers)
+    return advice_of(case, found)
+
+
+def advice_of(case: Case, found: DesignBounds) -> tuple[AdviceRow, ...]:
+    """The advice at bounds that are known already.
+
+    Parameters
+    ----------
+    case : Case
+        As for :func:`design_advice`.
+    found : DesignBounds
+        On "lock_pin.backlash" over "bands.range", of :func:`with_mass` of the case.
+
+    Raises
+    ------
+    EppError
+        As :func:`design_advice`.
+    """
+    case = with_mass(case)
+    return tuple(row for cell in found for row in _rows(case.with_values({GAIN: cell.value}), cell, found.within))
+
+
+def with_mass(case: Case) -> Case:
+    """The case with the prehensor's mass as a parameter.
+
+    Raises
+    ------
+    EppError
+        If the case is no elbow, or its forearm leaves no mass for a prehensor.
     """
     if case.kind != "elbow":
         raise EppError(f"design_advice: {case.name} is a {case.kind}; expected a case of the elbow.")
-    found = design_bounds(
-        case, "bands.range", "lock_pin.backlash", at=gains, within=within, verify=False, workers=workers
-    )
-    rows: list[AdviceRow] = []
-    for cell in found:
-        here = case.with_values({"bands.range": cell.value})
-        first = _knock(here)
-        for words, name, direction in ADVICE:
-            share = direction * cell.elasticities.get(name, math.nan)
-            given = name in here.parameters and bool(here.parameters[name].value)
-            other = (
-                _knock(here.with_values({name: here.value(name) * (1.0 + direction * _STEP)})) if given else math.nan
-            )
-            change = other / first - 1.0
-            rows.append(AdviceRow(cell.value, words, name, cell.bound, share, change, _verdict(share, change)))
-    return tuple(rows)
+    if MASS in case.parameters:
+        return case
+    rest = case.value("forearm.inertia") - case.value("forearm.shell_inertia")
+    if not rest > 0:
+        raise EppError(
+            f"design_advice: {case.name} has a forearm.inertia of {case.text('forearm.inertia', rest)} beyond its "
+            "shell; expected more than the shell's, so that a prehensor is left to be made lighter."
+        )
+    return case.with_values({MASS: rest / case.value("forearm.prehensor_distance") ** 2})
 
 
-def _knock(case: Case) -> float:
-    """Size of the smallest step of the harness that starts the oscillation [m]; infinite where none does."""
-    own = case.value("lock_pin.backlash")
-    hit = smallest_knock(Question(case, "lock_pin.backlash", own, own), own)
-    return math.inf if hit is None else abs(hit.size)
+def _rows(case: Case, cell: BoundCell, within: tuple[float, float]) -> Iterator[AdviceRow]:
+    """All advice at one gain."""
+    by_gain = _elasticity(case, cell, within, GAIN, 1)
+    step, blow = smallest_knocks(case)
+    for words, name, direction in ADVICE:
+        given = name in case.parameters and bool(case.value(name))
+        share = traded = changed_step = changed_blow = _NAN
+        if given:
+            share = _elasticity(case, cell, within, name, direction) if name != LIMIT else _NAN
+            traded = (1.0 if name == LIMIT else share) / by_gain
+            other = smallest_knocks(case.with_values({name: case.value(name) * (1.0 + direction * _STEP)}))
+            changed_step, changed_blow = _growth(step, other[0]), _growth(blow, other[1])
+        felt = traded if name == LIMIT else share
+        yield AdviceRow(
+            cell.value, words, name, cell.bound, share, traded, _finite(step), _finite(blow),
+            changed_step, changed_blow, _word(felt), _word(changed_step),
+        )  # fmt: skip
 
 
-def _verdict(share: float, knock: float) -> str:
-    """Plain words for an elasticity (or, where there is none, for what a tenth does to the knock)."""
-    size = share if math.isfinite(share) else knock / _STEP
-    if math.isnan(size):
-        return "not applicable here"
-    if size >= STRONG:
-        return "strong"
-    if size >= WEAK:
-        return "moderate"
-    return "weak" if size > -0.02 else "not borne out by the model"
+def _elasticity(case: Case, cell: BoundCell, within: tuple[float, float], name: str, direction: int) -> float:
+    """Elasticity of the exact bound with the sign of the advice; at a corner, which has no slope, from moved bounds."""
+    known = cell.elasticities.get(name, _NAN)
+    if math.isfinite(known) or cell.orbit is None or cell.kind != "corner":
+        return direction * known
+    value = case.value(name)
+    ends = [
+        moved_bound(
+            Question(case.with_values({name: value * (1.0 + s)}), LIMIT, *within), cell.orbit, cell.bound, cell.sign
+        )
+        for s in (-_CORNER_STEP, _CORNER_STEP)
+    ]
+    return direction * (ends[1] - ends[0]) / (2.0 * _CORNER_STEP * cell.bound)
+
+
+def smallest_knocks(case: Case) -> tuple[float, float]:
+    """Smallest step of the harness [m] and blow to the forearm [rad/s] that start the oscillation of an elbow.
+
+    Infinite where nothing starts it; nan where that could not be decided.
+    """
+    system = case.to_system()
+    cycles = find_limit_cycles(system)
+    if not cycles.stable:
+        # The loop is the same wherever the harness stands; the search there has other starts.
+        again = cycles if cycles.status.ok else find_limit_cycles(system, inputs_at_end(case, system))
+        nothing = math.inf if again.status.ok and not again.stable else _NAN
+        return nothing, nothing
+    try:
+        found = knock(system, cycles=cycles, states=["theta_dot"])
+    except NoRest:
+        return 0.0, 0.0
+    sizes = [
+        [abs(k.size) for k in found if (k.name in system.input_names) is external and np.isfinite(k.size)]
+        for external in (True, False)
+    ]
+    return min(sizes[0], default=math.inf), min(sizes[1], default=math.inf)
+
+
+def _growth(before: float, after: float) -> float:
+    """Elasticity from a change by a tenth; nan where there was nothing to grow."""
+    if not math.isfinite(before) or before == 0.0:
+        return _NAN
+    return (after / before - 1.0) / _STEP
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else _NAN
+
+
+def _word(elasticity: float) -> str:
+    """Plain word for an elasticity."""
+    if math.isnan(elasticity):
+        return "not applicable"
+    if math.isinf(elasticity):
+        return "ends the oscillation"
+    return next(word for least, word in _WORDS if elasticity >= least)
 
 
 def advice_frame(case: Case, rows: Sequence[AdviceRow]) -> pandas.DataFrame:
-    """The advice as a table in the units that people use."""
+    """The advice as a table in the units that people use; elasticities in per cent for one per cent."""
     import pandas
 
-    gain, degrees = case.readable("bands.range")[1], case.readable("lock_pin.backlash")[1]
+    gain, degrees = case.readable(GAIN)[1], case.readable(LIMIT)[1]
     lines: list[dict[str, Any]] = [
         {
             "profile range [lbf]": f"{gain * r.gain:.3g}",
+            "bound [deg]": _number(degrees * r.bound, ".3f"),
             "advice": r.words,
-            "bound [deg]": f"{degrees * r.bound:.3f}",
-            "bound grows by [% for 1 %]": _number(r.gained, "+.2f"),
-            "knock grows by [% for 10 %]": _number(100.0 * r.knock, "+.1f"),
-            "": r.verdict,
+            "bound grows [%]": _number(r.gained, "+.2f"),
+            "gain may grow [%]": _number(r.traded, "+.2f"),
+            "on the bound": r.verdict,
+            "harness step [mm]": _number(1e3 * r.knock, ".3f"),
+            "step grows [%]": _number(r.knock_gained, "+.2f"),
+            "blow [deg/s]": _number(math.degrees(r.blow), ".3g"),
+            "blow grows [%]": _number(r.blow_gained, "+.2f"),
+            "on the knock": r.knock_verdict,
         }
         for r in rows
     ]
@@ -141,4 +260,52 @@ def advice_frame(case: Case, rows: Sequence[AdviceRow]) -> pandas.DataFrame:
 
 
 def _number(value: float, form: str) -> str:
-    return "-" if math.isnan(value) else "none starts it" if math.isinf(value) else f"{value:{form}}"
+    if math.isnan(value):
+        return "–"
+    return "none starts it" if math.isinf(value) else f"{value:{form}}".replace("+0.00", "0").replace("-0.00", "0")
+
+
+def advice_sentences(rows: Sequence[AdviceRow]) -> list[str]:
+    """What the table says of each piece of advice, in words, over all its operating points."""
+    out = []
+    for words, name, _ in ADVICE:
+        here = [r for r in rows if r.parameter == name and r.verdict != "not applicable"]
+        if not here:
+            out.append(f"{words.capitalize()}: not applicable, the parameter is zero or no bound was found.")
+            continue
+        felt = [r.traded if name == LIMIT else r.gained for r in here]
+        what = "allows {} % more gain" if name == LIMIT else "moves the bound by {} %"
+        text = f"{words.capitalize()}: one per cent {what.format(_range(felt))} ({_joined(r.verdict for r in here)})"
+        for grown, verdicts, knocked in (
+            ([r.knock_gained for r in here], [r.knock_verdict for r in here], "step of the harness"),
+            ([r.blow_gained for r in here], [_word(r.blow_gained) for r in here], "blow to the forearm"),
+        ):
+            text += f"; the smallest {knocked} that starts the oscillation changes by {_range(grown)} % "
+            text += f"({_joined(verdicts)})"
+        out.append(text + "." + _against(here))
+    return out
+
+
+def _against(rows: Sequence[AdviceRow]) -> str:
+    """Where the model does not bear the paper out."""
+    signs = {
+        "the bound": [r.verdict for r in rows],
+        "the step": [r.knock_verdict for r in rows],
+        "the blow": [_word(r.blow_gained) for r in rows],
+    }
+    wrong = [what for what, words in signs.items() if "the other way" in words]
+    idle = [what for what, words in signs.items() if set(words) <= {"none"}]
+    out = f" The model does not bear the advice out for {' and '.join(wrong)}: there it harms." if wrong else ""
+    return out + (f" It does nothing for {' and '.join(idle)}." if idle else "")
+
+
+def _range(values: Sequence[float]) -> str:
+    known = sorted(v for v in values if not math.isnan(v))
+    if not known:
+        return "–"
+    low, high = (_number(v, "+.2f") for v in (known[0], known[-1]))
+    return low if low == high else f"{low} to {high}"
+
+
+def _joined(words: Iterator[str] | Sequence[str]) -> str:
+    return ", ".join(dict.fromkeys(words))

@@ -20,11 +20,14 @@ from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_bran
 from eppanalysis.methods.continuation_steps import Point
 from eppanalysis.methods.harmonic import cycle_of, settled
 from eppanalysis.methods.harmonic_elements import Unsettled
+from eppanalysis.methods.harmonic_loop import inputs_of
 from eppanalysis.results import LimitCycle
 
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
+#: Harmonics of a known orbit that are kept to look for its neighbours.
+_ORDER = 9
 _KINDS = {"fold": "fold", "turning change of sequence": "corner"}
 #: Where an orbit is looked for beyond a corner, relative to its value, and how often.
 _BEYOND, _MOST_CORNERS = (2e-4, 1e-3, 4e-3), 6
@@ -93,6 +96,25 @@ def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> Exa
     if turn is None:
         return None
     return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
+
+
+def moved_bound(question: Question, orbit: LimitCycle, value: float, sign: float) -> float:
+    """The exact bound of a case that differs a little from one whose bound is known [SI]; nan where it is lost.
+
+    Parameters
+    ----------
+    question : Question
+        Of the changed case.
+    orbit : LimitCycle
+        At the known bound.
+    value : float
+        The known bound [SI].
+    sign : {1, -1}
+        1 where the cycles lie above it.
+    """
+    loop = steady_loop(question.case_at(value))
+    near = Cycle(value, inputs_of(loop, orbit)[:, : _ORDER + 1], orbit.omega)
+    return correct(question, near, sign).value
 
 
 def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:

@@ -8,6 +8,7 @@ first order and in the order at which the bound ceases to change.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -27,9 +28,9 @@ from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import standing_inputs
 from eppanalysis.results import LimitCycle
 
-#: Orders tried in turn, and the relative change of the bound from one to the next at which they end.
-ORDERS = (5, 7, 9, 11, 13, 15, 17, 19)
-CHANGE = 0.02
+#: Orders tried in turn, and the relative difference of a bound from those of lower orders at which they end.
+ORDERS = (5, 7, 9, 13, 15)
+CHANGE = 0.03
 N_SCAN = 5
 _SCALED = (0.5, 2.0)
 
@@ -208,7 +209,7 @@ class HarmonicBound:
     order : int
         The order chosen; 0 where there is none.
     error_estimate : float
-        Relative change of the bound from the order before.
+        Largest relative difference of the bound from those of the orders from half of it on.
     fold : Fold or None
         Of the order chosen.
     first_fold : Fold or None
@@ -301,39 +302,50 @@ class HarmonicSweep:
         return best
 
     def _chosen(self, numbers: Numbers, sign: float) -> tuple[Fold | None, float]:
-        """The order at which the bound ceases to change, and how much it changed last."""
-        first = ORDERS.index(self.last_order) - 1 if self.last_order in ORDERS[1:] else 0
-        last: Fold | None = None
-        best: tuple[Fold | None, float] = (None, float("nan"))
-        for n in ORDERS[first:]:
-            fold = self._of_order(numbers, sign, n)
+        """The order at which the bound ceases to change, and how far the orders from half of it on are apart."""
+        found: list[Fold] = []
+        apart = float("nan")
+        for n in (n for n in ORDERS if n >= _half(self.last_order)):
+            fold = self._of_order(numbers, sign, n, found[-1] if found else None)
             if fold is None:
                 continue
             self.folds[n] = fold
-            if last is not None:
-                change = abs(fold.cycle.value / last.cycle.value - 1.0)
-                if best[0] is None or change < best[1]:
-                    best = fold, change
-                if change < CHANGE:
-                    break
-            last = fold
-        if best[0] is None:
-            return last, float("nan")
-        self.last_order = best[0].cycle.order
-        return best
+            apart = _apart(fold, found)
+            found.append(fold)
+            if apart < CHANGE and found[0].cycle.order <= _half(n):
+                break
+        if not found:
+            return None, apart
+        self.last_order = found[-1].cycle.order
+        return found[-1], apart
 
-    def _of_order(self, numbers: Numbers, sign: float, n: int) -> Fold | None:
-        """The fold of an order: from the last one, else from the carried cycles in turn."""
+    def _of_order(self, numbers: Numbers, sign: float, n: int, lower: Fold | None) -> Fold | None:
+        """The fold of an order: from the last one, else from that of the order below, else from the carried cycles."""
         if n in self.folds:
             found = extreme(numbers, self.programmes, self.folds[n].cycle, sign, 0.1)
             if found is not None:
                 return found
-        for cycle in self.leading:
-            start = raised(numbers, cycle, n)
+        starts = [] if lower is None else [_filled(numbers, lower.cycle, n)]
+        for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
             found = None if start is None else extreme(numbers, self.programmes, start, sign)
             if found is not None:
                 return found
         return None
+
+
+def _half(order: int) -> float:
+    """The highest order that counts as half of another."""
+    return 0.5 * (order + 1)
+
+
+def _apart(fold: Fold, before: Sequence[Fold]) -> float:
+    """Largest relative difference of a bound from those of the orders from half its own on; nan where there are none.
+
+    Neighbouring orders may agree by chance while both are far off, as a short contact enters the harmonics by groups.
+    """
+    order = fold.cycle.order
+    rivals = [f.cycle.value for f in before if f.cycle.order >= 0.5 * order - 1.0]
+    return max((abs(fold.cycle.value / v - 1.0) for v in rivals), default=float("nan"))
 
 
 def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
@@ -345,6 +357,14 @@ def _carried(numbers: Numbers, cycle: Cycle) -> Cycle | None:
     """The same cycle of a loop whose other parameter has changed a little."""
     true = settled(numbers.loop(cycle.value), cycle.Z, cycle.omega)
     return None if true is None else Cycle(cycle.value, *true)
+
+
+def _filled(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
+    """A cycle with the further harmonics that its elements send through the loop."""
+    try:
+        return replace(cycle, Z=numbers.loop(cycle.value).continued(cycle.Z, cycle.omega, order))
+    except Unsettled:
+        return None
 
 
 def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:

@@ -35,7 +35,7 @@ class BoundCell:
         The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown.
     order : int
     error_estimate : float
-        Relative change of the harmonic bound from the order before.
+        Largest relative difference of the harmonic bound from those of the orders from half of it on.
     kind : str
         "fold" or "corner" of the branch of exact orbits.
     frequency : float

@@ -1,0 +1,106 @@
+"""The paper's advice: elasticities against folds of moved branches, knocks against runs of steps on both sides."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.advice import (
+    ADVICE,
+    AdviceRow,
+    _word,
+    advice_frame,
+    advice_of,
+    advice_sentences,
+    design_advice,
+    with_mass,
+)
+from eppanalysis.methods.bounds_exact import moved_bound
+from eppanalysis.methods.bounds_harmonic import Question
+
+#: The original elbow with its original pulley at a profile range of 1.5 lbf.
+FRICTION, GAIN = 0.0526, "1.5 lbf"
+WITHIN = (0.1 * math.pi / 180.0, 3.0 * math.pi / 180.0)
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    given = epp.case("fig8a_original").with_values({"pulley.friction": FRICTION, "bands.range": GAIN})
+    return with_mass(given)
+
+
+@pytest.fixture(scope="module")
+def bounds(case: epp.Case) -> epp.DesignBounds:
+    return epp.design_bounds(case, "bands.range", "lock_pin.backlash", at=[GAIN], within=WITHIN, verify=False)
+
+
+@pytest.fixture(scope="module")
+def rows(case: epp.Case, bounds: epp.DesignBounds) -> dict[str, AdviceRow]:
+    found = advice_of(case, bounds)
+    assert [r.words for r in found] == [words for words, _, _ in ADVICE]
+    return {r.parameter: r for r in found}
+
+
+def test_the_mass_is_what_the_shell_leaves_of_the_inertia(case: epp.Case) -> None:
+    assert case.value("forearm.prehensor_mass") == pytest.approx(0.45)
+
+
+def test_elasticities_against_folds_of_moved_cases(
+    case: epp.Case, bounds: epp.DesignBounds, rows: dict[str, AdviceRow]
+) -> None:
+    """Slopes from the equations of one fold against folds of branches that are followed anew."""
+    h, cell = 2e-3, bounds[0]
+    assert cell.kind == "fold" and cell.orbit is not None
+    for name, direction in (("pulley.friction", -1), ("bands.range", 1)):
+        moved = []
+        for share in (-h, h):
+            here = case.with_values({name: case.value(name) * (1.0 + share)})
+            question = Question(here, "lock_pin.backlash", *bounds.within)
+            moved.append(moved_bound(question, cell.orbit, cell.exact, cell.sign))
+        slope = (math.log(moved[1]) - math.log(moved[0])) / (2 * h)
+        assert rows[name].gained == pytest.approx(direction * slope, rel=1e-3, abs=1e-4), name
+        assert rows[name].traded == pytest.approx(rows[name].gained / rows["bands.range"].gained)
+    assert rows["lock_pin.backlash"].traded == pytest.approx(1.0 / rows["bands.range"].gained)
+
+
+def test_knocks_part_runs_that_settle_from_runs_that_do_not(case: epp.Case, rows: dict[str, AdviceRow]) -> None:
+    size = rows["bands.range"].knock
+    ends = [epp.simulate(case.to_system(), epp.signals.Step(s * f * size), 20.0).status.name
+            for f in (0.97, 1.03) for s in (1.0, -1.0)]  # fmt: skip
+    assert ends[:2] == ["SETTLED", "SETTLED"] and "LIMIT_CYCLE" in ends[2:]
+
+
+def test_the_model_bears_out_less_than_the_paper_says(rows: dict[str, AdviceRow]) -> None:
+    """Of an elbow beyond its bound: a softer cable helps, less backlash is of no use, less friction does harm."""
+    assert rows["cable.stiffness"].verdict == rows["cable.stiffness"].knock_verdict == "strong"
+    assert rows["lock_pin.backlash"].knock_gained == pytest.approx(0.0, abs=1e-4)
+    assert rows["pulley.friction"].gained > 0 > rows["pulley.friction"].knock_gained
+    said = {s.partition(":")[0]: s for s in advice_sentences(list(rows.values()))}
+    assert "does nothing for the step" in said["Less backlash"]
+    assert "does not bear the advice out for the step" in said["Less pulley friction"]
+
+
+def test_frame_shows_what_is_not_applicable(case: epp.Case, rows: dict[str, AdviceRow]) -> None:
+    frame = advice_frame(case, list(rows.values()))
+    assert frame["profile range [lbf]"].unique().tolist() == ["1.5"]
+    assert frame["bound grows [%]"][0] == "–"
+    assert frame["on the bound"][2] == "strong"
+
+
+@pytest.mark.parametrize(
+    ("elasticity", "word"),
+    [(0.6, "strong"), (0.2, "moderate"), (0.05, "weak"), (0.0, "none"), (-0.1, "the other way"),
+     (math.inf, "ends the oscillation"), (math.nan, "not applicable")],
+)  # fmt: skip
+def test_words(elasticity: float, word: str) -> None:
+    assert _word(elasticity) == word
+
+
+def test_only_elbows_with_a_prehensor() -> None:
+    with pytest.raises(epp.EppError, match="expected a case of the elbow"):
+        design_advice(epp.case("backlash_servo"), ["2 lbf"])
+    bare = epp.case("fig8a_original").with_values({"forearm.inertia": "0.006 kg*m^2"})
+    with pytest.raises(epp.EppError, match="so that a prehensor is left"):
+        design_advice(bare, ["2 lbf"])
