@@ -3,8 +3,8 @@
 Sticking and slipping may make the motion, and with it the sum of squares, so rough on the scale of the intervals that
 no quadratic surface describes it (see :mod:`eppanalysis.identify.surface`, which comes first and needs a tenth of the
 runs). Then places are drawn, wide at first, weighted by how well they fit, and drawn again where the weight is
-(population Monte Carlo; Cappé, Guillin, Marin and Robert, J Comput Graph Stat 13, 2004, with the mixture weights of Owen
-and Zhou, J Am Stat Assoc 95, 2000).
+(population Monte Carlo; Cappé, Guillin, Marin and Robert, J Comput Graph Stat 13, 2004, with the mixture weights of
+Owen and Zhou, J Am Stat Assoc 95, 2000).
 """
 
 from __future__ import annotations
