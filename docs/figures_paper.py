@@ -35,14 +35,18 @@ def _law(case: epp.Case, force: np.ndarray) -> np.ndarray:
     return np.array([law.output(f)[0] for f in force], float)
 
 
+#: Label of the lines at both ends of a profile.
+ENDS = r"$F_\mathrm{slack}$, $F_\mathrm{max}$"
+
+
 def paper_figure_2() -> Figure:
     """The band law with both profiles that the cases use."""
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     ax = figure.subplots()
     force = np.linspace(0.0, 5.0, 2001)
     wide, narrow = epp.case("fig8a_original"), epp.case("fig6a_original_pulley")
-    for case, colour, figure_name in ((wide, BLUE, "8"), (narrow, VERMILLION, "6")):
-        label = f"profile range {case.parameters['bands.range']} (Figure {figure_name})"
+    for case, colour, origin in ((wide, BLUE, "assumed for Figure 8"), (narrow, VERMILLION, "about that in Figure 6")):
+        label = f"profile range {case.parameters['bands.range']} ({origin})"
         ax.plot(force, _law(case, force * LBF), color=colour, label=label)
     thresholds = np.array(wide.elbow_parameters.bands.thresholds) / LBF
     for x in thresholds:
@@ -52,10 +56,11 @@ def paper_figure_2() -> Figure:
         inside = name == "parking"
         ax.text((left + right) / 2, 21.0 if inside else 18.2, name, ha="center", fontsize=8)
     names = [r"$F_\mathrm{slack}$", r"$F_\mathrm{low}$", r"$F_\mathrm{high}$", r"$F_\mathrm{max}$"]
-    for name, x, shift in zip(names, thresholds, (0.0, -0.16, 0.16, 0.0), strict=True):
+    for name, x, shift in zip(names, thresholds, (-0.19, -0.16, 0.16, 0.19), strict=True):
         ax.text(x + shift, -20.0, name, ha="center", fontsize=8)
     ax.set_ylim(-21.5, 24.0)
     ax.set_xlim(0.0, 5.0)
+    ax.set_title("dotted: thresholds of the wider profile", fontsize=8, loc="right")
     ax.set_xlabel("input force [lbf]")
     ax.set_ylabel("output voltage [V]")
     ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.85))
@@ -141,15 +146,15 @@ def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, p
         top.plot(t, result.signals[signal][keep] / LBF, color=colour, label=label)
     slack, low, high, most = np.array(case.elbow_parameters.bands.thresholds) / LBF
     top.axhspan(low, high, color=GREY, alpha=0.25, linewidth=0, label="parking band")
-    for level in (slack, most):
-        top.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
+    for level, label in ((slack, ENDS), (most, None)):
+        top.axhline(level, color=GREY, linewidth=0.6, linestyle=":", label=label)
     for ax in (top, bottom):
         for k, event in enumerate(result.events[:-1]):
             following = next((e for e in result.events[k + 1 :] if e.element == "cable"), None)
             if event.element == "cable" and event.name == "sticks" and following is not None:
                 ax.axvspan(1e3 * event.time, 1e3 * following.time, color=SKY, alpha=0.25, linewidth=0)
         ax.set_xlim(1e3 * window[0], 1e3 * window[1])
-    for time, letter in ((phase.sticks, "(c)"), (phase.extension, "(d)")):
+    for time, letter in ((phase.slips - 5e-4, "(c)"), (phase.extension + 5e-4, "(d)")):
         top.annotate(letter, (1e3 * time + 0.4, 3.42), fontsize=9)
         top.axvline(1e3 * time, color="black", linewidth=0.7)
     top.set_ylim(1.5, 3.65)
@@ -157,7 +162,7 @@ def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, p
     top.tick_params(labelbottom=False)
     handles = [*top.get_legend_handles_labels()[0], Patch(color=SKY, alpha=0.25)]
     labels = [*top.get_legend_handles_labels()[1], "pulley stuck"]
-    top.legend(handles, labels, fontsize=7, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+    top.legend(handles, labels, fontsize=7, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
     bottom.plot(t, result.signals["theta"][keep] / DEGREE, color=GREEN)
     bottom.set_ylabel("forearm [deg]")
     bottom.set_xlabel("time after the step [ms]")
@@ -221,8 +226,8 @@ def paper_figure_7() -> Figure:
         ax.axvspan(-half / DEGREE, half / DEGREE, color=SKY, alpha=0.25, linewidth=0, label="gap")
         slack, low, high, top = np.array(p.bands.thresholds) / LBF
         ax.axhspan(low, high, color=GREY, alpha=0.25, linewidth=0, label="parking band")
-        for level in (slack, top):
-            ax.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
+        for level, label in ((slack, ENDS), (top, None)):
+            ax.axhline(level, color=GREY, linewidth=0.6, linestyle=":", label=label)
         other = ax.twinx()
         other.plot(angle / DEGREE, torque, color=VERMILLION, linestyle="--", linewidth=1.0)
         other.set_ylim(-25.0, 25.0)
@@ -373,7 +378,8 @@ def paper_sensitivity() -> Figure:
         for name, found in sensitivity.one_at_a_time(finding).items():
             codes = [1 if word == want else 2 if word in ("settle", "oscillate") else 3 for word in found]
             table[names.index(name), n * j : n * (j + 1)] = codes
-    words, colours = ("given by the paper", "holds", "flips", "undecided"), ("#F4F4F4", SKY, VERMILLION, ORANGE)
+    words = ("given by the paper, or what the finding itself changes", "holds", "flips", "undecided")
+    colours = ("#F4F4F4", SKY, VERMILLION, ORANGE)
     figure = Figure(figsize=(8.6, 5.6), layout="constrained")
     ax = figure.subplots()
     ax.pcolormesh(table, cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(5) - 0.5, 4), edgecolors="white")
