@@ -225,7 +225,10 @@ def step_response(
     t = np.arange(-0.02, t_end, 1.0 / rate)
     t = np.sort(t + rng.uniform(-0.3, 0.3, t.size) / rate)
     after = t[t > 0]
-    run = simulate_reference(p, t_end=t_end + 0.01, t_eval=after, rtol=1e-8, atol=1e-10)
+    try:
+        run = simulate_reference(p, t_end=t_end + 0.01, t_eval=after, rtol=1e-8, atol=1e-10)
+    except RuntimeError:  # a stop found again and again within rounding; other steps of the integrator pass it
+        run = simulate_reference(p, t_end=t_end + 0.01, t_eval=after, rtol=1e-9, atol=1e-11)
     still = np.zeros(t.size - after.size)
     theta = np.concatenate([still, run.signals["theta"]])
     tension = np.concatenate([still + p["band_centre"], run.signals["sensor_force"]])
