@@ -26,8 +26,8 @@ Facts = dict[str, Any]
 
 _KEPT = 64
 _MAP_CELLS = (17, 13)
-_BRANCH_POINTS = 90
-_BRANCH_STEP = 0.08
+_BRANCH_POINTS = 240
+_BRANCH_STEP = 0.1
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,9 @@ def test_slow_pictures_arrive(page):
     assert {1, 2} <= set(codes)
     wait(page, "model('exact').text.includes('stable 4.394 deg at 8.974 Hz')", 240)
     assert "unstable 1.162 deg at 5.183 Hz" in page.evaluate("model('exact').text")
+    folds = "model('branch').renderers.find((r) => r.glyph.marker?.value === 'diamond').data_source.data.x"
+    wait(page, f"{folds}.length === 1", 240)
+    assert page.evaluate(f"{folds}[0]") == pytest.approx(0.9785869, abs=1e-6)
 
 
 def test_undo_and_reset(page):
