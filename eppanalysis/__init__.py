@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
     from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
     from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
+    from eppanalysis.methods.describing_frozen import FrozenLoop as FrozenLoop, frozen_nyquist as frozen_nyquist
     from eppanalysis.methods.exact import exact_orbit as exact_orbit
     from eppanalysis.methods.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
     from eppanalysis.methods.harmonic import harmonic_balance as harmonic_balance
@@ -119,6 +120,7 @@ _NAMES = {
     "methods.continuation": ("Branch", "continue_branch"),
     "methods.cycles": ("CycleSearch", "find_limit_cycles"),
     "methods.describing": ("predict_limit_cycles",),
+    "methods.describing_frozen": ("FrozenLoop", "frozen_nyquist"),
     "methods.exact": ("exact_orbit",),
     "methods.folds": ("FoldCurve", "continue_folds"),
     "methods.harmonic": ("harmonic_balance",),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,12 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, ComplexArray, describe, make_balance, newton
 from eppanalysis.methods.describing_margins import element_slope
 from eppanalysis.methods.describing_search import frequency_scales
+from eppanalysis.methods.harmonic_loop import Loop, inputs_of
 from eppanalysis.models.lure import LureSystem, SignalMap
+from eppanalysis.results import LimitCycle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _POINTS = 400
 _ITERATIONS = 15
@@ -47,6 +53,12 @@ class FrozenLoop:
     amplitude: Array
     locus: ComplexArray
     point: complex | None
+
+    def plot(self) -> Figure:
+        """G(j omega) and -1/N of the element at the cut; a circle where the motion has -1/N."""
+        from eppanalysis.plots_frozen import plot_frozen
+
+        return plot_frozen(self)
 
 
 def with_element_inputs(system: LureSystem, keep: tuple[str, ...]) -> LureSystem:
@@ -118,6 +130,51 @@ def nearest_cycle(
         a, _, b, w = balance.unpack(found)
     names = system.element_names
     return dict(zip(names, a[0].tolist(), strict=True)), dict(zip(names, b[0].tolist(), strict=True)), float(w[0])
+
+
+def frozen_nyquist(
+    system: LureSystem, cycle: LimitCycle, inputs: Mapping[str, float] | None = None
+) -> FrozenLoop | None:
+    """Nyquist picture of a loop with any number of elements at one of its cycles, the others frozen there.
+
+    Parameters
+    ----------
+    system : LureSystem
+    cycle : LimitCycle
+        Where the other elements are frozen. The curves meet in it if it is one of first order.
+    inputs : mapping of str to float, optional
+        Steady values of the external inputs [SI], as :func:`predict_limit_cycles` takes them.
+
+    Returns
+    -------
+    FrozenLoop or None
+        None where an element has neither a describing function nor a slope.
+
+    Raises
+    ------
+    ModelError
+        If the cycle's signals do not determine the inputs of the elements.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("sat_plus_backlash")
+    >>> system = case.to_system()
+    >>> cycle = epp.predict_limit_cycles(system)[0]
+    >>> picture = epp.frozen_nyquist(system, cycle)
+    >>> met = np.interp(cycle.omega, picture.omega, picture.response.real)
+    >>> bool(abs(met - picture.point.real) < 1e-3 * abs(picture.point))
+    True
+    """
+    value = np.array([(inputs or {}).get(n, v) for n, v in zip(system.input_names, system.v0, strict=True)], float)
+    loop = Loop.of(system, value)
+    Z = inputs_of(loop, cycle)
+    rows = loop.rows.tolist()
+    amplitude, bias = {}, {}
+    for name, where in zip(system.element_names, system.input_slices, strict=True):
+        found = Z[rows.index(where.start)] if where.start in rows else np.zeros(2, complex)
+        amplitude[name], bias[name] = float(abs(found[1])), float(found[0].real)
+    return frozen_loop(system, amplitude, bias, cycle.omega)
 
 
 def frozen_loop(

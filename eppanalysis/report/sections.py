@@ -61,13 +61,19 @@ system, final = case.to_system(), case.final_input()
 epp.table(case)"""
 
 _PREDICTION = """\
+prediction = None
 try:
     prediction = epp.predict_limit_cycles(system, final)
     display(epp.table(prediction), prediction.plot())
     print(prediction.status.value, prediction.search)
-except epp.EppError as reason:
-    prediction = None
+{nyquist}except epp.EppError as reason:
     print(reason)"""
+
+_NYQUIST = """\
+    nyquist = epp.frozen_nyquist(system, prediction[-1], final) if len(prediction) else None
+    if nyquist:
+        display(nyquist.plot())
+"""
 
 _MARGINS = """\
 if prediction and prediction.margins:
@@ -151,6 +157,13 @@ display(epp.table(case.provenance()), epp.table(method))
 print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 
 
+def _prediction(case: Case) -> str:
+    """With a Nyquist picture of its own where the prediction's is the loop gain over amplitude."""
+    system = case.to_system()
+    several = len(system.elements) > 1 and not system.time_step
+    return _PREDICTION.format(nyquist=_NYQUIST if several else "")
+
+
 def _margins(case: Case) -> str:
     return _MARGINS
 
@@ -220,8 +233,9 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "Prediction",
         "All limit cycles that describing functions predict, stable and unstable. In the picture a cycle is where the "
-        "curves meet; a filled circle is a stable one.",
-        _always(_PREDICTION),
+        "curves meet; a filled circle is a stable one. With several elements that is where the loop gain is one; their "
+        "Nyquist picture holds at one cycle, here the last, at which the elements behind the cut are frozen.",
+        _prediction,
     ),
     Section(
         "Margins",

@@ -72,3 +72,15 @@ def test_a_motion_that_is_far_from_any_cycle_has_none_next_to_it():
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
     assert nearest_cycle(loop, {"saturation": 2.0}, {"saturation": 0.0}, 1.4, np.zeros(0)) is None
     assert nearest_cycle(loop, {"saturation": 0.0}, {"saturation": 0.0}, 1.4, np.zeros(0)) is None
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "wheelchair"])
+def test_the_picture_at_a_predicted_cycle_meets_in_it(name):
+    case = epp.case(name)
+    system, inputs = case.to_system(), case.final_input()
+    for cycle in epp.predict_limit_cycles(system, inputs):
+        found = epp.frozen_nyquist(system, cycle, inputs)
+        response = np.interp(cycle.omega, found.omega, found.response)
+        assert abs(response - found.point) < 1e-9 * abs(found.point)
+    axes = found.plot().axes[0]
+    assert axes.get_xlabel() == "real part" and found.element in axes.get_title().replace(" ", "_")

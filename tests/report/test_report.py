@@ -81,6 +81,11 @@ def test_every_section_has_something_to_show(written):
         assert any("image/png" in out.get("data", {}) for out in outputs(notebook, title)), title
 
 
+def test_several_elements_have_a_nyquist_picture_too(written):
+    pictures = [out for out in outputs(nbformat.read(written, 4), "Prediction") if "image/png" in out.get("data", {})]
+    assert len(pictures) == 2
+
+
 def test_the_numbers_are_those_of_the_methods(written, mine):
     said = "".join(out.get("text", "") for out in outputs(nbformat.read(written, 4), "Ladder"))
     assert said.strip() == epp.ladder(mine).verdict
