@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -33,10 +35,12 @@ def elbow_basins() -> Figure:
         ax.plot(*np.degrees(grid[ends < REST]).T, "x", color="black", label="neither")
     middle = found.rest_state[angle]
     for cycle in found:
-        style = {"color": BLUE, "linestyle": "-"} if cycle.stable else {"color": VERMILLION, "linestyle": "--"}
+        style: dict[str, Any] = (
+            {"color": BLUE, "linestyle": "-"} if cycle.stable else {"color": VERMILLION, "linestyle": "--"}
+        )
         wave = [np.append(cycle.waveform[k], cycle.waveform[k][0]) for k in ("theta", "theta_dot")]
         label = "stable cycle" if cycle.stable else "unstable cycle"
-        ax.plot(np.degrees(wave[0] - middle), np.degrees(wave[1]), linewidth=1.8, label=label, **style)  # type: ignore[arg-type]
+        ax.plot(np.degrees(wave[0] - middle), np.degrees(wave[1]), linewidth=1.8, label=label, **style)
     ax.set_xlabel("forearm's angle from rest [deg]")
     ax.set_ylabel("forearm's velocity [deg/s]")
     ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)

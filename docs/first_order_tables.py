@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from first_order_study import ELEMENTS, Row, read
@@ -69,10 +70,16 @@ def first_order_errors() -> Figure:
     )
     for label, keep, colour, marker in kinds:
         some = [r for r in rows if keep(r)]
-        style = {"linestyle": "none", "marker": marker, "markersize": 3.0, "color": colour, "alpha": 0.6}
+        style: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": marker,
+            "markersize": 3.0,
+            "color": colour,
+            "alpha": 0.6,
+        }
         true = [max(r.error, 1e-6) for r in some]
-        left.loglog([min(max(r.estimate, 1e-6), 10.0) for r in some], true, label=label, **style)  # type: ignore[arg-type]
-        right.loglog([max(r.content, 1e-4) for r in some], true, **style)  # type: ignore[arg-type]
+        left.loglog([min(max(r.estimate, 1e-6), 10.0) for r in some], true, label=label, **style)
+        right.loglog([max(r.content, 1e-4) for r in some], true, **style)
     line = np.array([1e-6, 10.0])
     left.loglog(line, line, color=GREY, linewidth=0.8)
     left.annotate("error = estimate", (2e-6, 3e-6), rotation=38, fontsize=8, color="#555555")

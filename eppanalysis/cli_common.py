@@ -86,7 +86,7 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
     Raises
     ------
     EppError
-        If there is no name or no equals sign.
+        If there is no name, no equals sign, or no value.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
     ('bands.range', '1:5:41:lbf')
     """
     name, separator, value = text.partition("=")
-    if not separator or not name.strip():
+    if not separator or not name.strip() or not value.strip():
         raise EppError(f"{option} {text}: has no field and value; expected {expected}.")
     return name.strip(), value.strip()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eppanalysis.cli_bounds import progress
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _GAINS = "1.5 lbf,2.5 lbf,3.5 lbf"
 _END = "; repeatable."
+NO_FILES: list[Path] = []
 
 
 def guide(
@@ -50,7 +51,7 @@ def guide(
     outputs: Annotated[
         list[Path],
         typer.Option("-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .xlsx, .png, .svg or .pdf" + _END),
-    ] = NOTHING,  # type: ignore[assignment]
+    ] = NO_FILES,
 ) -> None:
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
     from eppanalysis.cli_bounds import range_of
@@ -66,9 +67,11 @@ def guide(
         result = design_guide(
             found,
             _values(gains),
-            variants={name: _values(text) for name, text in (_pair(v, "--vary") for v in vary)},
-            tolerances=dict(_pair(t, "--tolerance") for t in tolerances) or None,
-            margins={name: _factor(name, text) for name, text in (_pair(m, "--margin") for m in margins)},
+            variants={name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)},
+            tolerances=dict(split_pair(t, "--tolerance", "FIELD=VALUE") for t in tolerances) or None,
+            margins={
+                name: _factor(name, text) for name, text in (split_pair(m, "--margin", "FIELD=FACTOR") for m in margins)
+            },
             within=range_of(within),
             samples=samples,
             starts=starts,
@@ -86,13 +89,6 @@ def guide(
 
 def _values(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
-
-
-def _pair(text: str, option: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip() or not value.strip():
-        raise EppError(f"{option} {text}: has no field and value; expected FIELD=VALUE.")
-    return name.strip(), value.strip()
 
 
 def _factor(name: str, text: str) -> float:

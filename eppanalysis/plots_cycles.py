@@ -61,9 +61,9 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
             time / cycle.period,
             factor * wave,
             label=f"{'stable' if stable else 'unstable'}, {cycle.frequency:.4g} Hz",
-            **style,  # type: ignore[arg-type]
+            **style,
         )
-        right.plot(factor * wave, factor * np.gradient(wave, time), **style)  # type: ignore[arg-type]
+        right.plot(factor * wave, factor * np.gradient(wave, time), **style)
     words = name.replace("_", " ")
     left.set_xlabel("time over period")
     left.set_ylabel(f"{words} [{unit}]" if unit else words)

@@ -66,7 +66,8 @@ def _steps(given: StepsInput, unit: str, raw: RawCase) -> Steps:
         if times[i] <= times[i - 1]:
             field = f"run.input.times.{i}"
             raise CaseError(raw.origin(field), field, str(given.times[i]), "a later time than the one before")
-    return Steps(times, [_value(v, f"values.{i}", unit, raw) for i, v in enumerate(given.values)])  # type: ignore[arg-type]
+    values = [_value(v, f"values.{i}", unit, raw) for i, v in enumerate(given.values)]
+    return Steps(np.array(times), np.array(values))
 
 
 def _time(given: Parameter | None) -> float:
