@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json, progress
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -117,30 +116,6 @@ def range_of(text: str | None) -> tuple[str, str] | None:
     if not separator or not low.strip() or not high.strip():
         raise EppError(f'--within {text}: is no range; expected LOW:HIGH, as in "0.1 deg:5 deg".')
     return low.strip(), high.strip()
-
-
-@contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on the terminal that is told (done, of all); nothing where the errors go elsewhere.
-
-    Raises
-    ------
-    Exit
-        On an interrupt, with code 130.
-    """
-    try:
-        if not sys.stderr.isatty():
-            yield None
-            return
-        from rich.console import Console
-        from rich.progress import Progress
-
-        with Progress(console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
-    except KeyboardInterrupt:
-        typer.echo("Interrupted: nothing is kept.", err=True)
-        raise typer.Exit(130) from None
 
 
 def _show(case: Case, result: DesignBounds) -> None:

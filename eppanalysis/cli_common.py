@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -97,6 +98,39 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
     if not separator or not name.strip() or not value.strip():
         raise EppError(f"{option} {text}: has no field and value; expected {expected}.")
     return name.strip(), value.strip()
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[..., None] | None]:
+    """A bar on the terminal that is told (done, of all) and, if need be, what is being done; nothing elsewhere.
+
+    Yields
+    ------
+    callable or None
+
+    Raises
+    ------
+    Exit
+        On an interrupt, with code 130.
+    """
+    try:
+        if not sys.stderr.isatty():
+            yield None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=None)
+
+            def tell(done: int, total: int, doing: str = "") -> None:
+                bar.update(task, completed=done, total=total, description=doing or what)
+
+            yield tell
+    except KeyboardInterrupt:
+        typer.echo("Interrupted: nothing is kept.", err=True)
+        raise typer.Exit(130) from None
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:

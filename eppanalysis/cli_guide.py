@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_bounds import progress
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, split_pair
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, progress, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, load_case, print_json
+from eppanalysis.cli_common import NOTHING, load_case, print_json, progress
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
     from eppanalysis.identify import BenchFit, Identification
-    from eppanalysis.identify.reading import Progress
 
 _NO_FILES: list[Path] = []
 _PICTURES = (".png", ".svg", ".pdf")
@@ -81,10 +78,10 @@ def identify(
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
     tray, backlash, step = (_measured(path) for path in (tray, backlash, step))
-    with _progress() as progress:
+    with progress("identify") as report:
         found = run(
             base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
-            fit=fit or None, seed=seed, progress=progress,
+            fit=fit or None, seed=seed, progress=report,
         )  # fmt: skip
     if as_json:
         print_json("identify", [(found.case, found.to_dict())], settings)
@@ -133,20 +130,6 @@ def _check_output(output: Path, benches: Sequence[str]) -> None:
     check_target(output, _FILES)
     if output.suffix.lower() in _PICTURES and len(benches) > 1 and "{bench}" not in output.name:
         raise EppError(f"{output}: is one picture for {len(benches)} tests; expected {{bench}} in its name.")
-
-
-@contextmanager
-def _progress() -> Iterator[Progress | None]:
-    """A bar on the terminal; nothing where the output goes elsewhere."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
-    with Bar(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("identify", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _show(fit: BenchFit) -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, Settings, expanded, load_case
+from eppanalysis.cli_common import NOTHING, Settings, expanded, load_case, progress
 
 Target = Annotated[
     Path,
@@ -44,25 +41,6 @@ def report(
 
     check(output)
     found = [load_case(text, settings) for text in expanded(cases)]
-    with _progress() as progress:
-        write_report(found, output, full=full, progress=progress)
+    with progress("report") as tell:
+        write_report(found, output, full=full, progress=tell)
     typer.echo(f"{output}: written.")
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int, str], None] | None]:
-    """A bar on the terminal; nothing where the output goes elsewhere."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("report", total=None)
-
-        def show(done: int, total: int, heading: str) -> None:
-            bar.update(task, completed=done, total=total, description=heading)
-
-        yield show
