@@ -16,6 +16,8 @@ from eppanalysis.methods.orbit_guess import require_autonomous
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.signals import Ramp
 from eppanalysis.results import Status
+from tests.reference.elbow_reference import ROWS, row
+from tests.reference.turns import closed_turn
 
 
 def run_of(name):
@@ -90,6 +92,18 @@ def test_orbit_agrees_with_shooting_on_scipy():
     _, _, exact = exact_of("sat_khalil710")
     assert exact.period == pytest.approx(period, rel=1e-9)
     assert start > 0
+
+
+@pytest.mark.parametrize("number", [1, 3, 4])
+def test_oscillating_rows_of_the_truth_table_agree_with_shooting_on_scipy(number):
+    """An integrator and equations that share nothing with the package, to the last turn of its return map."""
+    case = epp.case(ROWS[number]["name"])
+    system, value = case.to_system(), case.final_input()
+    exact = epp.exact_orbit(system, next(c for c in epp.predict_limit_cycles(system, value) if c.stable), value)
+    turn = closed_turn(row(number), settle=1.0)
+    assert turn.change < 1e-10
+    assert exact.period == pytest.approx(turn.period, rel=1e-9)
+    assert exact.peak_to_peak["theta"] == pytest.approx(turn.peak_to_peak, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["van_der_pol_mu1", "belt_leine"])
