@@ -21,7 +21,7 @@ from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbits_near
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
-from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status
 
@@ -38,6 +38,8 @@ _NO_SAMPLES = np.zeros(0)
 _MOST_EVENTS = 60_000
 #: After so many events a run that has not come to an end will not soon.
 _ENOUGH_EVENTS = 600
+#: Outcome of a run that repeats itself but whose orbit could not be closed.
+UNCLOSED = "on a cycle that could not be closed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,8 @@ class CycleSearch:
     ----------
     cycles : tuple of LimitCycle
     status : Status
-        CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left.
+        CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left, or is on a cycle that could
+        not be closed (`search` says which).
     rests : bool
         Whether some start settled at rest.
     diverges : bool
@@ -145,7 +148,7 @@ def find_limit_cycles(
     outcomes = search.outcomes
     return CycleSearch(
         cycles=tuple(cycles),
-        status=Status.UNDECIDED if "undecided" in outcomes else Status.CONVERGED,
+        status=Status.UNDECIDED if "undecided" in outcomes or UNCLOSED in outcomes else Status.CONVERGED,
         rests="rest" in outcomes,
         diverges="leaves" in outcomes,
         search=search.sentence(),
@@ -205,7 +208,18 @@ class _Search:
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
+            f"{self._unclosed()}"
         )
+
+    def _unclosed(self) -> str:
+        """Why there are runs on cycles that are not among those found."""
+        if UNCLOSED not in self.outcomes:
+            return ""
+        if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
+            why = "with dead time an orbit is closed only where what is delayed is constant between switches"
+        else:
+            why = "from none of their events did Newton's method close an orbit"
+        return f" Some runs are on a cycle that is not listed: {why}. Simulate from such a start to see it."
 
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
@@ -236,7 +250,7 @@ class _Search:
         return 3.0 / float(slow.min()) if slow.size else 100.0
 
     def outcome(self, x: Array, H: Array, deepen: bool = True) -> str:
-        """Where a run from (x, H) ends: "rest", "leaves", "undecided", or the number of a cycle."""
+        """Where a run from (x, H) ends: "rest", "leaves", "undecided", UNCLOSED, or the number of a cycle."""
         found = self._outcome(x, H)
         kind = "cycle" if found.isdigit() else found
         self.outcomes[kind] = self.outcomes.get(kind, 0) + 1
@@ -296,7 +310,7 @@ class _Search:
             orbit = close_orbit(self.hybrid, guess)
             if orbit is not None:
                 return str(self.add(orbit))
-        return "undecided"
+        return UNCLOSED
 
     def _rays(self) -> list[tuple[Array, Array, Array]]:
         """Lines of starts: centre, direction, held values."""

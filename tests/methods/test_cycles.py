@@ -94,3 +94,11 @@ def test_search_is_plain_data():
     found = epp.find_limit_cycles(epp.case("sat_am165").to_system())
     assert found.to_dict()["cycles"][0]["stable"] is True
     assert "predicted" in found.search
+
+
+def test_runs_on_a_cycle_that_cannot_be_closed_are_told():
+    # What a saturation sends through the dead time is not constant between its corners.
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
+    found = epp.find_limit_cycles(loop)
+    assert len(found) == 0 and found.status is Status.UNDECIDED
+    assert "could not be closed" in found.search and "constant between switches" in found.search
