@@ -28,6 +28,8 @@ IntArray = NDArray[np.int64]
 
 #: Residual, relative to the size of the motion, that counts as converged; Newton goes on to rounding.
 CONVERGED = 1e-9
+#: Residual with which an orbit that is only begun elsewhere needs no further step.
+_ROUNDING = 1e-14
 _MOST_ITERATIONS = 40
 _MOST_SEQUENCES = 10
 #: Span of a state, relative to its size, that is rounding.
@@ -250,8 +252,11 @@ def _finished(orbit: Orbit) -> Orbit:
             if not orbit.arcs.n_timers:
                 orbit = solve(orbit.hybrid, Guess(short, guess.y, guess.tau[:q]))
             break
-    orbit = orbit.rotated(int(np.argmax(orbit.tau)))
-    return solve(orbit.hybrid, orbit.guess, orbit.arcs)
+    first = int(np.argmax(orbit.tau))
+    if first == 0:
+        return orbit
+    turned = orbit.rotated(first)
+    return turned if turned.residual < _ROUNDING else solve(turned.hybrid, turned.guess, turned.arcs)
 
 
 def _repeats(orbit: Orbit, q: int) -> bool:
