@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 
 #: Into how many steps a way along a curve of folds is divided at most before a branch is asked instead.
 _FEW = 8
-#: Most orbits on the way aside of a fold.
+#: How far aside of a fold a branch begins, relative to the parameter there, and most orbits on the way.
+_ASIDE = (0.1, 0.3, 0.8)
 _MOST_ASIDE = 60
 
 
@@ -181,25 +182,27 @@ class _FoldWalk:
 
     def _by_branch(self, fold: Point, here: float, there: float) -> Point | None:
         """The fold on a branch that begins aside of the last one, on its stable side, at the new value of `other`."""
-        old, case = (self.case.with_values({self.other: value}) for value in (here, there))
-        distance = abs(self.slope * (there - here)) + 0.1 * abs(fold.value)
-        aside = _aside(old, self.parameter, fold, distance)
-        if aside is None:
-            return None
-        system, outward = old.with_values({self.parameter: aside.value}).to_system(), fold.value < aside.value
-        try:
-            cycle = to_limit_cycle(system, aside.orbit)
-            branch = continue_branch(
-                case, self.parameter, aside.value, self.limits[0 if outward else 1], cycle=cycle, n_points=100
-            )
-        except EppError:
-            return None
         foretold = fold.value + self.slope * (there - here)
-        folds = sorted((s.point for s in branch.folds), key=lambda p: abs(p.value - foretold))
-        if not folds:
-            return None
-        self.slope, self.drift = (folds[0].value - fold.value) / (there - here), None
-        return folds[0]
+        for share in _ASIDE:
+            distance = abs(foretold - fold.value) + share * abs(fold.value)
+            aside = _aside(self.case.with_values({self.other: here}), self.parameter, fold, distance)
+            folds = [] if aside is None else self._folds_from(aside, fold.value < aside.value, here, there)
+            if folds:
+                new = min(folds, key=lambda p: abs(p.value - foretold))
+                self.slope, self.drift = (new.value - fold.value) / (there - here), None
+                return new
+        return None
+
+    def _folds_from(self, aside: Point, outward: bool, here: float, there: float) -> list[Point]:
+        """Folds of the branch at the new value of `other` that begins at an orbit of the old one."""
+        system = self.case.with_values({self.other: here, self.parameter: aside.value}).to_system()
+        cycle, limit = to_limit_cycle(system, aside.orbit), self.limits[0 if outward else 1]
+        case = self.case.with_values({self.other: there})
+        try:
+            branch = continue_branch(case, self.parameter, aside.value, limit, cycle=cycle, n_points=100)
+        except EppError:
+            return []
+        return [s.point for s in branch.folds]
 
 
 def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:
