@@ -142,6 +142,7 @@ class Guide:
             "force change [N]": row.force,
         }
         tolerance = row.tolerance
+        missing = f"No bound under tolerances: {row.missing}." if row.missing else ""
         if tolerance is not None:
             line["worst case [deg]"] = degrees * tolerance.worst_case
             for q in tolerance.quantiles:
@@ -154,7 +155,7 @@ class Guide:
             "own backlash [deg]": degrees * row.own,
             "knock that starts it [mm]": 1e3 * abs(row.knock),
             "verified": "yes" if row.cell.verified else "no",
-            "remark": row.cell.message,
+            "remark": " ".join(t for t in (row.cell.message, missing) if t),
         }
         return line
 

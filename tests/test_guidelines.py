@@ -17,10 +17,14 @@ from eppanalysis.cli import app
 from eppanalysis.guide_files import FILES
 from eppanalysis.guidelines import Guide, GuideRow
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.methods.bounds_tolerance import half_widths_of
 from eppanalysis.provenance import provenance
+from tests.reference.benches import backlash_cycling
 
 DEGREE = math.pi / 180.0
 LBF = 4.4482216152605
+#: The fold in backlash of the original elbow at a profile range of 2.5 lbf, from a branch of exact orbits [rad].
+_FOLD = 0.0170795626032
 
 
 @pytest.fixture
@@ -191,3 +195,72 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     assert "exact [rad]" in (tmp_path / "b.csv").read_text()
     written = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.nc")])
     assert written.exit_code == 0, written.output
+
+
+_BOUNDS = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "finding", "words"),
+    [
+        ([*_BOUNDS, "--from", "2.5 lbf", "--within", "0.1 deg:0.5 deg"], "none", "No limit cycle exists anywhere"),
+        ([*_BOUNDS, "--from", "2.5 lbf", "--within", "2 deg:3 deg"], "always", "no value in it is free"),
+        (["bounds", "backlash_servo", "--set", "loop.gain=1", "--over", "loop.gain", "--from", "0.8", "--limit",
+          "play.gap"], "scales", "no finite bound on it exists"),
+    ],
+)  # fmt: skip
+def test_questions_without_a_bound_get_a_sentence_and_no_failure(
+    arguments: list[str], finding: str, words: str
+) -> None:
+    shown = CliRunner().invoke(app, [*arguments, "--points", "1", "--workers", "1", "--json"])
+    assert shown.exit_code == 0, shown.output
+    (cell,) = json.loads(shown.stdout, parse_constant=pytest.fail)["cases"][0]["result"]["cells"]
+    assert cell["finding"] == finding and words in cell["message"]
+    assert cell["bound"] is None and cell["message"].endswith(".")
+
+
+def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As with a soft cable, whose corners of the tolerances cannot all be reached."""
+    case = epp.case("fig8a_original")
+    names = ("bands.range", "lock_pin.backlash")
+    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, harmonic=0.98 * DEGREE, verified=True)
+    found = DesignBounds(
+        case.name, *names, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
+        {n: case.value(n) for n in names}, (0.001, 0.1), (cell,), provenance("bounds", {"margin": 0.01}),
+    )  # fmt: skip
+
+    def fails(*_: object, **__: object) -> None:
+        raise epp.EppError("the bound was not corrected.")
+
+    monkeypatch.setattr("eppanalysis.guidelines.design_bounds", lambda *_, **__: found)
+    monkeypatch.setattr("eppanalysis.guidelines.tolerance_bound", fails)
+    monkeypatch.setattr("eppanalysis.guidelines.smallest_knock", lambda *_: None)
+    monkeypatch.setattr("eppanalysis.guidelines.starts_from_rest", lambda *_: math.nan)
+    guide = epp.design_guide(case, ["2.5 lbf"], tolerances={"cable.stiffness": "10 %"})
+    (row,) = guide.rows
+    assert row.tolerance is None and row.missing == "the bound was not corrected"
+    assert "(no bound under tolerances: the bound was not corrected)" in guide.sentences()[0]
+    assert guide.to_frame()["remark"][0] == "No bound under tolerances: the bound was not corrected."
+    assert row.to_dict()["missing"] == row.missing
+
+
+def test_from_the_bench_to_a_bound(tmp_path: Path) -> None:
+    """A case that identification wrote, with marks and tolerances, gives the bound of the elbow that was measured."""
+    truth = {"pulley_friction": 0.0, "backlash": 2.5 * DEGREE, "cable_stiffness": 6705.263, "pin_stiffness": 1000.0}
+    bench = backlash_cycling(7, torque=True, known=truth).write(tmp_path / "cycling.csv")
+    written = tmp_path / "measured.toml"
+    done = CliRunner().invoke(app, ["identify", "fig8a_original", "--backlash", str(bench), "-o", str(written)])
+    assert done.exit_code == 0, done.output
+    case = epp.read_case(written)
+    assert case.parameters["cable.stiffness"].mark == "measured"
+    widths = {name: p.tolerance / p.value for name, p in case.parameters.items() if p.tolerance}
+    assert {"cable.stiffness", "lock_pin.stiffness", "lock_pin.backlash"} <= set(widths)
+    asked = [str(written), "--over", "bands.range", "--from", "2.5 lbf", "--points", "1", "--limit",
+             "lock_pin.backlash", "--within", "0.1 deg:5 deg", "--no-verify", "--workers", "1", "--json"]  # fmt: skip
+    shown = CliRunner().invoke(app, ["bounds", *asked])
+    assert shown.exit_code == 0, shown.output
+    (cell,) = json.loads(shown.stdout)["cases"][0]["result"]["cells"]
+    reach = sum(abs(cell["elasticities"][n]) * w for n, w in widths.items() if n in cell["elasticities"])
+    assert abs(cell["exact"] / _FOLD - 1.0) < 1.5 * reach  # all 95 % intervals at their ends, and half as far again
+    # The guide takes the tolerances that the case carries.
+    assert half_widths_of(case, None) == pytest.approx({n: w * case.value(n) for n, w in widths.items()})

@@ -40,7 +40,14 @@ class Finding(Enum):
 
     BOUND = "A bound was found."
     NONE = "No limit cycle exists anywhere in the range of the limiting parameter, so nothing bounds it there."
-    ALWAYS = "A limit cycle exists at both ends of the range of the limiting parameter: no value in it is free of them."
+    ALWAYS = (
+        "A limit cycle exists at both ends of the range of the limiting parameter and at all values tried between: no "
+        "value in it is free of them."
+    )
+    BETWEEN = (
+        "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: ask "
+        "for a narrower range, which begins or ends among these."
+    )
     SCALES = (
         "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
         "or smaller in proportion, so no finite bound on it exists."
@@ -142,8 +149,7 @@ def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
     if scales(question, first[-1]):
         return Outlook(Finding.SCALES)
     if there[0] and there[-1]:
-        inside = " Some values between have none." if not all(there) else ""
-        return Outlook(Finding.ALWAYS, note=inside.strip())
+        return Outlook(Finding.ALWAYS if all(there) else Finding.BETWEEN)
     if there[-1] or not there[0]:
         last = max(i for i, t in enumerate(there) if t)
         above = "" if there[-1] else f"No cycle is left above {values[last + 1]:.6g} either."

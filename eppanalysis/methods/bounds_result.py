@@ -28,7 +28,7 @@ class BoundCell:
     value : float
         Of the parameter that runs [SI].
     finding : str
-        "bound", or why there is none: "none", "always", "scales", "beyond", "failed".
+        "bound", or why there is none: "none", "always", "between", "scales", "beyond", "failed".
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
     first_order, harmonic, exact : float
@@ -164,7 +164,7 @@ class DesignBounds:
     @property
     def status(self) -> Status:
         """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
-        good = all(c.verified or c.finding in ("none", "always", "scales", "beyond") for c in self.cells)
+        good = all(c.verified or c.finding in ("none", "always", "between", "scales", "beyond") for c in self.cells)
         return Status.CONVERGED if good else Status.UNDECIDED
 
     def array(self, name: str) -> Array:

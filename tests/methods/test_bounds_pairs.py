@@ -1,0 +1,20 @@
+"""Bounds on other pairs of parameters than gain and backlash, in a loop of its own that is small enough for it."""
+
+from __future__ import annotations
+
+import pytest
+
+import eppanalysis as epp
+
+
+def test_gain_of_a_generic_loop_over_its_free_play() -> None:
+    """The bound parts runs from the case's own start; first order is on its unsafe side."""
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    (cell,) = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
+    assert cell.verified and cell.sign == 1.0, cell.message
+    assert cell.exact == pytest.approx(0.8462572, rel=1e-6)
+    assert cell.first_order_unsafe and abs(cell.harmonic_error) < cell.error_estimate < 0.03
+    # Its fold from the other side: the branch over the gap at that gain turns back at the gap.
+    here = case.with_values({"loop.gain": cell.exact})
+    branch = epp.continue_branch(here, "play.gap", start=0.014, stop=0.010)
+    assert min(f.value for f in branch.folds) == pytest.approx(0.012, rel=1e-4)
