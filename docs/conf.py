@@ -30,7 +30,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx-mathjax-offline",  # formulas are shown without a network, too
 ]
-exclude_patterns = ["_build", "_generated/*.md"]
+exclude_patterns = ["_build", "_generated/*.md", "_static/*.md"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]

@@ -38,9 +38,10 @@ ADVICE = (
     ("less gain", GAIN, 1),
 )
 #: How far a parameter is moved for its knock, and for the bound at a corner.
-_STEP, _CORNER_STEP = 0.1, 0.01
+_STEP, _CORNER_STEP = 0.1, 0.003
 #: From which elasticity on an advice is called strong, moderate, weak; smaller ones are none.
 _WORDS = ((0.5, "strong"), (0.15, "moderate"), (0.02, "weak"), (-0.02, "none"), (-math.inf, "the other way"))
+_ABSENT = "not applicable"
 _NAN = float("nan")
 
 
@@ -67,8 +68,8 @@ class AdviceRow:
         Per cent by which they grow for one per cent in the direction advised (a tenth of what a change by a tenth
         does); infinite where nothing starts the oscillation any more, nan where nothing did before.
     verdict, knock_verdict : str
-        "strong", "moderate", "weak", "none", "the other way", "ends the oscillation" or "not applicable": for the bound
-        (for backlash, the gain that it is traded for), and for the knock.
+        "strong", "moderate", "weak", "none", "the other way", "ends the oscillation", "not known", or "not applicable"
+        where the parameter is zero: for the bound (for backlash, the gain that it is traded for), and for the knock.
     """
 
     gain: float
@@ -171,9 +172,10 @@ def _rows(case: Case, cell: BoundCell, within: tuple[float, float]) -> Iterator[
             other = smallest_knocks(case.with_values({name: case.value(name) * (1.0 + direction * _STEP)}))
             changed_step, changed_blow = _growth(step, other[0]), _growth(blow, other[1])
         felt = traded if name == LIMIT else share
+        verdicts = [_word(v) if given else _ABSENT for v in (felt, changed_step)]
         yield AdviceRow(
             cell.value, words, name, cell.bound, share, traded, _finite(step), _finite(blow),
-            changed_step, changed_blow, _word(felt), _word(changed_step),
+            changed_step, changed_blow, *verdicts,
         )  # fmt: skip
 
 
@@ -229,7 +231,7 @@ def _finite(value: float) -> float:
 def _word(elasticity: float) -> str:
     """Plain word for an elasticity."""
     if math.isnan(elasticity):
-        return "not applicable"
+        return "not known"
     if math.isinf(elasticity):
         return "ends the oscillation"
     return next(word for least, word in _WORDS if elasticity >= least)
@@ -269,9 +271,9 @@ def advice_sentences(rows: Sequence[AdviceRow]) -> list[str]:
     """What the table says of each piece of advice, in words, over all its operating points."""
     out = []
     for words, name, _ in ADVICE:
-        here = [r for r in rows if r.parameter == name and r.verdict != "not applicable"]
+        here = [r for r in rows if r.parameter == name and r.verdict != _ABSENT]
         if not here:
-            out.append(f"{words.capitalize()}: not applicable, the parameter is zero or no bound was found.")
+            out.append(f"{words.capitalize()}: not applicable, the parameter is zero.")
             continue
         felt = [r.traded if name == LIMIT else r.gained for r in here]
         what = "allows {} % more gain" if name == LIMIT else "moves the bound by {} %"
@@ -308,4 +310,4 @@ def _range(values: Sequence[float]) -> str:
 
 
 def _joined(words: Iterator[str] | Sequence[str]) -> str:
-    return ", ".join(dict.fromkeys(words))
+    return ", ".join(w for w in dict.fromkeys(words) if w != "not known")

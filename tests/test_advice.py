@@ -92,7 +92,7 @@ def test_frame_shows_what_is_not_applicable(case: epp.Case, rows: dict[str, Advi
 @pytest.mark.parametrize(
     ("elasticity", "word"),
     [(0.6, "strong"), (0.2, "moderate"), (0.05, "weak"), (0.0, "none"), (-0.1, "the other way"),
-     (math.inf, "ends the oscillation"), (math.nan, "not applicable")],
+     (math.inf, "ends the oscillation"), (math.nan, "not known")],
 )  # fmt: skip
 def test_words(elasticity: float, word: str) -> None:
     assert _word(elasticity) == word
