@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import figures  # noqa: E402
 import figures_howto  # noqa: E402
@@ -16,6 +16,7 @@ import tables  # noqa: E402
 import tables_paper  # noqa: E402
 
 import eppanalysis  # noqa: E402
+from tests.benchmarks import figures as figures_benchmarks  # noqa: E402
 
 project = "eppanalysis"
 author = "eppanalysis developers"
@@ -61,6 +62,7 @@ def make_pages(app) -> None:
     figures_howto.make_all(generated)
     figures_paper.make_all(generated)
     tables_paper.make_all(generated)
+    figures_benchmarks.make_all(generated)
 
 
 def setup(app) -> None:

@@ -34,8 +34,10 @@ def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = 
     EppError
         For a discrete-time system.
     ModelError
-        If an input is unknown.
+        If an input is unknown, or what is given names none.
     """
+    if not isinstance(input_value, Mapping | None):
+        raise ModelError(f"{system.name}: input_value is {input_value!r}; expected a steady value by name of input.")
     if system.time_step:
         raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
     motions = {}

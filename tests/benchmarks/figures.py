@@ -76,6 +76,7 @@ def growth(results: Results) -> Figure:
     left.legend(fontsize=7)
     rates = [r["events_per_second"] for r in events]
     _curve(middle, rates, [r["seconds"] for r in events], ("events per second", "time of 6 s [s]"), "", VERMILLION)
+    middle.set_ylim(1e-5, 1e-2)  # a scale on which scatter looks like scatter
     count = [r["cells"] for r in cells]
     _curve(right, count, [r["seconds"] for r in cells], ("cells", "time [s]"), "one thread", VERMILLION)
     two = [r["seconds"] / r["speedup_two_threads"] for r in cells]
