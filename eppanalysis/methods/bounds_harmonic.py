@@ -137,11 +137,14 @@ def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
     spread = np.geomspace if question.low > 0 else np.linspace
     values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
     found = [_cycles_at(question, v, predict_limit_cycles) for v in values]
-    if not any(found) or all(found):
-        # What first order says of every value is put to the exact search before it is believed.
-        ends = {0, n_scan - 1} | ({n_scan // 2} if not any(found) else set())
-        for i in ends:
+    # What first order says of every value is put to the exact search before it is believed.
+    if not any(found):
+        for i in {0, n_scan // 2, n_scan - 1}:
             found[i] = _cycles_at(question, values[i], find_limit_cycles)
+    elif all(found):
+        own = float(question.case.value(question.limit))
+        values = sorted({*values, own} if question.low < own < question.high else values)
+        found = [_cycles_at(question, v, find_limit_cycles) for v in values]
     there = [bool(f) for f in found]
     if not any(there):
         return Outlook(Finding.NONE)

@@ -12,7 +12,7 @@ from eppanalysis.methods.bounds import design_bounds
 from eppanalysis.methods.bounds_equations import write
 from eppanalysis.methods.bounds_exact import correct
 from eppanalysis.methods.bounds_fold import _unknowns, anchored
-from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, steady_loop
+from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds_tolerance import quantile, tolerance_bound
 from eppanalysis.methods.bounds_verify import verify
@@ -155,6 +155,12 @@ def test_questions_without_a_bound_get_a_sentence(
     assert words in result[0].message
     assert math.isnan(result[0].bound)
     assert result.status.ok
+
+
+def test_first_order_is_not_believed_that_cycles_are_everywhere(case: epp.Case) -> None:
+    # Little and much inertia oscillate; the elbow's own does not: its fold stands at 0.979 degrees (first order: 0.74).
+    own = case.with_values({"lock_pin.backlash": "0.95 deg"})
+    assert look(Question(own, "drive.inertia", 0.0015, 0.06), n_scan=2).finding is Finding.BETWEEN
 
 
 @pytest.mark.parametrize(
