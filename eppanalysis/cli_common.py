@@ -96,7 +96,7 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
     """
     name, separator, value = text.partition("=")
     if not separator or not name.strip() or not value.strip():
-        raise EppError(f"{option} {text}: has no field and value; expected {expected}.")
+        raise EppError(f"{option} {text}: lacks a field, '=' or a value; expected {expected}.")
     return name.strip(), value.strip()
 
 

@@ -89,7 +89,7 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
     ("arguments", "words"),
     [
         (("--axis", "bands.range=1:5:4:deg"), "a force"),
-        (("--axis", "bands.range="), "bands.range is empty"),
+        (("--axis", "bands.range="), "lacks a field, '=' or a value"),
         (("--axis", "bands.range"), "FIELD=start:stop:count:unit"),
         (("--axis", "bands.range=1 lbf", "--axis", "bands.range=2 lbf"), "given twice"),
         ((), "no axis"),
