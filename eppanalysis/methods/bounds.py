@@ -345,7 +345,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     """A cell with what correction and tests gave."""
     bound, test = checked.bound, checked.verification
     if bound.cycle is None:
-        return replace(cell, message=f"Not corrected: {bound.message}. Not verified.")
+        return replace(cell, message=f"Not corrected: {bound.message.removesuffix('.')}. Not verified.")
     cell = replace(
         cell,
         exact=bound.value,

@@ -120,12 +120,14 @@ class Orbit:
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
 
     def correction(self, right: Array) -> Array:
-        """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns."""
-        A = self.A / self.row_scale[:, None] * self.column_scale
+        """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
+        A, b = self.A / self.row_scale[:, None] * self.column_scale, right / self.row_scale
+        if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
+            return np.full_like(b, np.nan)  # LAPACK would complain on the terminal
         try:
-            step = np.linalg.solve(A, right / self.row_scale)
+            step = np.linalg.solve(A, b)
         except np.linalg.LinAlgError:
-            step = np.linalg.lstsq(A, right / self.row_scale, rcond=1e-12)[0]
+            step = np.linalg.lstsq(A, b, rcond=1e-12)[0]
         return step * self.column_scale
 
     def moved(self, step: Array) -> tuple[Array, Array]:
@@ -344,6 +346,8 @@ def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
             break
         step = -orbit.correction(orbit.r)
         change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
+        if not np.isfinite(change):
+            break
         y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
         run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
         found = first_return(hybrid, run, y, guess.itinerary.modes[0], int(guess.itinerary.guards[-1]), guess.period)
