@@ -6,13 +6,13 @@ a number, from which it is made again: ``random_loop("play", 7)``.
 
 from __future__ import annotations
 
-import csv
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from stored_tables import read_rows, write_rows
 
 import eppanalysis as epp
 
@@ -158,27 +158,13 @@ def study() -> Iterator[Row]:
 
 
 def write(rows: Sequence[Row], path: Path = TABLE) -> None:
-    """Rows to CSV, with a first line that says where they come from."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(f"# python docs/first_order_study.py, eppanalysis {epp.__version__}, numpy {np.__version__}\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([f.name for f in fields(Row)])
-        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values()] for row in rows)
+    """Rows to the stored table."""
+    write_rows(rows, Row, path, __file__)
 
 
 def read(path: Path = TABLE) -> list[Row]:
     """Rows of the stored table."""
-    with path.open(encoding="utf-8") as stream:
-        next(stream)
-        return [
-            Row(
-                d["element"], int(d["number"]), int(d["poles"]), int(d["relative_degree"]), int(d["integrators"]),
-                float(d["ratio"]), d["stable"] == "True", d["exact_stable"], float(d["omega"]), float(d["estimate"]),
-                float(d["content"]), float(d["error_frequency"]), float(d["error_amplitude"]),
-                float(d["error_peak_to_peak"]),
-            )
-            for d in csv.DictReader(stream)
-        ]  # fmt: skip
+    return read_rows(Row, path)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,14 @@ other work on the machine hardly counts.
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from stored_tables import read_rows, write_rows
 
 import eppanalysis as epp
 from eppanalysis.methods.rungs import Clock
@@ -96,25 +96,13 @@ def _or_nan(value: float | None) -> float:
 
 
 def write(rows: Sequence[Row], path: Path = TABLE) -> None:
-    """Rows to CSV, with a first line that says where they come from."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(f"# python docs/ladder_study.py, eppanalysis {epp.__version__}, numpy {np.__version__}\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([f.name for f in fields(Row)])
-        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values()] for row in rows)
+    """Rows to the stored table."""
+    write_rows(rows, Row, path, __file__)
 
 
 def read(path: Path = TABLE) -> list[Row]:
     """Rows of the stored table."""
-    with path.open(encoding="utf-8") as stream:
-        next(stream)
-        return [
-            Row(
-                d["case"], d["signal"], d["method"], int(d["exact"]), float(d["frequency"]), float(d["peak_to_peak"]),
-                float(d["error_period"]), float(d["error_size"]), float(d["seconds"]), d["note"],
-            )
-            for d in csv.DictReader(stream)
-        ]  # fmt: skip
+    return read_rows(Row, path)
 
 
 def table() -> tuple[list[str], list[list[str]]]:

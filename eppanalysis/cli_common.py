@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 #: Default of options that may be repeated.
 NOTHING: list[str] = []
+NO_FILES: list[Path] = []
 
 CaseName = Annotated[
     str,

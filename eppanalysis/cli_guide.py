@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, progress, split_pair
+from eppanalysis.cli_common import (
+    NO_FILES,
+    NOTHING,
+    CaseName,
+    Json,
+    Settings,
+    load_case,
+    print_json,
+    progress,
+    split_pair,
+)
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -16,7 +26,6 @@ if TYPE_CHECKING:
 
 _GAINS = "1.5 lbf,2.5 lbf,3.5 lbf"
 _END = "; repeatable."
-NO_FILES: list[Path] = []
 
 
 def guide(

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, load_case, print_json, progress
+from eppanalysis.cli_common import NO_FILES, NOTHING, load_case, print_json, progress
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
     from eppanalysis.identify import BenchFit, Identification
 
-_NO_FILES: list[Path] = []
 _PICTURES = (".png", ".svg", ".pdf")
 _FILES = (".toml", ".csv", *_PICTURES)
 
@@ -66,7 +65,7 @@ def identify(
     ] = "0 N*m",
     seed: Annotated[int, typer.Option("--seed", help="Of the starts of the step response's fit.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units.")] = False,
-    outputs: Outputs = _NO_FILES,
+    outputs: Outputs = NO_FILES,
 ) -> None:
     """Identify parameters with intervals from measured CSV files; what the data cannot tell is named."""
     from eppanalysis.identify import identify as run

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-DOCS = Path(__file__).parent.parent / "docs"
+from tests.docs_modules import docs_module
 
 
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("first_order_study", DOCS / "first_order_study.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["first_order_study"] = module
-    spec.loader.exec_module(module)
-    return module
+    return docs_module("first_order_study")
 
 
 @pytest.mark.parametrize("element", ["relay", "saturation", "dead zone", "play", "jump and follow", "preload"])

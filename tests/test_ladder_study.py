@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import eppanalysis as epp
-
-DOCS = Path(__file__).parent.parent / "docs"
+from tests.docs_modules import docs_module
 
 
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("ladder_study", DOCS / "ladder_study.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["ladder_study"] = module
-    spec.loader.exec_module(module)
-    return module
+    return docs_module("ladder_study")
 
 
 def test_every_shipped_case_is_in_the_table(study):

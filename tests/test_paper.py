@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import eppanalysis as epp
+from tests.docs_modules import DOCS, docs_module
 
-DOCS = Path(__file__).parent.parent / "docs"
-sys.path.append(str(DOCS))
-
-import paper_runs as made  # noqa: E402
-import paper_sensitivity as sensitivity  # noqa: E402
-import tables_paper as tables  # noqa: E402
-from paper_says import SAID  # noqa: E402
+made, sensitivity, tables = (docs_module(name) for name in ("paper_runs", "paper_sensitivity", "tables_paper"))
+SAID = docs_module("paper_says").SAID
 
 PAGES = sorted((DOCS / "paper").glob("*.md"))
 PLACE = re.compile(r"Introduction|Methods|Results|Discussion|Conclusions")

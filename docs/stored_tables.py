@@ -1,0 +1,34 @@
+"""Tables that take long to make: rows of a dataclass, kept as CSV under ``_static``."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+
+import eppanalysis as epp
+
+Row = TypeVar("Row")
+
+_PARSERS: dict[type, Callable[[str], Any]] = {str: str, int: int, float: float, bool: lambda text: text == "True"}
+
+
+def write_rows(rows: Sequence[Any], kind: type, path: Path, script: str) -> None:
+    """Rows to CSV, with a first line that says which script of this folder they come from."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        stream.write(f"# python docs/{Path(script).name}, eppanalysis {epp.__version__}, numpy {np.__version__}\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([f.name for f in fields(kind)])
+        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values()] for row in rows)
+
+
+def read_rows(kind: type[Row], path: Path) -> list[Row]:
+    """Rows of a stored table, each field as the type that the dataclass gives it."""
+    parsers = {name: _PARSERS[type_] for name, type_ in get_type_hints(kind).items()}
+    with path.open(encoding="utf-8") as stream:
+        next(stream)
+        return [kind(**{name: parse(d[name]) for name, parse in parsers.items()}) for d in csv.DictReader(stream)]
