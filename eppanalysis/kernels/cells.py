@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.hybrid import advance, follow, make_ring, make_room, unwatch
-from eppanalysis.kernels.modes import Model, make_slots, make_work
+from eppanalysis.kernels.hybrid import advance, follow, make_ring, make_rooms, unwatch
+from eppanalysis.kernels.lanes import padded
+from eppanalysis.kernels.modes import Model
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
 SAMPLES = 512
@@ -37,15 +38,15 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
     """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`."""
     one = _cell(stack, first)
     n, n_e, n_H, n_y = x0.shape[1], modes0.shape[1], H0.shape[1], one.Yx.shape[0]
-    slots, work, room = make_slots(one, min(256, 16 + 4 * one.mode_first[-1])), make_work(one), make_room(one)
-    x, modes, H = np.empty(n), np.empty(n_e, np.int64), np.empty(n_H)
+    slots, work, room = make_rooms(one)
+    x, modes, H = np.zeros(padded(n)), np.empty(n_e, np.int64), np.empty(n_H)
     ring = make_ring(keep, n, n_H, n_e)
-    rate, stats, found = np.empty(n), np.empty(8), np.empty(4)
-    none, nothing = np.empty(0), np.empty((0, n_y))
-    times, signals = np.empty(SAMPLES + 1), np.empty((SAMPLES + 1, n_y))
+    rate, stats, found = np.zeros(padded(n)), np.empty(8), np.empty(4)
+    none, nothing = np.empty(0), np.empty((0, padded(n_y)))
+    times, signals = np.empty(SAMPLES + 1), np.empty((SAMPLES + 1, padded(n_y)))
     for c in range(first, last):
         model = _cell(stack, c)
-        x[:], modes[:], H[:] = x0[c], modes0[c], H0[c]
+        x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
         code = follow(
             model, slots, work, room, x, modes, H, t_end, base_step[c], none, nothing, max_events, ring, rate, stats
@@ -62,7 +63,7 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
             p, period = int(found[0]), found[1]
             out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
             k = (count - 1 - p) % keep
-            x[:], modes[:], H[:] = ring.x[k], ring.modes[k], ring.H[k]
+            x[:n], modes[:], H[:] = ring.x[k], ring.modes[k], ring.H[k]
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
             stats[:] = 0.0
@@ -78,7 +79,7 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
                 model, slots, work, room, x, modes, H, 1e-12 * t_end, base_step[c], times[:1], signals, max_events,
                 ring, rate, stats,
             )  # fmt: skip
-            out.mean[c], out.low[c], out.high[c] = signals[0], signals[0], signals[0]
+            out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
 
 
 @njit(cache=True, nogil=True)

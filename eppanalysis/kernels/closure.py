@@ -71,7 +71,7 @@ def _candidate(ev_guard, count, keep):
 def _apart(c, p, keep, ev_x, largest):
     """Change of the state from event c - p to event c, relative to the largest states."""
     worst = 0.0
-    for i in range(largest.size):
+    for i in range(ev_x.shape[1]):
         d = abs(ev_x[c % keep, i] - ev_x[(c - p) % keep, i])
         if d > worst * largest[i]:
             worst = d / largest[i] if largest[i] > 0.0 else np.inf
@@ -86,9 +86,10 @@ def _change(c, p, ring, largest):
         for e in range(ev_modes.shape[1]):
             if ev_modes[(c - k) % keep, e] != ev_modes[(c - k - p) % keep, e]:
                 return np.inf
-    for i in range(largest.size + ev_H.shape[1]):
-        held = i >= largest.size
-        j = i - largest.size if held else i
+    n = ev_x.shape[1]
+    for i in range(n + ev_H.shape[1]):
+        held = i >= n
+        j = i - n if held else i
         values = ev_H if held else ev_x
         low = high = values[c % keep, j]
         # At its switches a state may stand on zero.

@@ -23,7 +23,7 @@ def start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n):
             continue
         w = model.smooth_w[j]
         v = 0.0
-        for i in range(x.size):
+        for i in range(slots.Wx.shape[2]):
             v += slots.Wx[q, w, i] * x[i]
         for i in range(H.size):
             v += slots.WH[q, w, i] * H[i]
@@ -89,7 +89,7 @@ def extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line
             line_c[j, r, k] = 0.0
         for k in range(last + 1):
             v = 0.0
-            for i in range(X.shape[1]):
+            for i in range(slots.Wx.shape[2]):
                 v += slots.Wx[q, w, i] * X[k, i]
             for i in range(n_s):
                 v += slots.Ws[q, w, i] * Sg[k, i]

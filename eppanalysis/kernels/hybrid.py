@@ -17,6 +17,19 @@ from numba import njit
 
 from eppanalysis.kernels.closure import closing, ring_on, sort_into
 from eppanalysis.kernels.delays import LINE_CAPACITY, extend_lines, line_room, read_line, start_lines
+from eppanalysis.kernels.lanes import (
+    add,
+    cubics_below,
+    dot,
+    padded,
+    polynomial,
+    row_sum,
+    row_sum_from,
+    size_sum,
+    take,
+    take_larger,
+    take_sizes,
+)
 from eppanalysis.kernels.modes import (
     HOT,
     INLINE,
@@ -27,24 +40,18 @@ from eppanalysis.kernels.modes import (
     find_slot,
     make_slots,
     make_work,
+    most_guards,
 )
 from eppanalysis.kernels.series import (
     DELAY_LINE,
     EPS,
     ORDER,
-    combine,
     expand,
     first_rise,
-    four_at,
     guard_noise,
     guard_series,
-    guard_travel,
-    guard_value,
     may_rise,
-    rate_at,
-    state_at,
     term_sizes,
-    travel,
 )
 
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY, CLOSED = 0, 1, 2, 3, 4, 5, 6
@@ -53,20 +60,19 @@ WRITTEN_IN = {"cache": True, "nogil": True, "inline": "always"}
 
 
 class Room(NamedTuple):
-    """Scratch room of a run."""
+    """Scratch room of a run (lengths with a + are padded as in `Slots`)."""
 
-    X: np.ndarray  # (order + 1, n) series of the state
-    Y: np.ndarray  # (order + 2, n) sizes behind it
+    X: np.ndarray  # (order + 1, n+) series of the state
+    Y: np.ndarray  # (order + 2, n+) sizes behind it
     Sg: np.ndarray  # (order + 1, s) series of the smooth channels, their arguments, and helpers
     arg: np.ndarray
     aux: np.ndarray
-    lanes: np.ndarray  # (n + s, 4) state and smooth channels at four samples
-    p: np.ndarray  # (order + 1,) series of a guard
-    still: np.ndarray  # (y,) constant parts of the signals
-    row: np.ndarray  # (8, n)
+    p: np.ndarray  # ((order + 1)+,) series of a guard
+    still: np.ndarray  # (y+,) constant parts of the signals
+    row: np.ndarray  # (8, n+)
     held: np.ndarray  # (H,)
-    guard: np.ndarray  # (4, G)
-    end: np.ndarray  # (2n + 2G,)
+    guard: np.ndarray  # (7, G+)
+    end: np.ndarray  # (2n+ + 2G+,)
     watch: np.ndarray  # (2,) candidate period of a run that closes, events near their predecessors
     course: np.ndarray  # (2,) int: knots passed, whether the run is watched for closing
     line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
@@ -99,25 +105,24 @@ def make_ring(keep, n, n_H, n_e):
 def make_room(model):
     """Scratch room for one run of a model."""
     n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
-    G = model.guard_first[-1]
+    G = most_guards(model)
     delayed = False
     for j in range(n_s):
         if model.smooth_kind[j] == DELAY_LINE:
             delayed = True
     size = LINE_CAPACITY if delayed else 1
     return Room(
-        np.zeros((ORDER + 1, n)),
-        np.zeros((ORDER + 2, n)),
+        np.zeros((ORDER + 1, padded(n))),
+        np.zeros((ORDER + 2, padded(n))),
         np.zeros((ORDER + 1, n_s)),
         np.zeros((ORDER + 1, n_s)),
         np.zeros((ORDER + 1, n_s)),
-        np.zeros((n + n_s, 4)),
-        np.zeros(ORDER + 1),
-        np.zeros(model.Yx.shape[0]),
-        np.zeros((8, n)),
+        np.zeros(padded(ORDER + 1)),
+        np.zeros(padded(model.Yx.shape[0])),
+        np.zeros((8, padded(n))),
         np.zeros(n_H),
-        np.zeros((4, G)),
-        np.zeros(2 * n + 2 * G),
+        np.zeros((7, padded(G))),
+        np.zeros(2 * padded(n) + 2 * padded(G)),
         np.zeros(2),
         np.zeros(2, np.int64),
         np.zeros((n_s, size, 2)),
@@ -128,23 +133,31 @@ def make_room(model):
 
 
 @njit(cache=True, nogil=True)
-def run(model, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
+def make_rooms(model):
+    """Room for the mode combinations of a model, for compiling them, and for its runs."""
+    return make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
+
+
+@njit(cache=True, nogil=True)
+def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats):
     """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
 
     Parameters
     ----------
     model : Model
-    x, modes, H : arrays (n,), (E,), (h,)
-        State, mode of each element, held values (the last one is 1).
+    slots, work, room : Slots, Work, Room
+        From `make_rooms`. Mode combinations that are compiled already (for this model and step) are not compiled again.
+    x, modes, H : arrays (n+,), (E,), (h,)
+        State (padded), mode of each element, held values (the last one is 1).
     t_end, base_step : float
         End, and longest step of the grid.
-    samples, out : arrays (nt,), (nt, y)
-        Increasing times at which the signals are wanted, and where they go.
+    samples, out : arrays (nt,), (nt, y+)
+        Increasing times at which the signals are wanted, and where they go (padded).
     max_events : int
         Events allowed in all.
     ring : Ring
         Keeps the last ones.
-    rate : array (n,)
+    rate : array (n+,)
         Filled with the rate of the state at the end.
     stats : array (8,)
         Filled with: time reached, events, samples written, fast steps, series steps, forced leaves, periods repeated,
@@ -155,7 +168,6 @@ def run(model, x, modes, H, t_end, base_step, samples, out, max_events, ring, ra
     int
         DONE or the reason for stopping early.
     """
-    slots, work, room = make_slots(model, min(256, 16 + 4 * model.mode_first[-1])), make_work(model), make_room(model)
     return follow(
         model, slots, work, room, x, modes, H, t_end, base_step, samples, out, max_events, ring, rate, stats
     )  # fmt: skip
@@ -183,6 +195,8 @@ def begin(room, x, stats):
     for i in range(x.size):
         room.row[0, i] = room.row[1, i] = abs(x[i])
     room.course[0], room.course[1] = 0, 1
+    # What an earlier run left may not be a number.
+    room.Sg[:, :] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -215,13 +229,12 @@ def repeat(model, slots, work, room, x, modes, H, t_end, base_step, samples, out
             phases[i] = max(0.0, after - np.floor(after * per_second) * period)
         sort_into(phases, period, order, np.empty(n + 1, np.int64))
         values, own, y, m, K = np.empty((n, out.shape[1])), np.zeros(8), x.copy(), modes.copy(), H.copy()
-        brief = make_ring(1, x.size, H.size, modes.size)
+        brief = make_ring(1, ring.x.shape[1], H.size, modes.size)
         advance(
             model, slots, work, room, y, m, K, period, base_step, phases[order], values, max_events, brief, rate, own
         )  # fmt: skip
         for i in range(n):
-            for j in range(out.shape[1]):
-                out[first + order[i], j] = values[i, j]
+            take(out[first + order[i]], values[i])
         for i in range(3, 6):
             stats[i] += own[i]
     ring_on(turns, p, period, count, np.empty(p), ring)
@@ -235,15 +248,17 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
     A run that is watched returns CLOSED as soon as it has closed on a cycle, with the number of events in a period in
     place of the periods repeated.
     """
-    n, n_s = x.size, model.S.shape[1]
+    n, n_s = model.S.shape
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
-    p, largest, recent, D, V = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
-    f, xd, small, held, still = room.row[4], room.row[5], room.row[7], room.held, room.still
-    constant, g0, g1, tol, end = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.end
+    p, largest, recent, D, f = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
+    xd, speed, small, wide = room.row[4], room.row[5], room.row[6], room.row[7]
+    constant, lift, g0, g1, tol = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.guard[4]
+    stray, top = room.guard[5], room.guard[6]
+    held, still, end = room.held, room.still, room.end
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
     n_samples, n_knots = samples.size, model.knot_time.size
     t, count, i_sample, i_knot = stats[0], int(stats[1]), int(stats[2]), room.course[0]
-    j_grid, last_t, same_instant, quiet, armed, forced = 0, t, 0, 0, False, False
+    origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, t, 0, 0, False, False
     limit_same = 2 * model.mode_first[-1] + 16
     watch, watched = room.watch, room.course[1] == 1
     watch[0] = 0.0
@@ -253,7 +268,7 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
     if q < 0:
         return SINGULAR
     start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
-    _enter(slots, q, H, f, constant, still)
+    _enter(slots, q, H, f, constant, lift, still)
     while True:
         # External inputs that jump or bend now.
         while i_knot < n_knots and model.knot_time[i_knot] <= t:
@@ -261,23 +276,32 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
             H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
             i_knot += 1
             armed = False
-            _enter(slots, q, H, f, constant, still)
+            _enter(slots, q, H, f, constant, lift, still)
         if t >= t_end:
             break
         h = slots.step[q]
         t_stop = t_end
         if i_knot < n_knots and model.knot_time[i_knot] < t_stop:
             t_stop = model.knot_time[i_knot]
+        which = -1
+        if not (armed or forced) and n_s == 0:
+            which = _violated(slots, q, x, recent, constant, wide)
+            if which < 0 and i_sample == n_samples:
+                # No sample holds the run to its grid any more: it begins anew here.
+                origin, j_grid, armed = t, 0, True
+                if not slots.ready[q]:
+                    compile_step(slots, work, q)
+                _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol)
         # Long step, where nothing has happened for a while and nothing is to be sampled.
         if quiet >= 16 and armed:
             level = min(quiet // 32, LONGS - 1)
             steps = 1 << (LONG_DOUBLINGS * (level + 1))
-            t1 = (j_grid + steps) * h
+            t1 = origin + (j_grid + steps) * h
             if t1 <= t_stop and (i_sample == n_samples or samples[i_sample] >= t1 - 1e-9 * h):
                 while slots.longs[q] <= level:
                     compile_long(slots, work, q)
-                if _long_step(slots, q, level, n, xd, g0, tol, end):
-                    _move(x, xd, g0, g1, end, n, slots.n_guards[q])
+                if _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
+                    _move(x, xd, speed, g0, g1, end)
                     j_grid += steps
                     t = t1
                     quiet += 4
@@ -290,12 +314,12 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
             if i_sample < n_samples and samples[i_sample] <= t + 1e-9 * h:
                 _write(slots, q, x, still, Sg[0], out[i_sample])
                 i_sample += 1
-            t1 = (j_grid + 1) * h
+            t1 = origin + (j_grid + 1) * h
             inside = i_sample < n_samples and samples[i_sample] < t1 - 1e-9 * h
             tried = t1 <= t_stop and not inside
             if tried:
-                if _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
-                    _move(x, xd, g0, g1, end, n, slots.n_guards[q])
+                if _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
+                    _move(x, xd, speed, g0, g1, end)
                     j_grid += 1
                     t = t1
                     quiet += 1
@@ -303,16 +327,15 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
                     continue
         quiet = 0
         # Series step, at most to the next point of the grid.
-        j_grid = int(np.floor(t / h + 1e-9)) + 1
-        t1 = j_grid * h
+        j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
+        t1 = origin + j_grid * h
         on_grid = True
         if t1 > t_stop:
             t1, on_grid = t_stop, False
-        for i in range(n):
-            largest[i] = max(largest[i], abs(x[i]))
+        take_larger(largest, x, largest)
         d = t1 - t
         if tried:
-            u = _predicted(slots, q, n, g0, g1, h, end)
+            u = _predicted(slots, q, g0, g1, tol, h, end)
             if u < 0.9:
                 d, on_grid = min(d, u * h), False
         if forced:
@@ -327,11 +350,7 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
                     d, on_grid = d1, False
         if code != DONE:
             break
-        best, which, sized, last = 2.0, -1, False, -1
-        if not (armed or forced) and n_s == 0:
-            which = _violated(slots, q, x, recent, constant)
-        if which >= 0:
-            best = 0.0
+        best, sized, last = 0.0 if which >= 0 else 2.0, False, -1
         while last < 0 and which < 0:
             for j in range(n_s):
                 if model.smooth_kind[j] == DELAY_LINE:
@@ -346,16 +365,19 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
         if code != DONE:
             break
         if last >= 0:
-            travel(X, last, D, V)
+            size_sum(X, last, D)
+            row_sum_from(lift, slots.all_gf[q], X[0], 1.0, top)
+            row_sum_from(top, slots.reach_gf[q], D, 1.0, top)
             for g in range(slots.n_guards[q]):
-                reach = guard_travel(slots, q, g, D, V, d)
-                if guard_value(slots, q, g, X, Sg, constant[g], d) + 1.000001 * reach < 0.0:
+                if top[g] < 0.0 and (n_s == 0 or not (slots.on_rate[q, g] or slots.smooth_guard[q, g])):
                     continue
                 guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
+                if p[0] < 0.0 and not may_rise(p):
+                    continue
                 if not sized:
-                    term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y)
+                    term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y, wide)
                     sized = True
-                u = _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, forced)
+                u = _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced)
                 if u < best:
                     best, which = u, g
         forced = False
@@ -368,26 +390,23 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
             while i_sample < n_samples and samples[i_sample] < until:
                 i_sample += 1
             if i_sample > first:
-                _sample_series(
-                    slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], X, last, Sg, samples, first,
-                    i_sample, t, d, still, room.lanes, out,
-                )  # fmt: skip
+                _sample_series(slots.Y[q], slots.Ys[q], X, last, Sg, samples, first, i_sample, t, d, still, wide, out)
             if n_s > 0:
                 extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
         if which < 0:
-            state_at(X, last, 1.0, x)
+            polynomial(X, last, 1.0, x)
             t = t1 if on_grid or t1 - t == d else t + d
             armed = bool(slots.linear[q]) and on_grid
             if armed:
                 if not slots.ready[q]:
                     compile_step(slots, work, q)
-                _arm(slots, q, x, f, constant, xd, g0, g1, tol)
+                _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol)
         else:
             if best > 0.0:
-                state_at(X, last, best, x)
+                polynomial(X, last, best, x)
                 t += best * d
             if last >= 0:
-                rate_at(X, last, best, d, rate)
+                _rates(slots, q, x, f, Sg, last, best, rate)
             armed = False
             if t - last_t > 1e-13 * h:
                 same_instant = 0
@@ -423,14 +442,13 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
                     slots.next[q, which] = q1
             q = q1
             _settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
-            _enter(slots, q, H, f, constant, still)
+            _enter(slots, q, H, f, constant, lift, still)
             r = count % keep
             ring.t[r], ring.guard[r] = t, k
             _record(ring, r, x, rate, H, modes)
             count += 1
             if watched and i_knot == n_knots and n_s == 0:
-                for i in range(n):
-                    largest[i] = max(largest[i], abs(x[i]))
+                take_larger(largest, x, largest)
                 p_events = closing(watch, count, ring, largest)
                 if p_events > 0:
                     code, stats[6] = CLOSED, p_events
@@ -449,8 +467,8 @@ def advance(model, slots, work, room, x, modes, H, t_end, base_step, samples, ou
         for i in range(n):
             # A rate that is rounding of what it was added up from is none: a run at rest is known by it.
             size = abs(f[i])
-            for c in range(slots.M_count[q, i]):
-                size += abs(slots.M_value[q, i, c] * x[slots.M_place[q, i, c]])
+            for j in range(n):
+                size += slots.M_size[q, j, i] * abs(x[j])
             rate[i] = X[1, i] if n_s > 0 or abs(X[1, i]) > 64.0 * EPS * size else 0.0
     stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
     return code
@@ -463,60 +481,48 @@ def _expand_at_end(model, slots, q, x, f, H, largest, small, X, Sg, arg, aux):
 
 
 @njit(**INLINE)
-def _fast_step(slots, q, n, xd, g0, g1, tol, h, end):
+def _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
     """Increments over one grid step into `end`; False when an event inside cannot be excluded."""
-    G = slots.n_guards[q]
-    bound = slots.bound[q]
-    combine(slots.T[q], xd, end[: 2 * n + 2 * G])
-    third = h / 3.0
-    for g in range(G):
-        a = g0[g]
-        b = a + end[2 * n + g]
-        most = max(max(a, b), max(a + third * g1[g], b - third * end[2 * n + G + g]))
-        if most > -tol[g]:
-            return False
-        stray = tol[g]
-        for i in range(n):
-            stray += bound[i, g] * abs(xd[i])
-        if most > -stray:
-            return False
-    return True
+    wide, half = xd.size, g0.size
+    row_sum(slots.T[q], xd, 1.0, end)
+    row_sum(slots.bound[q], speed, 1.0, stray)
+    increments, rates = end[2 * wide : 2 * wide + half], end[2 * wide + half :]
+    return cubics_below(g0, g1, increments, rates, h / 3.0, tol, stray)
 
 
 @njit(**INLINE)
-def _long_step(slots, q, level, n, xd, g0, tol, end):
+def _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
     """Increments over a long step into `end`; False when an event inside cannot be excluded."""
-    G = slots.n_guards[q]
-    reach = slots.reach[q, level]
-    for g in range(G):
-        v = g0[g] + tol[g]
-        for i in range(n):
-            v += reach[i, g] * abs(xd[i])
-        if not v < 0.0:
+    row_sum_from(tol, slots.reach[q, level], speed, 1.0, stray)
+    for g in range(slots.n_guards[q]):
+        if not g0[g] + stray[g] < 0.0:
             return False
-    combine(slots.T_long[q, level], xd, end[: 2 * n + 2 * G])
+    row_sum(slots.T_long[q, level], xd, 1.0, end)
     return True
 
 
 @njit(**INLINE)
-def _move(x, xd, g0, g1, end, n, G):
+def _move(x, xd, speed, g0, g1, end):
     """Take over the increments of a step."""
-    for i in range(n):
-        x[i] += end[i]
-        xd[i] = end[n + i]
-    for g in range(G):
-        g0[g] += end[2 * n + g]
-        g1[g] = end[2 * n + G + g]
+    wide, half = x.size, g0.size
+    add(x, end[:wide])
+    take(xd, end[wide : 2 * wide])
+    take_sizes(speed, xd)
+    add(g0, end[2 * wide : 2 * wide + half])
+    take(g1, end[2 * wide + half :])
 
 
 @njit(**INLINE)
-def _predicted(slots, q, n, g0, g1, h, end):
-    """Fraction of the step that surely holds the first event, by the guards' cubics: how far the series need reach."""
-    G = slots.n_guards[q]
-    first = 1.0
-    for g in range(G):
-        a, b, c, d = g0[g], h * g1[g], g0[g] + end[2 * n + g], h * end[2 * n + G + g]
-        if c <= 0.0 and a + b / 3.0 <= 0.0 and c - d / 3.0 <= 0.0:
+def _predicted(slots, q, g0, g1, tol, h, end):
+    """Fraction of the step that surely holds the first event, by the guards' cubics: how far the series need reach.
+
+    Guards that stand at zero are left to the rules of the series.
+    """
+    first, half = 1.0, g0.size
+    place = end.size - 2 * half
+    for g in range(slots.n_guards[q]):
+        a, b, c, d = g0[g], h * g1[g], g0[g] + end[place + g], h * end[place + half + g]
+        if a > -tol[g] or (c <= 0.0 and a + b / 3.0 <= 0.0 and c - d / 3.0 <= 0.0):
             continue
         u = 0.05
         while u < first:
@@ -529,24 +535,20 @@ def _predicted(slots, q, n, g0, g1, h, end):
 
 
 @njit(**INLINE)
-def _violated(slots, q, x, recent, constant):
+def _violated(slots, q, x, recent, constant, wide):
     """A guard that stands clearly above zero already, without any series; -1 when there is none."""
+    take_larger(wide, x, recent)
     for g in range(slots.n_guards[q]):
-        if slots.gb_count[q, g] == 0:
-            v, size = constant[g], abs(constant[g])
-            for c in range(slots.ga_count[q, g]):
-                i, a = slots.ga_place[q, g, c], slots.ga_value[q, g, c]
-                v += a * x[i]
-                size += abs(a) * max(abs(x[i]), recent[i])
-            if v > 1e-9 * size:
-                return g
+        v = constant[g] + dot(slots.ga[q, g], x)
+        if v > 0.0 and not slots.on_rate[q, g] and v > 1e-9 * (abs(constant[g]) + dot(slots.ga_size[q, g], wide)):
+            return g
     return -1
 
 
 @njit(**INLINE)
-def _enter(slots, q, H, f, constant, still):
-    """Constant parts of the rate and of the guards while mode and held values stay."""
-    for i in range(f.size):
+def _enter(slots, q, H, f, constant, lift, still):
+    """Constant parts of the rate, the guards (on state and rate; on the state alone), the signals, until an event."""
+    for i in range(slots.N.shape[1]):
         v = 0.0
         for j in range(H.size):
             v += slots.N[q, i, j] * H[j]
@@ -555,8 +557,13 @@ def _enter(slots, q, H, f, constant, still):
         v = 0.0
         for j in range(H.size):
             v += slots.gH[q, g, j] * H[j]
-        constant[g] = v
-    for i in range(still.size):
+        constant[g] = lift[g] = v
+        if slots.on_rate[q, g]:
+            v = 0.0
+            for j in range(H.size):
+                v += slots.gfH[q, g, j] * H[j]
+            lift[g] = v
+    for i in range(slots.YH.shape[1]):
         v = 0.0
         for j in range(H.size):
             v += slots.YH[q, i, j] * H[j]
@@ -564,47 +571,47 @@ def _enter(slots, q, H, f, constant, still):
 
 
 @njit(**INLINE)
-def _rates(slots, q, x, f, xd):
-    """Rate of the state x in a linear slot."""
-    count, place, value = slots.M_count[q], slots.M_place[q], slots.M_value[q]
-    for i in range(x.size):
-        v = f[i]
-        for c in range(count[i]):
-            v += value[i, c] * x[place[i, c]]
-        xd[i] = v
+def _rates(slots, q, x, f, Sg, last, u, rate):
+    """Rate of the state x at place u of a series step."""
+    row_sum_from(f, slots.M[q], x, 1.0, rate)
+    for j in range(Sg.shape[1]):
+        sigma = _at(Sg, last, j, u)
+        for i in range(slots.S.shape[1]):
+            rate[i] += slots.S[q, i, j] * sigma
 
 
 @njit(**INLINE)
-def _arm(slots, q, x, f, constant, xd, g0, g1, tol):
-    """Rates and guards at a grid point, for the fast steps that follow."""
-    n = x.size
-    _rates(slots, q, x, f, xd)
-    for g in range(slots.n_guards[q]):
-        v, d, size = constant[g], 0.0, abs(constant[g])
-        for c in range(slots.ga_count[q, g]):
-            i, a = slots.ga_place[q, g, c], slots.ga_value[q, g, c]
-            v += a * x[i]
-            size += abs(a * x[i])
-            d += a * xd[i]
-        if slots.gb_count[q, g]:
-            d = 0.0
-            for i in range(n):
-                d += slots.gf[q, g, i] * xd[i]
-            for c in range(slots.gb_count[q, g]):
-                a = slots.gb_value[q, g, c] * xd[slots.gb_place[q, g, c]]
-                v += a
-                size += abs(a)
-        g0[g], g1[g], tol[g] = v, d, 256.0 * EPS * size
+def _at(Sg, last, j, u):
+    """Smooth channel j at place u of its series."""
+    v = 0.0
+    for k in range(last, -1, -1):
+        v = v * u + Sg[k, j]
+    return v
 
 
 @njit(**INLINE)
-def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, forced):
+def _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol):
+    """Rates and guards of a linear slot, for the fast steps that follow."""
+    take_sizes(wide, x)
+    row_sum_from(f, slots.M[q], x, 1.0, xd)
+    take_sizes(speed, xd)
+    G = slots.n_guards[q]
+    for g in range(G):
+        v, size = constant[g] + dot(slots.ga[q, g], x), abs(constant[g]) + dot(slots.ga_size[q, g], wide)
+        if slots.on_rate[q, g]:
+            v += dot(slots.gb[q, g], xd)
+            size += dot(slots.gb_size[q, g], speed)
+        g0[g], g1[g], tol[g] = v, dot(slots.gf[q, g], xd), 256.0 * EPS * size
+    for g in range(G, g0.size):
+        g0[g], g1[g], tol[g] = -1.0, 0.0, 0.0
+
+
+@njit(**INLINE)
+def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced):
     """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
-    if p[0] < 0.0 and not may_rise(p, last, 0.0):
-        return 2.0
     noise = guard_noise(slots, q, g, 0, Sg, H, d, Y)
     if p[0] < -noise:
-        return first_rise(p, 0, last, noise)
+        return first_rise(p, noise)
     if forced:
         return 2.0
     if p[0] > noise:
@@ -613,12 +620,14 @@ def _rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, p, forced):
     for k in range(1, terms):
         if k == 2:
             # Two terms decide nearly always; more are wanted only where the guard touches.
-            term_sizes(slots, q, X, Sg, H, d, recent, 3, terms + 1, Y)
+            term_sizes(slots, q, X, Sg, H, d, recent, 3, terms + 1, Y, wide)
         noise = guard_noise(slots, q, g, k, Sg, H, d, Y)
         if p[k] > noise:
             return 0.0
         if p[k] < -noise:
-            return first_rise(p, k, last, 0.0)
+            for i in range(last + 1):
+                p[i] = p[i + k]
+            return first_rise(p, 0.0)
     return 2.0
 
 
@@ -645,17 +654,14 @@ def _reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
 @njit(**INLINE)
 def _input(slots, q, row, x, H, Sg, last, u):
     v = 0.0
-    for i in range(x.size):
+    for i in range(slots.Zx.shape[2]):
         v += slots.Zx[q, row, i] * x[i]
     for j in range(H.size):
         v += slots.ZH[q, row, j] * H[j]
     for j in range(Sg.shape[1]):
         c = slots.Zs[q, row, j]
         if c != 0.0:
-            s = 0.0
-            for k in range(last, -1, -1):
-                s = s * u + Sg[k, j]
-            v += c * s
+            v += c * _at(Sg, last, j, u)
     return v
 
 
@@ -668,7 +674,7 @@ def _beyond_level(model, slots, q, k, x, recent, H, Sg, last, u):
         return False
     z0 = model.first[e, 0]
     size = abs(model.mode_level[m])
-    for i in range(x.size):
+    for i in range(model.C.shape[1]):
         size += abs(model.C[z0, i]) * max(abs(x[i]), recent[i])
     return abs(_input(slots, q, z0, x, H, Sg, last, u) - model.mode_level[m]) > 1e-9 * size
 
@@ -683,7 +689,7 @@ def _settle_on_level(model, slots, q, e, modes, x, H):
         for j in range(H.size):
             rest += model.Kz[z0, j] * H[j]
         left = rest
-        for i in range(x.size):
+        for i in range(model.C.shape[1]):
             c = model.C[z0, i]
             if c != 0.0:
                 left += c * x[i]
@@ -692,57 +698,37 @@ def _settle_on_level(model, slots, q, e, modes, x, H):
         if count == 1:
             x[alone] = -rest / model.C[z0, alone]
         else:
-            for i in range(x.size):
+            for i in range(model.C.shape[1]):
                 x[i] -= model.B[i, w0] * left / scale
 
 
 @njit(**INLINE)
 def _write(slots, q, x, still, sigma, row):
     """Signals at state x."""
-    _signals(slots.Y_count[q], slots.Y_place[q], slots.Y_value[q], slots.Ys[q], x, still, sigma, row)
-
-
-@njit(**INLINE)
-def _signals(count, place, value, smooth, x, still, sigma, row):
-    for i in range(row.size):
-        v = still[i]
-        for c in range(count[i]):
-            v += value[i, c] * x[place[i, c]]
-        for j in range(sigma.size):
-            v += smooth[i, j] * sigma[j]
-        row[i] = v
+    row_sum_from(still, slots.Y[q], x, 1.0, row)
+    for j in range(sigma.size):
+        for i in range(slots.Ys.shape[1]):
+            row[i] += slots.Ys[q, i, j] * sigma[j]
 
 
 @njit(**HOT)
-def _sample_series(count, place, value, smooth, X, last, Sg, samples, first, stop, t, d, still, lanes, out):
-    """Signals at the samples first..stop of a series step, four at a time. (A call with all arrays would be dearer.)"""
-    n, n_s = X.shape[1], Sg.shape[1]
-    final = stop - 1
-    for k0 in range(first, stop, 4):
-        # Beyond the last sample it is taken again, to the same place.
-        k1, k2, k3 = min(k0 + 1, final), min(k0 + 2, final), min(k0 + 3, final)
-        u0, u1 = max(0.0, (samples[k0] - t) / d), max(0.0, (samples[k1] - t) / d)
-        u2, u3 = max(0.0, (samples[k2] - t) / d), max(0.0, (samples[k3] - t) / d)
-        for i in range(n):
-            lanes[i, 0], lanes[i, 1], lanes[i, 2], lanes[i, 3] = four_at(X, last, i, u0, u1, u2, u3)
-        for i in range(n_s):
-            v0, v1, v2, v3 = four_at(Sg, last, i, u0, u1, u2, u3)
-            lanes[n + i, 0], lanes[n + i, 1], lanes[n + i, 2], lanes[n + i, 3] = v0, v1, v2, v3
-        for i in range(still.size):
-            v0 = v1 = v2 = v3 = still[i]
-            for c in range(count[i]):
-                a, x = value[i, c], lanes[place[i, c]]
-                v0, v1, v2, v3 = v0 + a * x[0], v1 + a * x[1], v2 + a * x[2], v3 + a * x[3]
-            for j in range(n_s):
-                a, x = smooth[i, j], lanes[n + j]
-                v0, v1, v2, v3 = v0 + a * x[0], v1 + a * x[1], v2 + a * x[2], v3 + a * x[3]
-            out[k0, i], out[k1, i], out[k2, i], out[k3, i] = v0, v1, v2, v3
+def _sample_series(Y, Ys, X, last, Sg, samples, first, stop, t, d, still, x, out):
+    """Signals at the samples first..stop of a series step. (A call with all arrays would be dearer.)"""
+    per_unit = 1.0 / d
+    for k in range(first, stop):
+        u = max(0.0, (samples[k] - t) * per_unit)
+        polynomial(X, last, u, x)
+        row_sum_from(still, Y, x, 1.0, out[k])
+        for j in range(Sg.shape[1]):
+            sigma = _at(Sg, last, j, u)
+            for i in range(Ys.shape[0]):
+                out[k, i] += Ys[i, j] * sigma
 
 
 @njit(**INLINE)
 def _record(ring, r, x, rate, H, modes):
     """State just after an event and its rate just before, into place r of the ring."""
-    for i in range(x.size):
+    for i in range(ring.x.shape[1]):
         ring.x[r, i], ring.v[r, i] = x[i], rate[i]
     for i in range(H.size):
         ring.H[r, i] = H[i]

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from eppanalysis.kernels.lanes import add, add_sizes, any_above, dot, padded, row_sum, take, take_sizes
+
 #: Hot functions: they allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
 #: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
 HOT = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
@@ -70,18 +72,20 @@ class Model(NamedTuple):
 
 
 class Slots(NamedTuple):
-    """Compiled mode combinations (leading axis: slot)."""
+    """Compiled mode combinations (leading axis: slot).
 
-    count: np.ndarray  # (1,) int
+    Lengths with a + are those of rows that are summed four numbers at a time: padded with zeros.
+    """
+
+    count: np.ndarray  # (2,) int: in use, ever used
     key: np.ndarray  # (q, E) int
     linear: np.ndarray  # (q,) int: no smooth channel acts
     step: np.ndarray  # (q,)
     rate: np.ndarray  # (q,) bound on the growth of the powers of M
     ready: np.ndarray  # (q,) int: whether T and bound are filled
-    M: np.ndarray  # (q, n, n) transposed: M[j, i] = d x_i' / d x_j
-    M_count: np.ndarray  # (q, n) int: entries of each row of M that are not zero
-    M_place: np.ndarray  # (q, n, n) int: their columns
-    M_value: np.ndarray  # (q, n, n)
+    M: np.ndarray  # (q, n+, n+) transposed: M[j, i] = d x_i' / d x_j
+    M_twice: np.ndarray  # (q, n+, n+) its square
+    M_size: np.ndarray  # (q, n+, n+) its absolute values
     N: np.ndarray  # (q, n, H)
     S: np.ndarray  # (q, n, s)
     Wx: np.ndarray  # (q, w, n)
@@ -90,31 +94,32 @@ class Slots(NamedTuple):
     Zx: np.ndarray  # (q, z, n)
     ZH: np.ndarray  # (q, z, H)
     Zs: np.ndarray  # (q, z, s)
-    Y_count: np.ndarray  # (q, y) int: signal rows on the state, entries that are not zero
-    Y_place: np.ndarray  # (q, y, n) int
-    Y_value: np.ndarray  # (q, y, n)
+    Y: np.ndarray  # (q, n+, y+) transposed: signals on the state
     YH: np.ndarray  # (q, y, H)
     Ys: np.ndarray  # (q, y, s)
     n_guards: np.ndarray  # (q,) int
     guard: np.ndarray  # (q, G) int
     next: np.ndarray  # (q, G) int
-    ga_count: np.ndarray  # (q, G) int: guard rows on the state, entries that are not zero
+    ga: np.ndarray  # (q, G, n+) guard rows on the state
+    ga_count: np.ndarray  # (q, G) int: their entries that are not zero
     ga_place: np.ndarray  # (q, G, n) int
-    ga_value: np.ndarray  # (q, G, n)
-    gb_count: np.ndarray  # (q, G) int: guard rows on the rate of the state
-    gb_place: np.ndarray  # (q, G, n) int
-    gb_value: np.ndarray  # (q, G, n)
+    ga_size: np.ndarray  # (q, G, n+) their absolute values
+    gb: np.ndarray  # (q, G, n+) guard rows on the rate of the state
+    gb_size: np.ndarray  # (q, G, n+)
+    on_rate: np.ndarray  # (q, G) int: whether gb has an entry
     gH: np.ndarray  # (q, G, H)
     gs: np.ndarray  # (q, G, s)
     gt: np.ndarray  # (q, G, s): on the rates of the smooth channels
     smooth_guard: np.ndarray  # (q, G) int: whether gs or gt has an entry
-    gf: np.ndarray  # (q, G, n)
+    gf: np.ndarray  # (q, G, n+) guard rows on the state, with the rate put in
     gfH: np.ndarray  # (q, G, H)
-    T: np.ndarray  # (q, n, 2n + 2G): from the rate at the start to state increment, rate, guard increments, guard rates
-    bound: np.ndarray  # (q, n, G)
+    all_gf: np.ndarray  # (q, n+, G+) transposed: all of them
+    reach_gf: np.ndarray  # (q, n+, G+) a trace more than their absolute values
+    T: np.ndarray  # (q, n+, 2n+ + 2G+): from rate at start to state increment, rate, guard increments, guard rates
+    bound: np.ndarray  # (q, n+, G+)
     longs: np.ndarray  # (q,) int: lengths of the next two that are filled
-    T_long: np.ndarray  # (q, lengths, n, 2n + 2G): as T, over long steps
-    reach: np.ndarray  # (q, lengths, n, G): bound on how far a guard moves on the way, from the rate at the start
+    T_long: np.ndarray  # (q, lengths, n+, 2n+ + 2G+): as T, over long steps
+    reach: np.ndarray  # (q, lengths, n+, G+): bound on how far a guard moves on the way, from the rate at the start
 
 
 class Work(NamedTuple):
@@ -125,8 +130,8 @@ class Work(NamedTuple):
     rate: np.ndarray  # (n, n + H + s)
     inputs: np.ndarray  # (z, n + H + s)
     signals: np.ndarray  # (y, n + H + s)
-    square: np.ndarray  # (7, n, n)
-    row: np.ndarray  # (4, n)
+    square: np.ndarray  # (8, n+, n+)
+    guards: np.ndarray  # (3, n+, G+)
 
 
 @njit(cache=True, nogil=True)
@@ -140,35 +145,40 @@ def make_work(model):
         np.empty((n, total)),
         np.empty((model.C.shape[0], total)),
         np.empty((model.Yx.shape[0], total)),
-        np.empty((7, n, n)),
-        np.empty((4, n)),
+        np.zeros((8, padded(n), padded(n))),
+        np.zeros((3, padded(n), padded(most_guards(model)))),
     )
 
 
 @njit(cache=True, nogil=True)
-def make_slots(model, capacity):
-    """Room for `capacity` mode combinations."""
-    n, n_w = model.B.shape
-    n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
-    n_e = model.mode_first.size - 1
+def most_guards(model):
+    """Guards that a mode combination can have."""
     G = 0
-    for e in range(n_e):
+    for e in range(model.mode_first.size - 1):
         most = 0
         for m in range(model.mode_first[e], model.mode_first[e + 1]):
             most = max(most, model.guard_first[m + 1] - model.guard_first[m])
         G += most
-    q = capacity
+    return G
+
+
+@njit(cache=True, nogil=True)
+def make_slots(model, capacity):
+    """Room for `capacity` mode combinations, each set to zero when it is first used (see :func:`clear`)."""
+    n, n_w = model.B.shape
+    n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
+    n_e, G = model.mode_first.size - 1, most_guards(model)
+    q, wide, steps = capacity, padded(n), 2 * padded(n) + 2 * padded(G)
     return Slots(
-        np.zeros(1, np.int64),
+        np.zeros(2, np.int64),
         np.zeros((q, n_e), np.int64),
         np.zeros(q, np.int64),
         np.zeros(q),
         np.zeros(q),
         np.zeros(q, np.int64),
-        np.empty((q, n, n)),
-        np.empty((q, n), np.int64),
-        np.empty((q, n, n), np.uint32),
-        np.empty((q, n, n)),
+        np.empty((q, wide, wide)),
+        np.empty((q, wide, wide)),
+        np.empty((q, wide, wide)),
         np.empty((q, n, n_H)),
         np.empty((q, n, n_s)),
         np.empty((q, n_w, n)),
@@ -177,32 +187,42 @@ def make_slots(model, capacity):
         np.empty((q, n_z, n)),
         np.empty((q, n_z, n_H)),
         np.empty((q, n_z, n_s)),
-        np.empty((q, n_y), np.int64),
-        np.empty((q, n_y, n), np.uint32),
-        np.empty((q, n_y, n)),
+        np.empty((q, wide, padded(n_y))),
         np.empty((q, n_y, n_H)),
         np.empty((q, n_y, n_s)),
         np.zeros(q, np.int64),
         np.empty((q, G), np.int64),
         np.empty((q, G), np.int64),
+        np.empty((q, G, wide)),
         np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.uint32),
-        np.empty((q, G, n)),
+        np.empty((q, G, n), np.int64),
+        np.empty((q, G, wide)),
+        np.empty((q, G, wide)),
+        np.empty((q, G, wide)),
         np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.uint32),
-        np.empty((q, G, n)),
         np.empty((q, G, n_H)),
         np.empty((q, G, n_s)),
         np.empty((q, G, n_s)),
         np.empty((q, G), np.int64),
-        np.empty((q, G, n)),
+        np.empty((q, G, wide)),
         np.empty((q, G, n_H)),
-        np.empty((q, n, 2 * n + 2 * G)),
-        np.empty((q, n, G)),
+        np.empty((q, wide, padded(G))),
+        np.empty((q, wide, padded(G))),
+        np.empty((q, wide, steps)),
+        np.empty((q, wide, padded(G))),
         np.zeros(q, np.int64),
-        np.empty((q, LONGS, n, 2 * n + 2 * G)),
-        np.empty((q, LONGS, n, G)),
+        np.empty((q, LONGS, wide, steps)),
+        np.empty((q, LONGS, wide, padded(G))),
     )
+
+
+@njit(**HOT)
+def clear(slots, q):
+    """Set the rows of slot q to zero that are longer than what they hold."""
+    slots.M[q], slots.M_twice[q], slots.M_size[q], slots.Y[q] = 0.0, 0.0, 0.0, 0.0
+    slots.ga[q], slots.ga_size[q], slots.gb[q], slots.gb_size[q], slots.gf[q] = 0.0, 0.0, 0.0, 0.0, 0.0
+    slots.all_gf[q], slots.reach_gf[q] = 0.0, 0.0
+    slots.T[q], slots.bound[q], slots.T_long[q], slots.reach[q] = 0.0, 0.0, 0.0, 0.0
 
 
 @njit(**HOT)
@@ -221,6 +241,9 @@ def find_slot(model, slots, work, modes, base_step):
         slots.count[0] = 0
         slots.next[:, :] = -1
     q = slots.count[0]
+    if q == slots.count[1]:
+        clear(slots, q)
+        slots.count[1] = q + 1
     if not _compile(model, slots, work, q, modes):
         return -1
     _compile_guards(model, slots, work, q, modes)
@@ -355,8 +378,8 @@ def _compile(model, slots, work, q, modes):
     _add_product(signals, model.Yw, F)
     for i in range(n):
         for j in range(n):
-            slots.M[q, j, i] = rate[i, j]
-        slots.M_count[q, i] = _sparse(rate[i, :n], slots.M_place[q, i], slots.M_value[q, i])
+            slots.M[q, j, i], slots.M_size[q, j, i] = rate[i, j], abs(rate[i, j])
+    _multiply(slots.M[q], slots.M[q], 1.0, slots.M_twice[q])
     _take(slots.N[q], rate, n)
     _take(slots.S[q], rate, n + n_H)
     _take(slots.Wx[q], F, 0)
@@ -366,7 +389,8 @@ def _compile(model, slots, work, q, modes):
     _take(slots.ZH[q], inputs, n)
     _take(slots.Zs[q], inputs, n + n_H)
     for i in range(n_y):
-        slots.Y_count[q, i] = _sparse(signals[i, :n], slots.Y_place[q, i], slots.Y_value[q, i])
+        for j in range(n):
+            slots.Y[q, j, i] = signals[i, j]
     _take(slots.YH[q], signals, n)
     _take(slots.Ys[q], signals, n + n_H)
     return True
@@ -422,7 +446,6 @@ def _hold_input(rate, c, B, w):
 def _compile_guards(model, slots, work, q, modes):
     """Guard rows of the combination, on state, rate, held values and smooth channels."""
     n, n_H, n_s = model.A.shape[0], model.K.shape[1], model.S.shape[1]
-    ga, gb = work.row[0], work.row[1]
     k = 0
     for e in range(modes.size):
         m = model.mode_first[e] + modes[e]
@@ -431,7 +454,7 @@ def _compile_guards(model, slots, work, q, modes):
         for g in range(model.guard_first[m], model.guard_first[m + 1]):
             slots.guard[q, k] = g
             slots.next[q, k] = -1
-            gH, gs, gt = slots.gH[q, k], slots.gs[q, k], slots.gt[q, k]
+            ga, gb, gH, gs, gt = slots.ga[q, k], slots.gb[q, k], slots.gH[q, k], slots.gs[q, k], slots.gt[q, k]
             for i in range(n):
                 ga[i], gb[i] = 0.0, 0.0
             for i in range(n_H):
@@ -453,9 +476,14 @@ def _compile_guards(model, slots, work, q, modes):
             for a in range(n_he):
                 gH[h0 + a] += model.guard_h[g, a]
             gH[n_H - 1] += model.guard_0[g]
-            slots.ga_count[q, k] = _sparse(ga, slots.ga_place[q, k], slots.ga_value[q, k])
-            slots.gb_count[q, k] = _sparse(gb, slots.gb_place[q, k], slots.gb_value[q, k])
-            slots.smooth_guard[q, k] = 0
+            slots.on_rate[q, k] = slots.smooth_guard[q, k] = slots.ga_count[q, k] = 0
+            for i in range(n):
+                slots.ga_size[q, k, i], slots.gb_size[q, k, i] = abs(ga[i]), abs(gb[i])
+                if ga[i] != 0.0:
+                    slots.ga_place[q, k, slots.ga_count[q, k]] = i
+                    slots.ga_count[q, k] += 1
+                if gb[i] != 0.0:
+                    slots.on_rate[q, k] = 1
             for j in range(n_s):
                 if gs[j] != 0.0 or gt[j] != 0.0:
                     slots.smooth_guard[q, k] = 1
@@ -470,77 +498,61 @@ def _compile_guards(model, slots, work, q, modes):
                     for i in range(n):
                         gf[i] += gb[j] * slots.M[q, i, j]
                     _add_row(gfH, gb[j], slots.N[q, j])
+            for i in range(n):
+                slots.all_gf[q, i, k], slots.reach_gf[q, i, k] = gf[i], 1.000001 * abs(gf[i])
             k += 1
     slots.n_guards[q] = k
+    # Columns that another combination may have left.
+    slots.all_gf[q, :, k:] = slots.reach_gf[q, :, k:] = 0.0
 
 
 @njit(**HOT)
 def _add_row(out, factor, row):
     if factor != 0.0:
-        for i in range(out.size):
+        for i in range(row.size):
             out[i] += factor * row[i]
 
 
 @njit(**HOT)
-def _sparse(row, place, value):
-    """Entries of a row that are not zero; returns how many."""
-    count = 0
-    for i in range(row.size):
-        if row[i] != 0.0:
-            place[count], value[count] = i, row[i]
-            count += 1
-    return count
+def _multiply(P, Q, scale, out):
+    """out = scale P Q for small matrices, padded (no BLAS: its threads cost more than the product)."""
+    for i in range(P.shape[0]):
+        row_sum(Q, P[i], scale, out[i])
 
 
 @njit(**HOT)
-def _multiply(P, Q, out):
-    """out = P Q for small matrices (no BLAS: its threads cost more than the product)."""
-    n = P.shape[0]
-    for i in range(n):
-        for j in range(n):
-            out[i, j] = 0.0
-        for k in range(n):
-            p = P[i, k]
-            if p != 0.0:
-                for j in range(n):
-                    out[i, j] += p * Q[k, j]
+def _add(out, P):
+    """out += P."""
+    for i in range(P.shape[0]):
+        add(out[i], P[i])
 
 
 @njit(**HOT)
 def growth_rate(M, P, Q):
-    """Bound on the growth of the powers of M: the 32nd root of the norm of its 32nd power [1/s]."""
+    """Bound on the growth of the powers of M (padded): the 32nd root of the norm of its 32nd power [1/s]."""
     n = M.shape[0]
     size = 0.0
     for i in range(n):
-        for j in range(n):
-            P[i, j] = M[i, j]
-            size = max(size, abs(P[i, j]))
+        size += dot(M[i], M[i])
     if size == 0.0:
         return 0.0
-    for i in range(n):
-        for j in range(n):
-            P[i, j] /= size
-    log_scale = 0.0
+    _copy(P, M)
+    log_scale, scale = 0.5 * np.log(size), 1.0 / size
     for _ in range(5):
-        _multiply(P, P, Q)
+        _multiply(P, P, scale, Q)
         P, Q = Q, P
         norm = 0.0
         for i in range(n):
-            for j in range(n):
-                norm += P[i, j] * P[i, j]
+            norm += dot(P[i], P[i])
         if norm == 0.0:
             return 0.0
-        norm = np.sqrt(norm)
-        log_scale = 2.0 * log_scale + np.log(norm)
-        for i in range(n):
-            for j in range(n):
-                P[i, j] /= norm
-    return size * np.exp(log_scale / 32.0)
+        log_scale, scale = 2.0 * log_scale + 0.5 * np.log(norm), 1.0 / norm
+    return np.exp(log_scale / 32.0)
 
 
 @njit(**HOT)
 def flow(M, h, rate, integral, power, half, term, work):
-    """exp(M h), its integral over [0, h], and exp(M h/2), into the arrays so named; M or its transpose, alike."""
+    """exp(M h), its integral over [0, h], and exp(M h/2), into the arrays so named; for M (padded) or its transpose."""
     n = M.shape[0]
     doublings = 1
     while rate * h / 2.0**doublings > 0.5:
@@ -549,35 +561,39 @@ def flow(M, h, rate, integral, power, half, term, work):
     for i in range(n):
         for j in range(n):
             term[i, j] = integral[i, j] = d if i == j else 0.0
+    for i in range(n):
+        power[0, i] = 1e-18 * d
     for k in range(2, 22):
-        _multiply(M, term, work)  # in this order, because M has few entries
-        largest = 0.0
-        for i in range(n):
-            for j in range(n):
-                term[i, j] = work[i, j] * (d / k)
-                integral[i, j] += term[i, j]
-                largest = max(largest, abs(term[i, j]))
-        if largest <= 1e-18 * d:
+        _multiply(M, term, d / k, work)
+        term, work = work, term
+        _add(integral, term)
+        if not _any_above(term, 1.0, power[0]):
             break
-    _multiply(M, integral, power)
+    _multiply(M, integral, 1.0, power)
     for i in range(n):
         power[i, i] += 1.0
     for k in range(doublings):
         if k == doublings - 1:
             _copy(half, power)
-        _multiply(power, integral, work)
-        for i in range(n):
-            for j in range(n):
-                integral[i, j] += work[i, j]
-        _multiply(power, power, work)
+        _multiply(power, integral, 1.0, work)
+        _add(integral, work)
+        _multiply(power, power, 1.0, work)
         _copy(power, work)
+
+
+@njit(**HOT)
+def _any_above(P, scale, limits):
+    """Whether a number of the matrix P is above the limit of its column."""
+    for i in range(P.shape[0]):
+        if any_above(P[i], scale, limits):
+            return True
+    return False
 
 
 @njit(**HOT)
 def _copy(out, source):
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = source[i, j]
+        take(out[i], source[i])
 
 
 @njit(**HOT)
@@ -592,147 +608,83 @@ def _choose_step(slots, work, q, base_step):
 
 @njit(**HOT)
 def compile_step(slots, work, q):
-    """Fill the matrices that carry state, rate and guards over the step of slot q."""
+    """Fill the matrices that carry state, rate and guards over the step of slot q.
+
+    How far a guard strays from the cubic through its end values is bounded by its fourth derivative over the step,
+    ``gf M^3 exp(M s) x'(0)``, by its series about the middle.
+    """
     M, h, rate, a = slots.M[q], slots.step[q], slots.rate[q], work.square
-    n, G = M.shape[0], slots.n_guards[q]
     slots.ready[q] = 1
     integral, power, half = a[2], a[3], a[4]
     flow(M, h, rate, integral, power, half, a[5], a[6])
-    bound = slots.bound[q]
-    _fill_step(slots.T[q], slots.gf[q], G, integral, power)
-    for g in range(G):
-        twin = _twin(slots.gf[q], g)
-        for i in range(n):
-            bound[i, g] = bound[i, twin]
-        if twin == g:
-            _stray(slots, work, q, g, half, bound)
+    _fill_step(slots.T[q], slots.gf[q], slots.n_guards[q], integral, power)
+    P, Q = work.guards[0], work.guards[1]
+    _multiply(M, slots.all_gf[q], 1.001 * h**4 / 384.0, P)
+    _multiply(M, P, 1.0, Q)
+    _multiply(M, Q, 1.0, P)
+    _multiply(half, P, 1.0, Q)
+    _sizes_of_powers(M, 0.5 * h, 0, Q, P, slots.bound[q])
 
 
 @njit(**HOT)
-def _twin(gf, g):
-    """An earlier guard on the same row but for its sign (two levels of one input), or the guard itself."""
-    for k in range(g):
-        same, mirrored = True, True
-        for i in range(gf.shape[1]):
-            same = same and gf[k, i] == gf[g, i]
-            mirrored = mirrored and gf[k, i] == -gf[g, i]
-        if same or mirrored:
-            return k
-    return g
-
-
-@njit(**HOT)
-def _stray(slots, work, q, g, half, bound):
-    """Bound on how far guard g strays from the cubic through its end values: its fourth derivative over the step.
-
-    The derivative is ``gf M^3 exp(M s) x'(0)``, bounded by its series about the middle.
-    """
-    M, h, n = slots.M[q], slots.step[q], half.shape[0]
-    row, other, total = work.row[0], work.row[1], work.row[2]
-    _apply(M, slots.gf[q, g], row)
-    _apply(M, row, other)
-    _apply(M, other, row)
-    _apply(half, row, other)
+def _sizes_of_powers(M, step, shift, P, Q, total):
+    """total = sum of abs(M^k P) step^k shift!/(k + shift)! over k; P and Q are overwritten."""
+    for i in range(P.shape[0]):
+        take_sizes(total[i], P[i])
     factor = 1.0
-    for i in range(n):
-        row[i], total[i] = other[i], abs(other[i])
-    for k in range(1, 25):
-        factor *= 0.5 * h / k
-        _apply(M, row, other)
-        grown = False
-        for i in range(n):
-            row[i] = other[i]
-            total[i] += factor * abs(other[i])
-            grown = grown or factor * abs(other[i]) > 1e-4 * total[i]
-        if k > 8 and not grown:
+    for k in range(1, 64):
+        factor *= step / (k + shift)
+        _multiply(M, P, 1.0, Q)
+        P, Q = Q, P
+        grown = k <= 8
+        for i in range(P.shape[0]):
+            add_sizes(total[i], P[i], factor)
+            grown = grown or any_above(P[i], 1e4 * factor, total[i])
+        if not grown:
             break
-    for i in range(n):
-        bound[i, g] = 1.001 * h**4 / 384.0 * total[i]
 
 
 @njit(**HOT)
 def compile_long(slots, work, q):
     """Fill the matrices of the next longer step of slot q, and the bound on its guards' travel."""
-    n, G, level, a = slots.M.shape[1], slots.n_guards[q], slots.longs[q], work.square
+    n, level, a = slots.N.shape[1], slots.longs[q], work.square
     integral, power, product = a[2], a[3], a[4]
     T = slots.T[q] if level == 0 else slots.T_long[q, level - 1]
     reach = slots.reach[q, level]
     for i in range(n):
         for j in range(n):
-            integral[i, j], power[i, j] = T[i, j], T[i, n + j]
-    row, other = work.row[0], work.row[1]
-    for g in range(G):
-        if level == 0:
-            _travel(slots, q, g, row, other, reach)
-        else:
-            for i in range(n):
-                reach[i, g] = slots.reach[q, level - 1, i, g]
+            integral[i, j], power[i, j] = T[i, j], T[i, power.shape[0] + j]
+    P, Q = work.guards[0], work.guards[1]
+    if level == 0:
+        h = slots.step[q]
+        for i in range(power.shape[0]):
+            for g in range(P.shape[1]):
+                P[i, g] = 1.001 * h * slots.all_gf[q, i, g]
+        _sizes_of_powers(slots.M[q], h, 1, P, Q, reach)
+    else:
+        _copy(reach, slots.reach[q, level - 1])
     for _ in range(LONG_DOUBLINGS):
-        for g in range(G):
-            for i in range(n):
-                v = reach[i, g]
-                for j in range(n):
-                    v += abs(power[i, j]) * reach[j, g]
-                row[i] = v
-            for i in range(n):
-                reach[i, g] = row[i]
-        _multiply(power, integral, product)
-        for i in range(n):
-            for j in range(n):
-                integral[i, j] += product[i, j]
-        _multiply(power, power, product)
+        for i in range(power.shape[0]):
+            take_sizes(product[i], power[i])
+        _multiply(product, reach, 1.0, P)
+        _add(reach, P)
+        _multiply(power, integral, 1.0, product)
+        _add(integral, product)
+        _multiply(power, power, 1.0, product)
         _copy(power, product)
-    _fill_step(slots.T_long[q, level], slots.gf[q], G, integral, power)
+    _fill_step(slots.T_long[q, level], slots.gf[q], slots.n_guards[q], integral, power)
     slots.longs[q] = level + 1
-
-
-@njit(**HOT)
-def _travel(slots, q, g, row, other, reach):
-    """Bound on how far guard g moves over the step of slot q, from the rate at the start, by its series."""
-    n, h = slots.M.shape[1], slots.step[q]
-    f = slots.gf[q, g]
-    for i in range(n):
-        row[i] = f[i]
-        reach[i, g] = h * abs(f[i])
-    factor = h
-    for k in range(2, 64):
-        factor *= h / k
-        _apply(slots.M[q], row, other)
-        grown = False
-        for i in range(n):
-            row[i] = other[i]
-            v = factor * abs(other[i])
-            reach[i, g] += v
-            grown = grown or v > 1e-4 * reach[i, g]
-        if k > 8 and not grown:
-            break
-    for i in range(n):
-        reach[i, g] *= 1.001
 
 
 @njit(**HOT)
 def _fill_step(T, gf, G, integral, power):
     """Columns of T: state increment, rate, guard increments and guard rates at the end of a step."""
-    n = integral.shape[0]
-    _put(T, 0, integral)
-    _put(T, n, power)
-    for g in range(G):
-        f = gf[g]
-        for i in range(n):
-            u, v = 0.0, 0.0
-            for j in range(n):
-                u += integral[i, j] * f[j]
-                v += power[i, j] * f[j]
-            T[i, 2 * n + g] = u
-            T[i, 2 * n + G + g] = v
-
-
-@njit(**HOT)
-def _apply(M, row, out):
-    """out = row @ (matrix whose transpose is M)."""
-    n = row.size
-    for i in range(n):
-        v = 0.0
-        for j in range(n):
-            v += M[i, j] * row[j]
-        out[i] = v
+    wide = power.shape[0]
+    half = (T.shape[1] - 2 * wide) // 2
+    for i in range(wide):
+        for j in range(wide):
+            T[i, j], T[i, wide + j] = integral[i, j], power[i, j]
+        for g in range(half):
+            own = g < G
+            T[i, 2 * wide + g] = dot(integral[i], gf[g]) if own else 0.0
+            T[i, 2 * wide + half + g] = dot(power[i], gf[g]) if own else 0.0

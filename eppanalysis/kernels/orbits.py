@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import _compile, _compile_guards, flow, growth_rate, make_slots, make_work
+from eppanalysis.kernels.lanes import padded
+from eppanalysis.kernels.modes import _compile, _compile_guards, clear, flow, growth_rate, make_slots, make_work
 from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER, _smooth_term
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
@@ -61,6 +62,7 @@ def build_arcs(model, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """
     n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
     slots, work, q = make_slots(model, 1), make_work(model), 0
+    clear(slots, q)
     for a in range(guards.size):
         if not _compile(model, slots, work, q, modes[a]):
             return SINGULAR
@@ -71,9 +73,8 @@ def build_arcs(model, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
             F[a, i, n:] = slots.N[q, i]
             S[a, i] = slots.S[q, i]
         for i in range(Y.shape[1]):
-            Y[a, i, :n] = 0.0
-            for c in range(slots.Y_count[q, i]):
-                Y[a, i, slots.Y_place[q, i, c]] = slots.Y_value[q, i, c]
+            for j in range(n):
+                Y[a, i, j] = slots.Y[q, j, i]
             Y[a, i, n:] = slots.YH[q, i]
             Ys[a, i] = slots.Ys[q, i]
         W[a, :, :n] = slots.Wx[q]
@@ -104,14 +105,14 @@ def _guard_rows(model, slots, q, guard, g, gs):
     for k in range(slots.n_guards[q]):
         if slots.guard[q, k] != guard:
             continue
-        g[:n] = slots.gf[q, k]
+        g[:n] = slots.gf[q, k, :n]
         g[n:] = slots.gfH[q, k]
         for j in range(gs.size):
             if slots.gt[q, k, j] != 0.0:
                 return UNSUPPORTED
             gs[j] = slots.gs[q, k, j]
-            for c in range(slots.gb_count[q, k]):
-                gs[j] += slots.gb_value[q, k, c] * slots.S[q, slots.gb_place[q, k, c], j]
+            for i in range(n):
+                gs[j] += slots.gb[q, k, i] * slots.S[q, i, j]
         return READY
     return NOT_A_GUARD
 
@@ -196,7 +197,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
     slope = np.zeros(S.shape[2])
     D, E, row = np.zeros((N, m + p)), np.zeros((N, m + p)), np.zeros(N)
     Phi, rate = np.zeros((N, N)), np.zeros(N)
-    square = np.zeros((8, n, n))
+    square = np.zeros((8, padded(n), padded(n)))
     A[:, :], r[:] = 0.0, 0.0
     for k in range(m):
         D[free[k], k] = 1.0
@@ -290,7 +291,7 @@ def affine_flow(F, y, tau, end, Phi, square):
             M[i, j] = F[i, j]
     if tau == 0.0:
         integral[:, :] = 0.0
-        power[:, :] = np.eye(n)
+        power[:, :] = np.eye(power.shape[0])
     else:
         rate = growth_rate(M, square[3], square[4])
         flow(M, tau, rate, integral, power, square[5], square[6], square[7])
@@ -323,8 +324,9 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
     X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
     room = np.zeros((4, ORDER + 1, n_s))
     row = np.zeros((ORDER + 1, N))
-    M = F[:, :n].copy()
-    rate = growth_rate(M, np.zeros((n, n)), np.zeros((n, n)))
+    square = np.zeros((3, padded(n), padded(n)))
+    square[0, :n, :n] = F[:, :n]
+    rate = growth_rate(square[0], square[1], square[2])
     x, P = y[:n].copy(), np.zeros((n, N))
     for i in range(n):
         P[i, i] = 1.0
@@ -454,7 +456,7 @@ def _channels(model, sense, x, H, sigma, slope):
 def states_at(channels, F, S, smooth, starts, marks, times, out):
     """y at increasing `times` of one period, each by its own flow from the start of its arc."""
     p, n, N = F.shape
-    square, Phi = np.zeros((8, n, n)), np.zeros((N, N))
+    square, Phi = np.zeros((8, padded(n), padded(n))), np.zeros((N, N))
     sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
     a = 0
     for i in range(times.size):
@@ -474,7 +476,7 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
     n_y, steps = Y.shape[1], 8
     node, rate = np.zeros((steps + 1, N)), np.zeros(N)
     value, slope = np.zeros((steps + 1, n_y)), np.zeros((steps + 1, n_y))
-    square, Phi, row = np.zeros((8, n, n)), np.zeros((N, N)), np.zeros(N)
+    square, Phi, row = np.zeros((8, padded(n), padded(n))), np.zeros((N, N)), np.zeros(N)
     sigma, change = np.zeros(S.shape[2]), np.zeros(S.shape[2])
     low[:], high[:] = np.inf, -np.inf
     for a in range(p):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,10 @@ from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.hybrid import Ring
+    from eppanalysis.kernels.modes import Model
 
 Array = NDArray[np.float64]
 
@@ -141,17 +146,20 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     EppError
         If a combination of modes has no unique solution, or a dead time is too long for its history.
     """
-    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, make_ring, run
+    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
+    from eppanalysis.kernels.lanes import padded
 
     announce_compilation(run)
-    x, modes, H = hybrid.x0.copy(), hybrid.modes0.copy(), hybrid.H0.copy()
-    n, keep = x.size, max(1, min(keep, max_events))
-    times = np.array(times, float)
-    samples = np.empty((times.size, hybrid.model.Yx.shape[0]))
-    ring = make_ring(keep, n, H.size, modes.size)
-    rate, stats = np.zeros(n), np.zeros(8)
     # As floats, whatever the caller wrote: the kernel would be compiled anew for whole numbers.
-    code = run(hybrid.model, x, modes, H, float(t_end), float(base), times, samples, max_events, ring, rate, stats)
+    t_end, base, times = float(t_end), float(base), np.array(times, float)
+    (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
+    n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
+    (x, rate), modes, H = np.zeros((2, padded(n))), hybrid.modes0.copy(), hybrid.H0.copy()
+    x[:n] = hybrid.x0
+    samples, stats = np.empty((times.size, padded(n_y))), np.zeros(8)
+    code = run(
+        hybrid.model, slots, work, room, x, modes, H, t_end, base, times, samples, max_events, ring, rate, stats
+    )  # fmt: skip
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "
@@ -161,9 +169,46 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    return Run(
-        code, samples, int(stats[1]), ring.t, ring.guard, ring.x, ring.v, ring.H, ring.modes, x, rate, stats
-    )  # fmt: skip
+    count = int(stats[1])
+    t, guard, states, rates, held, passed = (a[: max(1, count)].copy() for a in ring)
+    return Run(code, samples[:, :n_y], count, t, guard, states, rates, held, passed, x[:n], rate[:n], stats)
+
+
+class _Own(threading.local):
+    """What a thread keeps from run to run, because to make it costs as much as a short run.
+
+    The rooms are those of the last model: all runs of one model find its mode combinations compiled. What a run gives
+    does not depend on the runs before it.
+    """
+
+    model: Model | None = None
+    base: float = 0.0
+    kept: tuple[Any, Any, Any] | None = None
+    events: Ring | None = None
+
+    def rooms(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
+        """Rooms for a model, emptied where the step is another one."""
+        from eppanalysis.kernels.hybrid import make_rooms
+
+        if self.kept is None or self.model is not hybrid.model:
+            self.kept, self.model = make_rooms(hybrid.model), hybrid.model
+        elif self.base != base:
+            self.kept[0].count[0] = 0
+        self.base = base
+        return self.kept
+
+    def ring(self, hybrid: HybridSystem, keep: int) -> Ring:
+        """A ring of so many events, the beginning of the longest one so far."""
+        from eppanalysis.kernels.hybrid import Ring, make_ring
+
+        sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
+        held = self.events
+        if held is None or len(held.t) < keep or (held.x.shape[1], held.H.shape[1], held.modes.shape[1]) != sizes:
+            held = self.events = make_ring(keep, *sizes)
+        return Ring(*(a[:keep] for a in held))
+
+
+_own = _Own()
 
 
 def announce_compilation(kernel: Any) -> None:
