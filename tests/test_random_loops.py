@@ -75,6 +75,25 @@ def test_halved_steps_change_nothing(block: int) -> None:
     assert not unexplained
 
 
+def test_a_run_without_samples_ends_where_one_with_samples_does() -> None:
+    """Samples hold a run to their grid; without them the grid begins anew at every switch."""
+    unexplained = []
+    for seed in range(30_000, 31_000):
+        system = with_states(random_loop(seed))
+        a, code, _ = states(system)
+        hybrid = HybridSystem.from_lure(system)
+        free = run_hybrid(hybrid, float(TIMES[-1]), np.zeros(0), 2.0 * hybrid.time_scale, 20_000, 1)
+        n, size = system.A.shape[0], np.abs(a).max(initial=1e-300)
+        if code != 0 or size > LARGEST:
+            continue
+        apart = np.abs(free.x_end[:n] - a[-1]).max() / size if free.code == 0 else np.inf
+        if apart > 1e-7:
+            moved = max(distance(a, states(system, 1.0, shift)[0]) for shift in (3e-14, -3e-14, 1e-13))
+            if moved < 1e-3 * apart:
+                unexplained.append((seed, apart, moved))
+    assert not unexplained
+
+
 def test_a_sample_agrees_with_another_integrator() -> None:
     compared, wrong = 0, []
     for seed in range(20_000, 20_400):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.hybrid import advance, follow, make_ring, make_rooms, unwatch
+from eppanalysis.kernels.hybrid import run
 from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.modes import Model
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
@@ -34,24 +34,25 @@ class Outcome(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, keep, first, last, out):
-    """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`."""
-    one = _cell(stack, first)
-    n, n_e, n_H, n_y = x0.shape[1], modes0.shape[1], H0.shape[1], one.Yx.shape[0]
-    slots, work, room = make_rooms(one)
-    x, modes, H = np.zeros(padded(n)), np.empty(n_e, np.int64), np.empty(n_H)
-    ring = make_ring(keep, n, n_H, n_e)
+def run_cells(
+    stack, slots, work, room, none, period_samples, ring, x0, modes0, H0, compared, t_end, base_step, max_events, first,
+    last, out,
+):  # fmt: skip
+    """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`.
+
+    `none` and `period_samples` are Samples without and with SAMPLES + 1 times; slots, work and room are those of any of
+    the models.
+    """
+    n, n_y, keep = x0.shape[1], out.mean.shape[1], ring.t.size
+    x, modes, H = np.zeros(padded(n)), np.empty(modes0.shape[1], np.int64), np.empty(H0.shape[1])
     rate, stats, found = np.zeros(padded(n)), np.empty(8), np.empty(4)
-    none, nothing = np.empty(0), np.empty((0, padded(n_y)))
-    times, signals = np.empty(SAMPLES + 1), np.empty((SAMPLES + 1, padded(n_y)))
+    times, signals = period_samples.times, period_samples.out
     for c in range(first, last):
         model = _cell(stack, c)
         x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
-        code = follow(
-            model, slots, work, room, x, modes, H, t_end, base_step[c], none, nothing, max_events, ring, rate, stats
-        )  # fmt: skip
-        unwatch(model, room)
+        step = base_step[c]
+        code = run(model, slots, work, room, x, modes, H, t_end, step, none, max_events, ring, rate, stats, True)
         count = int(stats[1])
         out.code[c], out.events[c] = code, count
         out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
@@ -66,20 +67,18 @@ def run_cells(stack, x0, modes0, H0, compared, t_end, base_step, max_events, kee
             x[:n], modes[:], H[:] = ring.x[k], ring.modes[k], ring.H[k]
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
-            stats[:] = 0.0
-            advance(
-                model, slots, work, room, x, modes, H, period, base_step[c], times, signals, max_events, ring, rate,
-                stats,
-            )  # fmt: skip
-            _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
         elif kind == SETTLED:
-            times[0] = 0.0
-            stats[:] = 0.0
-            advance(
-                model, slots, work, room, x, modes, H, 1e-12 * t_end, base_step[c], times[:1], signals, max_events,
-                ring, rate, stats,
-            )  # fmt: skip
+            # A run of no length to speak of gives the signals where it stands.
+            period = 1e-12 * t_end
+            for i in range(SAMPLES + 1):
+                times[i] = 2.0 * i * period
+        else:
+            continue
+        run(model, slots, work, room, x, modes, H, period, step, period_samples, max_events, ring, rate, stats, False)
+        if kind == SETTLED:
             out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
+        else:
+            _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
 
 
 @njit(cache=True, nogil=True)

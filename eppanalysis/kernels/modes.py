@@ -7,6 +7,7 @@ the start of the step to its end, with a bound on how far a guard can stray from
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -134,8 +135,7 @@ class Work(NamedTuple):
     guards: np.ndarray  # (3, n+, G+)
 
 
-@njit(cache=True, nogil=True)
-def make_work(model):
+def make_work(model: Model) -> Work:
     """Scratch room for a model's slots."""
     n, n_w = model.B.shape
     total = n + model.K.shape[1] + model.S.shape[1]
@@ -150,20 +150,13 @@ def make_work(model):
     )
 
 
-@njit(cache=True, nogil=True)
-def most_guards(model):
+def most_guards(model: Model) -> int:
     """Guards that a mode combination can have."""
-    G = 0
-    for e in range(model.mode_first.size - 1):
-        most = 0
-        for m in range(model.mode_first[e], model.mode_first[e + 1]):
-            most = max(most, model.guard_first[m + 1] - model.guard_first[m])
-        G += most
-    return G
+    of_mode = np.diff(model.guard_first)
+    return sum(int(np.max(of_mode[a:b], initial=0)) for a, b in pairwise(model.mode_first))
 
 
-@njit(cache=True, nogil=True)
-def make_slots(model, capacity):
+def make_slots(model: Model, capacity: int) -> Slots:
     """Room for `capacity` mode combinations, each set to zero when it is first used (see :func:`clear`)."""
     n, n_w = model.B.shape
     n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.modes import _compile, _compile_guards, clear, flow, growth_rate, make_slots, make_work
+from eppanalysis.kernels.modes import _compile, _compile_guards, clear, flow, growth_rate
 from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER, _smooth_term
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
@@ -32,7 +32,7 @@ class Channels(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def build_arcs(model, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
+def build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
 
     Parameters
@@ -61,7 +61,7 @@ def build_arcs(model, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
         READY, or why the arcs cannot be had.
     """
     n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
-    slots, work, q = make_slots(model, 1), make_work(model), 0
+    q = 0
     clear(slots, q)
     for a in range(guards.size):
         if not _compile(model, slots, work, q, modes[a]):

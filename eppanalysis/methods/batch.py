@@ -225,7 +225,8 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         raise EppError(f"simulate_batch: t_end is {t_end}; expected a positive number of seconds.")
     if threads < 1:
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
-    from eppanalysis.kernels.cells import Outcome, run_cells
+    from eppanalysis.kernels.cells import SAMPLES, Outcome, run_cells
+    from eppanalysis.kernels.rooms import make_ring, make_rooms, make_samples
 
     announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
@@ -236,9 +237,13 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     base = 2.0 * stack.time_scale
 
     def work(first: int) -> None:
+        one = type(stack.model)(*(a[first] for a in stack.model))
+        slots, room_to_compile, room = make_rooms(one)
+        none, period = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
+        ring = make_ring(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])
         run_cells(
-            stack.model, stack.x0, stack.modes0, stack.H0, stack.compared, float(t_end), base, max_events, KEPT_EVENTS,
-            first, min(first + CHUNK, n), out,
+            stack.model, slots, room_to_compile, room, none, period, ring, stack.x0, stack.modes0, stack.H0,
+            stack.compared, float(t_end), base, max_events, first, min(first + CHUNK, n), out,
         )  # fmt: skip
 
     starts = range(0, n, CHUNK)

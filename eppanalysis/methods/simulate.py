@@ -22,8 +22,8 @@ from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.hybrid import Ring
     from eppanalysis.kernels.modes import Model
+    from eppanalysis.kernels.rooms import Ring
 
 Array = NDArray[np.float64]
 
@@ -148,17 +148,18 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     """
     from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
     from eppanalysis.kernels.lanes import padded
+    from eppanalysis.kernels.rooms import make_samples
 
     announce_compilation(run)
     # As floats, whatever the caller wrote: the kernel would be compiled anew for whole numbers.
-    t_end, base, times = float(t_end), float(base), np.array(times, float)
+    t_end, base = float(t_end), float(base)
     (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
     (x, rate), modes, H = np.zeros((2, padded(n))), hybrid.modes0.copy(), hybrid.H0.copy()
     x[:n] = hybrid.x0
-    samples, stats = np.empty((times.size, padded(n_y))), np.zeros(8)
+    samples, stats = make_samples(times, n_y), np.zeros(8)
     code = run(
-        hybrid.model, slots, work, room, x, modes, H, t_end, base, times, samples, max_events, ring, rate, stats
+        hybrid.model, slots, work, room, x, modes, H, t_end, base, samples, max_events, ring, rate, stats, True
     )  # fmt: skip
     if code == SINGULAR:
         raise EppError(
@@ -171,7 +172,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         )
     count = int(stats[1])
     t, guard, states, rates, held, passed = (a[: max(1, count)].copy() for a in ring)
-    return Run(code, samples[:, :n_y], count, t, guard, states, rates, held, passed, x[:n], rate[:n], stats)
+    return Run(code, samples.out[:, :n_y], count, t, guard, states, rates, held, passed, x[:n], rate[:n], stats)
 
 
 class _Own(threading.local):
@@ -188,7 +189,7 @@ class _Own(threading.local):
 
     def rooms(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Rooms for a model, emptied where the step is another one."""
-        from eppanalysis.kernels.hybrid import make_rooms
+        from eppanalysis.kernels.rooms import make_rooms
 
         if self.kept is None or self.model is not hybrid.model:
             self.kept, self.model = make_rooms(hybrid.model), hybrid.model
@@ -199,7 +200,7 @@ class _Own(threading.local):
 
     def ring(self, hybrid: HybridSystem, keep: int) -> Ring:
         """A ring of so many events, the beginning of the longest one so far."""
-        from eppanalysis.kernels.hybrid import Ring, make_ring
+        from eppanalysis.kernels.rooms import Ring, make_ring
 
         sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
         held = self.events

@@ -127,6 +127,7 @@ class Arcs:
         ModelError
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
+        from eppanalysis.kernels.modes import make_slots, make_work
         from eppanalysis.kernels.orbits import READY, SINGULAR, Channels, build_arcs
 
         model = hybrid.model
@@ -136,7 +137,9 @@ class Arcs:
         F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
         J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
         Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
-        code = build_arcs(model, itinerary.modes, itinerary.guards, F, S, g, gs, J, smooth, sense, Y, Ys, W)
+        slots, work = make_slots(model, 1), make_work(model)
+        modes, guards = itinerary.modes, itinerary.guards
+        code = build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W)
         if code != READY:
             what = (
                 "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"
