@@ -84,17 +84,22 @@ def _slope(question: Question, name: str, fold: Fold) -> np.ndarray | None:
 
 
 def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
-    """Elasticity of an exact fold by every parameter; nan where a parameter changes the structure of the loop.
+    """Elasticity of an exact bound by every parameter; nan where a parameter changes the structure of the loop.
+
+    At a fold the equations of the orbit are singular. At a corner those are overdetermined that are left when the arc
+    that has no duration is kept so. Either way one combination of them does not feel the orbit, only the parameters.
 
     Parameters
     ----------
     question : Question
         At one value of the parameter that runs.
     point : Point
-        The fold.
+        The fold, or the corner with the arc that has no duration there.
     """
     orbit = point.orbit
     A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    if point.arc is not None:
+        A = np.delete(A, orbit.arcs.free.size + point.arc, axis=1)
     psi = np.linalg.svd(A)[0][:, -1] / orbit.row_scale
     by_limit = float(psi @ point.slope)
     case = question.case_at(point.value)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation_borders import across, borders
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
 from eppanalysis.methods.continuation_labels import crossing, difference
 from eppanalysis.methods.continuation_steps import (
@@ -352,13 +353,21 @@ class Walk:
 
     def _lost(self, points: list[Point]) -> tuple[Point | None, str]:
         """Go on where Newton does not with the old sequence."""
-        new = self._crossed(points, points[-1], *beyond(points[-1]))
+        last = points[-1]
+        way = float(np.sign(last.tangent[-1])) or 1.0
+        for border in borders(last):
+            new, back = across(border, way)
+            if new is not None:
+                return self._crossed(points, border, new, back), ""
+        new = self._crossed(points, last, *beyond(last))
         return new, "ends where no orbit continues it"
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
         _, inside, outside = last_admissible(points[-1], ds)
         new, back = other_sequence(inside, outside)
+        if back:
+            inside = _corner(inside, new)
         why = "ends at a change of the sequence of events that no orbit continues"
         return self._crossed(points, inside, new, back), why
 
@@ -420,6 +429,13 @@ class Walk:
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
             provenance={"case": self.case.name, "limits": self.limits},
         )
+
+
+def _corner(inside: Point, new: Point | None) -> Point:
+    """Where a branch turns back from one sequence to another: what the longer one visits has no duration there."""
+    if new is None or new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs:
+        return next(borders(inside), inside)
+    return next(borders(new, ahead=False), inside)
 
 
 def _same_value(one: Point, other: Point) -> bool:

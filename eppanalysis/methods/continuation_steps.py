@@ -59,6 +59,8 @@ class Point:
         Direction of (unknowns, parameter); of unit length in the branch's own measure.
     before : (float, array, array), optional
         Distance, slope and tangent of the point from which this one was reached.
+    arc : int, optional
+        At a border between two sequences of events: the arc that has no duration.
     """
 
     family: Family
@@ -67,6 +69,7 @@ class Point:
     slope: Array
     tangent: Array
     before: tuple[float, Array, Array] | None = None
+    arc: int | None = None
 
     @property
     def turn(self) -> float:
@@ -137,7 +140,7 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
 
 def step(point: Point, ds: float) -> Point | None:
     """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
-    found = _corrected(point, ds, *point.ahead(ds))
+    found = _corrected(point, _along(point), ds, *point.ahead(ds))
     return None if found is None else _arrived(point, ds, found)
 
 
@@ -145,6 +148,11 @@ def _arrived(point: Point, ds: float, found: _Found) -> Point:
     """The orbit found at a distance from a point, with the direction of the branch there."""
     new = make_point(point.family, found.value, found.orbit, point.tangent)
     return replace(new, before=(ds, point.slope, point.tangent)) if ds != 0.0 else new
+
+
+def _along(point: Point) -> Array:
+    """Row that measures the distance along the branch."""
+    return weights(point.orbit, point.family.width) * point.tangent
 
 
 class _Found(NamedTuple):
@@ -156,11 +164,10 @@ class _Found(NamedTuple):
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
-def _corrected(point: Point, ds: float, u: Array, slope: Array) -> _Found | None:
-    """Newton from u to the orbit in the plane at a distance from a point across its tangent."""
+def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
+    """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
     family, like = point.family, point.orbit.arcs
     m = like.free.size
-    row = weights(point.orbit, family.width) * point.tangent
     best = np.inf
     for i in range(_MOST_ITERATIONS):
         y = point.orbit.y.copy()
@@ -199,10 +206,10 @@ def point_at(old: Point, new: Point, value: float) -> Point | None:
     return found if bend(old, found) < 0.4 else None
 
 
-def point_across(point: Point, u: Array) -> Point | None:
-    """The point in the plane across a point's tangent that Newton finds from other unknowns u."""
-    row = weights(point.orbit, point.family.width) * point.tangent
-    found = _corrected(point, float(row @ (u - point.unknowns)), u, point.slope)
+def point_across(point: Point, u: Array, row: Array | None = None) -> Point | None:
+    """The point in the plane through unknowns u, across `row` or a point's tangent, that Newton finds from u."""
+    row = _along(point) if row is None else row
+    found = _corrected(point, row, float(row @ (u - point.unknowns)), u, point.slope)
     return None if found is None else _arrived(point, 0.0, found)
 
 
@@ -252,13 +259,14 @@ def locate(point: Point, ds: float, test: Callable[[Point], float], tolerance: f
 def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[float, Point, Point]:
     """Distance at which the sequence of events ceases to be true, with the points on both sides."""
     a, inside, at_a = 0.0, None, point.unknowns
-    far = _corrected(point, ds, *point.ahead(ds))
+    row = _along(point)
+    far = _corrected(point, row, ds, *point.ahead(ds))
     b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
         u, slope = point.ahead(c)
         # Between two known orbits a third is foretold better than from the point alone.
-        found = _corrected(point, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
         if found is None or not _true(found.orbit):
             b = c
             if found is not None:
@@ -285,7 +293,7 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
         for turns_back in (False, True):
             value = 2.0 * inside.value - virtual.value if turns_back else virtual.value
             found = _close_at(family, value, guess)
-            if found is None or not _near(found, inside.orbit):
+            if found is None or not near(found, inside.orbit):
                 continue
             if turns_back and found.arcs.itinerary.guards.size == inside.orbit.arcs.itinerary.guards.size:
                 continue
@@ -302,7 +310,7 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
         for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             value = point.value + way * share * width
             found = _close_at(family, value, point.orbit.guess)
-            if found is None or found.arcs.n_arcs == point.orbit.arcs.n_arcs or not _near(found, point.orbit):
+            if found is None or found.arcs.n_arcs == point.orbit.arcs.n_arcs or not near(found, point.orbit):
                 continue
             return make_point(family, value, found, None, way), turns_back
     return None, False
@@ -318,7 +326,7 @@ def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
     return close_orbit(hybrid, replace(guess, y=y))
 
 
-def _near(one: Orbit, other: Orbit) -> bool:
+def near(one: Orbit, other: Orbit) -> bool:
     """Whether two orbits could be neighbours on a branch."""
     if abs(one.period / other.period - 1.0) > 0.05:
         return False
