@@ -17,8 +17,7 @@ import numpy as np
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import design_bounds
-from eppanalysis.methods.bounds_exact import moved_bound
-from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end
+from eppanalysis.methods.bounds_harmonic import inputs_at_end
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.knock import NoRest, knock
@@ -37,8 +36,8 @@ ADVICE = (
     ("lighter prehensor", MASS, -1),
     ("less gain", GAIN, 1),
 )
-#: How far a parameter is moved for its knock, and for the bound at a corner.
-_STEP, _CORNER_STEP = 0.1, 0.003
+#: How far a parameter is moved for its knock.
+_STEP = 0.1
 #: From which elasticity on an advice is called strong, moderate, weak; smaller ones are none.
 _WORDS = ((0.5, "strong"), (0.15, "moderate"), (0.02, "weak"), (-0.02, "none"), (-math.inf, "the other way"))
 _ABSENT = "not applicable"
@@ -135,7 +134,7 @@ def advice_of(case: Case, found: DesignBounds) -> tuple[AdviceRow, ...]:
         As :func:`design_advice`.
     """
     case = with_mass(case)
-    return tuple(row for cell in found for row in _rows(case.with_values({GAIN: cell.value}), cell, found.within))
+    return tuple(row for cell in found for row in _rows(case.with_values({GAIN: cell.value}), cell))
 
 
 def with_mass(case: Case) -> Case:
@@ -159,15 +158,15 @@ def with_mass(case: Case) -> Case:
     return case.with_values({MASS: rest / case.value("forearm.prehensor_distance") ** 2})
 
 
-def _rows(case: Case, cell: BoundCell, within: tuple[float, float]) -> Iterator[AdviceRow]:
+def _rows(case: Case, cell: BoundCell) -> Iterator[AdviceRow]:
     """All advice at one gain."""
-    by_gain = _elasticity(case, cell, within, GAIN, 1)
+    by_gain = cell.elasticities.get(GAIN, _NAN)
     step, blow = smallest_knocks(case)
     for words, name, direction in ADVICE:
         given = name in case.parameters and bool(case.value(name))
         share = traded = changed_step = changed_blow = _NAN
         if given:
-            share = _elasticity(case, cell, within, name, direction) if name != LIMIT else _NAN
+            share = direction * cell.elasticities.get(name, _NAN)
             traded = (1.0 if name == LIMIT else share) / by_gain
             other = smallest_knocks(case.with_values({name: case.value(name) * (1.0 + direction * _STEP)}))
             changed_step, changed_blow = _growth(step, other[0]), _growth(blow, other[1])
@@ -177,21 +176,6 @@ def _rows(case: Case, cell: BoundCell, within: tuple[float, float]) -> Iterator[
             cell.value, words, name, cell.bound, share, traded, _finite(step), _finite(blow),
             changed_step, changed_blow, *verdicts,
         )  # fmt: skip
-
-
-def _elasticity(case: Case, cell: BoundCell, within: tuple[float, float], name: str, direction: int) -> float:
-    """Elasticity of the exact bound with the sign of the advice; at a corner, which has no slope, from moved bounds."""
-    known = cell.elasticities.get(name, _NAN)
-    if math.isfinite(known) or cell.orbit is None or cell.kind != "corner":
-        return direction * known
-    value = case.value(name)
-    ends = [
-        moved_bound(
-            Question(case.with_values({name: value * (1.0 + s)}), LIMIT, *within), cell.orbit, cell.bound, cell.sign
-        )
-        for s in (-_CORNER_STEP, _CORNER_STEP)
-    ]
-    return direction * (ends[1] - ends[0]) / (2.0 * _CORNER_STEP * cell.bound)
 
 
 def smallest_knocks(case: Case) -> tuple[float, float]:

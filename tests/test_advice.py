@@ -17,8 +17,6 @@ from eppanalysis.advice import (
     design_advice,
     with_mass,
 )
-from eppanalysis.methods.bounds_exact import moved_bound
-from eppanalysis.methods.bounds_harmonic import Question
 
 #: The original elbow with its original pulley at a profile range of 1.5 lbf.
 FRICTION, GAIN = 0.0526, "1.5 lbf"
@@ -51,14 +49,16 @@ def test_elasticities_against_folds_of_moved_cases(
     case: epp.Case, bounds: epp.DesignBounds, rows: dict[str, AdviceRow]
 ) -> None:
     """Slopes from the equations of one fold against folds of branches that are followed anew."""
-    h, cell = 2e-3, bounds[0]
-    assert cell.kind == "fold" and cell.orbit is not None
+    h, limit = 2e-3, "lock_pin.backlash"
+    assert bounds[0].kind == "fold"
+    beyond = case.with_values({limit: "0.5 deg"})
+    cycle = epp.find_limit_cycles(beyond.to_system(), beyond.final_input()).stable[-1]
     for name, direction in (("pulley.friction", -1), ("bands.range", 1)):
         moved = []
         for share in (-h, h):
             here = case.with_values({name: case.value(name) * (1.0 + share)})
-            question = Question(here, "lock_pin.backlash", *bounds.within)
-            moved.append(moved_bound(question, cell.orbit, cell.exact, cell.sign))
+            branch = epp.continue_branch(here, limit, "0.5 deg", "0.4 deg", cycle=cycle, max_step=0.05)
+            moved.append(min(f.value for f in branch.folds))
         slope = (math.log(moved[1]) - math.log(moved[0])) / (2 * h)
         assert rows[name].gained == pytest.approx(direction * slope, rel=1e-3, abs=1e-4), name
         assert rows[name].traded == pytest.approx(rows[name].gained / rows["bands.range"].gained)

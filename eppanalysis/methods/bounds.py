@@ -19,12 +19,12 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
-from eppanalysis.methods.bounds_exact import ExactBound, correct, turn_of
+from eppanalysis.methods.bounds_exact import ExactBound, branch_from, correct, turn_of
 from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
-from eppanalysis.methods.continuation import Branch, CaseLike, continue_branch
+from eppanalysis.methods.continuation import Branch, CaseLike
 from eppanalysis.provenance import provenance
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
@@ -290,11 +290,11 @@ def bound_of_branch(question: Question, value: float, branch: Branch, settings: 
 
 
 def _tested(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
-    """Test one exact bound; where the search on the safe side finds another family, its bound is the one."""
+    """Test one exact bound; where a test finds another family on the safe side, its bound is the next to be tested."""
     if found.cycle is None:
         return _Checked(found, None, {})
     tested: Verification | None = None
-    for _ in range(_MOST_FAMILIES if settings.verify else 0):
+    for turns_left in reversed(range(_MOST_FAMILIES if settings.verify else 0)):
         assert found.cycle is not None
         tested = verify(
             question,
@@ -305,26 +305,26 @@ def _tested(question: Question, found: ExactBound, sign: float, settings: Settin
             n_starts=settings.starts,
             seed=settings.seed,
         )
-        further = _other_family(question, tested, sign)
+        further = _other_family(question, tested, sign) if turns_left else None
         if further is None:
             break
         found = further
-    known = exact_elasticities(question, found.point) if found.kind == "fold" and found.point is not None else {}
+    point = found.point
+    located = point is not None and (found.kind == "fold" or point.arc is not None)
+    known = exact_elasticities(question, point) if point is not None and located else {}
     return _Checked(replace(found, point=None), tested, known)
 
 
 def _other_family(question: Question, tested: Verification, sign: float) -> ExactBound | None:
-    """The bound of a family of cycles that the search found on the safe side."""
+    """The farthest bound of the families of cycles that the tests found on the safe side."""
     end = question.low if sign > 0 else question.high
-    for cycle in tested.search or ():
-        try:
-            branch = continue_branch(question.case, question.limit, tested.safe_value, end, cycle=cycle, n_points=150)
-        except (EppError, np.linalg.LinAlgError):
-            continue
-        if branch.folds:
-            turn = min(branch.folds, key=lambda s: sign * s.value)
-            return ExactBound(turn.value, turn.cycle.period, turn.cycle, "fold", turn.point)
-    return None
+    found = []
+    for cycle in tested.cycles:
+        branch = branch_from(question, tested.safe_value, end, cycle)
+        turn = None if branch is None else turn_of(question, branch, end, sign)
+        if turn is not None:
+            found.append(turn)
+    return min(found, key=lambda b: sign * b.value, default=None)
 
 
 def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
@@ -361,7 +361,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
         "other_value": test.other_value,
         "n_runs": test.n_runs,
         "n_settled": test.n_settled,
-        "n_cycles": 0 if test.search is None else len(test.search),
+        "n_cycles": len(test.cycles),
         "other_orbit": test.orbit,
         "verified": test.verified,
     }

@@ -1,8 +1,8 @@
 """From the bound by harmonic balance to the exact one: the fold of the branch of exact orbits nearest to it.
 
 A cycle of the balance a little inside the bound gives the first exact orbit, from there the branch is followed to where
-it turns back. Branches also turn back where an event comes or goes at a grazing contact, with a corner in place of a
-smooth fold; both end the family and count.
+it turns back. Branches also turn back where the orbit ceases to visit a mode, with a corner in place of a smooth fold;
+both end the family and count, and both are solved for exactly.
 """
 
 from __future__ import annotations
@@ -20,14 +20,11 @@ from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_bran
 from eppanalysis.methods.continuation_steps import Point
 from eppanalysis.methods.harmonic import cycle_of, settled
 from eppanalysis.methods.harmonic_elements import Unsettled
-from eppanalysis.methods.harmonic_loop import inputs_of
 from eppanalysis.results import LimitCycle
 
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
-#: Harmonics of a known orbit that are kept to look for its neighbours.
-_ORDER = 9
 _KINDS = {"fold": "fold", "turning change of sequence": "corner"}
 #: Where an orbit is looked for beyond a corner, relative to its value, and how often.
 _BEYOND, _MOST_CORNERS = (2e-4, 1e-3, 4e-3), 6
@@ -80,7 +77,7 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
             continue
         stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
         for start in _cycles_inside(question, near, inside):
-            branch = _branch(question, inside, stop, start)
+            branch = branch_from(question, inside, stop, start)
             if branch is None:
                 continue
             turn = turn_of(question, branch, stop, sign)
@@ -98,26 +95,7 @@ def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> Exa
     return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
 
 
-def moved_bound(question: Question, orbit: LimitCycle, value: float, sign: float) -> float:
-    """The exact bound of a case that differs a little from one whose bound is known [SI]; nan where it is lost.
-
-    Parameters
-    ----------
-    question : Question
-        Of the changed case.
-    orbit : LimitCycle
-        At the known bound.
-    value : float
-        The known bound [SI].
-    sign : {1, -1}
-        1 where the cycles lie above it.
-    """
-    loop = steady_loop(question.case_at(value))
-    near = Cycle(value, inputs_of(loop, orbit)[:, : _ORDER + 1], orbit.omega)
-    return correct(question, near, sign).value
-
-
-def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
+def branch_from(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
     """The branch from a cycle near an orbit at `start`; None where there is no such orbit."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -140,7 +118,7 @@ def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> 
         further = None
         for share in _BEYOND:
             value = turn.value * (1.0 - sign * share)
-            further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
+            further = branch_from(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
             if further is not None:
                 break
         if further is None:

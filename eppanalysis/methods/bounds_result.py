@@ -43,7 +43,7 @@ class BoundCell:
     safe_value, other_value : float
         Where the tests were made [SI].
     n_runs, n_settled, n_cycles : int
-        Runs on the safe side, those that came to rest, and limit cycles that the search found there.
+        Runs on the safe side, those that came to rest, and limit cycles that the search or the runs found there.
     verified : bool
         No limit cycle on the safe side, an exact orbit on the other.
     orbit, other_orbit : LimitCycle or None

@@ -2,7 +2,8 @@
 
 On the safe side, a margin away from the bound, the search for all exact orbits must find none and event-exact runs from
 at least a thousand seeded starts (states all round the orbit that exists at the bound, and steps of the inputs) must
-all come to rest. On the other side, the same margin away, the exact orbit is shown.
+all come to rest. On the other side, the same margin away, the exact orbit is shown. Cycles that the search or a run
+does find on the safe side are handed on, for they lead to the true bound.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end
-from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles, start_of, steady_hybrid
+from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles, same_orbit, start_of, steady_hybrid
 from eppanalysis.methods.knock import Judge
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
-from eppanalysis.methods.shooting import orbits_near
+from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 _STEPS, _REACH = 0.25, 4.0
 #: Length of a run in periods of the orbit, and how many undecided ones are looked at more closely.
 _PERIODS, _CLOSER = 40.0, 200
+#: So many orbits of the cloud are closed at most; relative difference of periods within which one is known already.
+_MOST_ORBITS, _SAME_PERIOD = 4, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +45,10 @@ class Verification:
         Where the tests were made, on the safe side and on the other one [SI].
     n_runs, n_settled : int
         Runs of the cloud, and those that came to rest.
-    search : CycleSearch or None
+    search : CycleSearch
         On the safe side.
+    cycles : tuple of LimitCycle
+        Exact ones on the safe side, found by the search or by the runs.
     orbit : LimitCycle or None
         The exact orbit on the other side.
     message : str
@@ -54,7 +59,8 @@ class Verification:
     other_value: float
     n_runs: int
     n_settled: int
-    search: CycleSearch | None
+    search: CycleSearch
+    cycles: tuple[LimitCycle, ...]
     orbit: LimitCycle | None
     message: str
 
@@ -107,15 +113,16 @@ def verify(
         missing.append(f"the search finds {len(search)} limit cycle(s) on the safe side")
     elif not search.status.ok:
         missing.append("the search left a run undecided on the safe side")
-    n_settled = 0
-    if n_starts:
-        n_settled = _settling(system, inputs, orbit, n_starts, seed, threads)
-        if n_settled < n_starts:
-            missing.append(f"{n_starts - n_settled} of {n_starts} runs did not come to rest on the safe side")
+    n_settled, met = _settling(system, inputs, orbit, n_starts, seed, threads) if n_starts else (0, [])
+    if n_settled < n_starts:
+        missing.append(f"{n_starts - n_settled} of {n_starts} runs did not come to rest on the safe side")
+    known = [c.period for c in search]
+    further = [o for o in met if all(abs(o.period / T - 1.0) > _SAME_PERIOD for T in known)]
+    cycles = (*search, *(to_limit_cycle(system, o) for o in further))
     found = _orbit_at(question, other, orbit)
     if found is None:
         missing.append("no exact orbit was found on the other side")
-    return Verification(safe, other, n_starts, n_settled, search, found, "; ".join(missing))
+    return Verification(safe, other, n_starts, n_settled, search, cycles, found, "; ".join(missing))
 
 
 def _orbit_at(question: Question, value: float, near: LimitCycle) -> LimitCycle | None:
@@ -132,19 +139,23 @@ def _orbit_at(question: Question, value: float, near: LimitCycle) -> LimitCycle 
 
 def _settling(
     system: LureSystem, inputs: dict[str, float], orbit: LimitCycle, n_starts: int, seed: int, threads: int
-) -> int:
-    """How many runs of a cloud come to rest."""
+) -> tuple[int, list[Orbit]]:
+    """How many runs of a cloud come to rest, and the orbits on which others end."""
     hybrid = steady_hybrid(system, inputs)
     size = _size(hybrid, orbit)
     to = Judge(_PERIODS * orbit.period, size)
     rest = _rest(hybrid, to)
     starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
     result = simulate_batch(_stack(hybrid, starts, system.signals.names), to.horizon, threads=threads)
-    settled = sum(s is Status.SETTLED for s in result.status)
-    undecided = [i for i, s in enumerate(result.status) if s not in (Status.SETTLED, Status.LIMIT_CYCLE)]
-    for i in undecided[:_CLOSER]:
-        settled += to.ends(replace(hybrid, x0=starts[i]))[0] is Status.SETTLED
-    return settled
+    moving = [i for i, s in enumerate(result.status) if s is not Status.SETTLED]
+    n_settled, found = n_starts - len(moving), list[Orbit]()
+    for i in moving[:_CLOSER]:
+        status, run = to.ends(replace(hybrid, x0=starts[i]))
+        n_settled += status is Status.SETTLED
+        closed = orbit_of(hybrid, run) if status is Status.LIMIT_CYCLE and len(found) < _MOST_ORBITS else None
+        if closed is not None and not any(same_orbit(closed, known) for known in found):
+            found.append(closed)
+    return n_settled, found
 
 
 def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:

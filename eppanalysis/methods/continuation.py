@@ -30,8 +30,8 @@ from eppanalysis.methods.cycles import find_limit_cycles, same_orbit
 from eppanalysis.methods.exact import start_of
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
-from eppanalysis.methods.orbit_guess import recurrences, require_autonomous
-from eppanalysis.methods.shooting import Orbit, close_orbit, orbits_near
+from eppanalysis.methods.orbit_guess import require_autonomous
+from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
 from eppanalysis.methods.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
@@ -267,10 +267,9 @@ def _seed(
         run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
         status, found = judge(hybrid, run, case.t_end)
         if status is Status.LIMIT_CYCLE:
-            for guess in recurrences(hybrid, run, (0.99 * found[1], 1.01 * found[1]), 3):
-                closed = close_orbit(family.at(value), guess)
-                if closed is not None:
-                    return value, closed
+            closed = orbit_of(family.at(value), run, float(found[1]))
+            if closed is not None:
+                return value, closed
     for value in ends[::-1]:
         hybrid = family.at(value)
         system = case.with_values({parameter: value}).to_system()
@@ -364,7 +363,10 @@ class Walk:
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
-        _, inside, outside = last_admissible(points[-1], ds)
+        way, inside, outside = last_admissible(points[-1], ds)
+        # One step may hold both a fold and, behind it, the change.
+        if self._watch(points[-1], inside, way, len(points)):
+            return None, "joins the branch of half its period"
         new, back = other_sequence(inside, outside)
         if back:
             inside = _corner(inside, new)

@@ -19,7 +19,7 @@ from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.exact import orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
-from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbits_near
+from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem
@@ -38,6 +38,8 @@ _NO_SAMPLES = np.zeros(0)
 _MOST_EVENTS = 60_000
 #: After so many events a run that has not come to an end will not soon.
 _ENOUGH_EVENTS = 600
+#: Change of a state over a period, relative to its motion on a cycle, that is rest, and that is a slow drift.
+_STILL, _DRIFT = 1e-6, 1e-2
 #: Outcome of a run that repeats itself but whose orbit could not be closed.
 UNCLOSED = "on a cycle that could not be closed"
 
@@ -306,11 +308,8 @@ class _Search:
                 return str(i)
         if period is None:
             return "undecided"
-        for guess in recurrences(self.hybrid, run, (0.99 * period, 1.01 * period), 3, 200):
-            orbit = close_orbit(self.hybrid, guess)
-            if orbit is not None:
-                return str(self.add(orbit))
-        return UNCLOSED
+        orbit = orbit_of(self.hybrid, run, period)
+        return UNCLOSED if orbit is None else str(self.add(orbit))
 
     def _rays(self) -> list[tuple[Array, Array, Array]]:
         """Lines of starts: centre, direction, held values."""
@@ -394,12 +393,23 @@ def fades(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) 
     size : array, shape (n,)
         How far the states move on such cycles.
     """
-    quiet = t - float(run.time[run.order[-1]]) if run.held else t
-    if quiet < 0.3 * t:
-        return False
     size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
+    if t - _last_motion(start, run, _STILL * size) < 0.3 * t:
+        return False
     speed = np.abs(run.rate_end)[start.compared] * horizon / 40.0
-    return bool(np.all(speed <= (1e-6 if t < 9.0 * horizon else 1e-2) * size))
+    return bool(np.all(speed <= (_STILL if t < 9.0 * horizon else _DRIFT) * size))
+
+
+def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
+    """Time of the last event at which a state was farther than `size` from where the run ends [s].
+
+    A drive that creeps to a stop has, by rounding, events at standstill; they are no motion.
+    """
+    away = np.abs(run.state[run.order] - run.x_end)[:, start.compared]
+    moved = np.flatnonzero(np.any(away > size, axis=1))
+    if moved.size:
+        return float(run.time[run.order[moved[-1]]])
+    return float(run.time[run.order[0]]) if run.count > run.held else 0.0
 
 
 def same_orbit(one: Orbit, other: Orbit) -> bool:

@@ -357,6 +357,15 @@ def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
     return best
 
 
+def orbit_of(hybrid: HybridSystem, run: Run, period: float | None = None) -> Orbit | None:
+    """The exact orbit that a run is on at its end; None where none of its last events closes one."""
+    for guess in recurrences(hybrid, run, None if period is None else (0.99 * period, 1.01 * period), 3):
+        orbit = close_orbit(hybrid, guess)
+        if orbit is not None:
+            return orbit
+    return None
+
+
 def orbits_near(hybrid: HybridSystem, x: Array, held: Array, period: float) -> Iterator[Orbit]:
     """Exact orbits near a state that should lie on one, best guess first.
 
