@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.bounds import design_bounds
+from eppanalysis.methods.bounds import Settings, _tested, design_bounds
 from eppanalysis.methods.bounds_equations import write
-from eppanalysis.methods.bounds_exact import correct
+from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import _unknowns, anchored
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds_tolerance import quantile, tolerance_bound
 from eppanalysis.methods.bounds_verify import verify
+from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.harmonic import harmonic_balance
 from eppanalysis.methods.harmonic_loop import inputs_of
 
@@ -92,6 +93,35 @@ def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.Design
     test = verify(question, 1.03 * FOLD, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
     assert not test.verified
     assert test.n_settled < 40 and test.search is not None and len(test.search) == 2
+
+
+def test_cycles_that_only_runs_find_lead_to_the_true_bound(
+    case: epp.Case, found: epp.DesignBounds, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bound 3 % too high, and a search that sees nothing: the runs end on a cycle, and its fold is the bound."""
+    orbit = found[0].orbit
+    assert orbit is not None
+    nothing = CycleSearch((), epp.Status.CONVERGED, True, False, "blind")
+    monkeypatch.setattr("eppanalysis.methods.bounds_verify.find_limit_cycles", lambda *_, **__: nothing)
+    question = Question(case, "lock_pin.backlash", 0.002, 0.09)
+    wrong = ExactBound(1.03 * FOLD, orbit.period, orbit, "fold")
+    first = verify(question, wrong.value, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
+    assert len(first.cycles) == 1 and first.cycles[0].stable and not first.verified
+    checked = _tested(question, wrong, 1.0, Settings(starts=40))
+    assert checked.bound.value == pytest.approx(FOLD, rel=1e-9) and checked.bound.kind == "fold"
+    assert checked.verification is not None and checked.verification.verified
+    assert checked.verification.safe_value == pytest.approx(0.99 * FOLD)
+
+
+def test_a_bound_at_a_corner_is_exact_and_verified() -> None:
+    """With the original pulley the branch turns back at a corner, where harmonic balance says 0.834 degrees."""
+    pulley = epp.case("fig6a_original_pulley").value("pulley.friction")
+    changed = epp.case("fig8a_original").with_values({"pulley.friction": pulley})
+    [cell] = design_bounds(changed, "bands.range", "lock_pin.backlash", at=["2.5 lbf"], within=("0.6 deg", "2 deg"))
+    assert cell.verified, cell.message
+    assert cell.kind == "corner" and cell.n_settled == 1000
+    assert math.degrees(cell.exact) == pytest.approx(0.8234704211, rel=1e-9)
+    assert cell.elasticities["bands.range"] == pytest.approx(1.20383, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "fig6a_original_pulley"])
