@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end
-from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles, same_orbit, start_of, steady_hybrid
+from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles, start_of, steady_hybrid
 from eppanalysis.methods.knock import Judge
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
@@ -116,8 +116,7 @@ def verify(
     n_settled, met = _settling(system, inputs, orbit, n_starts, seed, threads) if n_starts else (0, [])
     if n_settled < n_starts:
         missing.append(f"{n_starts - n_settled} of {n_starts} runs did not come to rest on the safe side")
-    known = [c.period for c in search]
-    further = [o for o in met if all(abs(o.period / T - 1.0) > _SAME_PERIOD for T in known)]
+    further = [o for o in met if not _known(o, [c.period for c in search])]
     cycles = (*search, *(to_limit_cycle(system, o) for o in further))
     found = _orbit_at(question, other, orbit)
     if found is None:
@@ -153,9 +152,14 @@ def _settling(
         status, run = to.ends(replace(hybrid, x0=starts[i]))
         n_settled += status is Status.SETTLED
         closed = orbit_of(hybrid, run) if status is Status.LIMIT_CYCLE and len(found) < _MOST_ORBITS else None
-        if closed is not None and not any(same_orbit(closed, known) for known in found):
+        if closed is not None and not _known(closed, [known.period for known in found]):
             found.append(closed)
     return n_settled, found
+
+
+def _known(orbit: Orbit, periods: Sequence[float]) -> bool:
+    """Whether a cycle has one of these periods: runs after different steps are on one cycle in different places."""
+    return any(abs(orbit.period / known - 1.0) < _SAME_PERIOD for known in periods)
 
 
 def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:

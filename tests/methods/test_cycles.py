@@ -9,6 +9,9 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.cycles import fades
+from eppanalysis.methods.exact import steady_hybrid
+from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.results import Status
 
 LOOPS = [
@@ -102,3 +105,21 @@ def test_runs_on_a_cycle_that_cannot_be_closed_are_told():
     found = epp.find_limit_cycles(loop)
     assert len(found) == 0 and found.status is Status.UNDECIDED
     assert "could not be closed" in found.search and "constant between switches" in found.search
+
+
+# Rest ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("away", "rest"), [(0.0, True), (1e-3, False)])
+def test_an_event_at_standstill_is_no_motion(away: float, rest: bool) -> None:
+    """A drive that creeps to a stop may still switch, by rounding, just before the end of a run."""
+    case = epp.case("fig8b_reduced_backlash")
+    hybrid = steady_hybrid(case.to_system(), case.final_input())
+    t = 60.0
+    run = run_hybrid(hybrid, t, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 600)
+    size = np.ptp(run.state[run.order], axis=0)
+    assert fades(hybrid, run, t, 5.0, size)
+    # The ring has room: one more event, at the end of the run, from a state at rest or from one that moves.
+    i = run.held
+    time, state = run.time.copy(), run.state.copy()
+    time[i], state[i] = t - 1e-3, run.x_end + away * size
+    late = replace(run, count=run.count + 1, time=time, state=state)
+    assert fades(hybrid, late, t, 5.0, size) is rest
