@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation_borders import across, borders
+from eppanalysis.methods.continuation_borders import across, borders, corner
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
 from eppanalysis.methods.continuation_labels import crossing, difference
 from eppanalysis.methods.continuation_steps import (
@@ -369,7 +369,7 @@ class Walk:
             return None, "joins the branch of half its period"
         new, back = other_sequence(inside, outside)
         if back:
-            inside = _corner(inside, new)
+            inside = corner(inside, new)
         why = "ends at a change of the sequence of events that no orbit continues"
         return self._crossed(points, inside, new, back), why
 
@@ -431,13 +431,6 @@ class Walk:
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
             provenance={"case": self.case.name, "limits": self.limits},
         )
-
-
-def _corner(inside: Point, new: Point | None) -> Point:
-    """Where a branch turns back from one sequence to another: what the longer one visits has no duration there."""
-    if new is None or new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs:
-        return next(borders(inside), inside)
-    return next(borders(new, ahead=False), inside)
 
 
 def _same_value(one: Point, other: Point) -> bool:

@@ -78,6 +78,19 @@ def across(border: Point, way: float) -> tuple[Point | None, bool]:
     return None, False
 
 
+def corner(inside: Point, new: Point | None) -> Point:
+    """Where a branch turns back from one sequence to another: what the longer one visits has no duration there.
+
+    Parameters
+    ----------
+    inside, new : Point
+        Last point of the old sequence, and first of the new one.
+    """
+    if new is None or new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs:
+        return next(borders(inside), inside)
+    return next(borders(new, ahead=False), inside)
+
+
 def _without_visit(border: Point) -> Guess | None:
     """The orbit at a border without the two events that meet there; None where they do not undo each other."""
     whole: Orbit = border.orbit

@@ -132,6 +132,8 @@ def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
     K = np.vstack([np.column_stack([orbit.A, slope]), row])
     rows[-1] = 1.0 / rows[-1]
     K = K / rows[:, None] * columns
+    if not (np.all(np.isfinite(K)) and np.all(np.isfinite(right))):
+        return np.full_like(right, np.nan)  # LAPACK would complain on the terminal
     try:
         return np.linalg.solve(K, right / rows) * columns
     except np.linalg.LinAlgError:
