@@ -155,7 +155,7 @@ def with_mass(case: Case) -> Case:
             f"design_advice: {case.name} has a forearm.inertia of {case.text('forearm.inertia', rest)} beyond its "
             "shell; expected more than the shell's, so that a prehensor is left to be made lighter."
         )
-    return case.with_values({MASS: rest / case.value("forearm.prehensor_distance") ** 2})
+    return case.with_values({MASS: case.value(MASS)})
 
 
 def _rows(case: Case, cell: BoundCell) -> Iterator[AdviceRow]:

@@ -333,6 +333,28 @@ def test_inheritance_replaces_alternatives(tmp_path: Path) -> None:
     assert upright.value("forearm.gravity_moment") == pytest.approx(0.45 * 9.80665 * 0.30)
 
 
+def test_one_threshold_or_width_leaves_the_others_where_they_are() -> None:
+    found = case("fig8a_original")
+    slack, low, high, top = found.elbow_parameters.bands.thresholds
+    moved = found.with_values({"bands.low": 0.9 * low})
+    assert moved.elbow_parameters.bands.thresholds == pytest.approx((slack, 0.9 * low, high, top), rel=1e-12)
+    # Not symmetric any more: there are no widths that could stay.
+    with pytest.raises(CaseError, match="bands.centre is missing"):
+        moved.with_values({"bands.range": "3 lbf"})
+    back = found.with_values({"bands.low": low}).with_values({"bands.range": "3 lbf"})
+    wide = found.with_values({"bands.range": "3 lbf"})
+    assert back.elbow_parameters.bands.thresholds == pytest.approx(wide.elbow_parameters.bands.thresholds, rel=1e-12)
+
+
+def test_mass_of_the_prehensor_follows_from_the_inertia() -> None:
+    found = case("fig8a_original")
+    assert found.value("forearm.prehensor_mass") == pytest.approx(0.45)
+    same = found.with_values({"forearm.prehensor_mass": found.value("forearm.prehensor_mass")})
+    assert same.value("forearm.inertia") == pytest.approx(found.value("forearm.inertia"), rel=1e-12)
+    with pytest.raises(CaseError, match="is missing"):
+        found.with_values({"forearm.inertia": "0.006 kg*m^2"}).value("forearm.prehensor_mass")
+
+
 def test_answers_are_not_inherited(tmp_path: Path) -> None:
     child = read_case(write(tmp_path, 'base = "backlash_servo"\ntitle = "x"\n[loop]\nnum = [4.0]\n', "child.toml"))
     expected = child.expected

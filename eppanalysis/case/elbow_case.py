@@ -37,6 +37,8 @@ SECTIONS: dict[str, type] = {
 }
 _WIDTHS = ("centre", "parking_width", "range")
 _THRESHOLDS = ("slack", "low", "high", "max")
+#: How far bands that count as symmetric may be off it, relative to F_max.
+_SYMMETRIC = 1e-12
 
 
 def elbow_fields(file: ElbowFile) -> dict[str, Parameter]:
@@ -123,3 +125,41 @@ def _check_rest(fields: dict[str, Parameter], raw: RawCase) -> None:
     friction, angle = float(fields["pulley.friction"].value), float(fields["pulley.flexion_angle"].value)
     if friction * math.sin(angle / 2) >= 1:
         raise _fail(fields, raw, "pulley.friction", "mu sin(psi/2) below 1, or the pulley never slides")
+
+
+def other_bands(parameters: ElbowParameters, kept: set[str], given: set[str]) -> dict[str, float]:
+    """What the bands need beside a threshold in a case of widths, or beside a width in a case of thresholds [N].
+
+    Bands that are not symmetric about their centre have no widths that could stay.
+    """
+    slack, low, high, top = parameters.bands.thresholds
+    symmetric = abs(low + high - slack - top) <= _SYMMETRIC * abs(top)
+    groups = ((_WIDTHS, _THRESHOLDS, symmetric), (_THRESHOLDS, _WIDTHS, True))
+    for these, those, known in groups:
+        if known and given.intersection(these) and not given.intersection(those) and not kept.intersection(these):
+            found = {name: implied(parameters, f"bands.{name}") for name in these if name not in given}
+            return {name: value for name, value in found.items() if value is not None}
+    return {}
+
+
+def implied(parameters: ElbowParameters, name: str) -> float | None:
+    """A parameter that the file does not give itself."""
+    section, _, last = name.partition(".")
+    bands = parameters.bands
+    slack, low, high, top = bands.thresholds
+    derived: dict[str, float | None] = {
+        "bands.slack": slack,
+        "bands.low": low,
+        "bands.high": high,
+        "bands.max": top,
+        "bands.centre": bands.parking_centre,
+        "bands.parking_width": high - low,
+        "bands.range": top - slack,
+        "forearm.inertia": parameters.forearm.total_inertia,
+        "forearm.prehensor_mass": parameters.forearm.equivalent_mass,
+        "forearm.gravity_moment": parameters.forearm.total_gravity_moment,
+    }
+    if name in derived:
+        return derived[name]
+    found = getattr(getattr(parameters, section), last)
+    return None if found is None else float(found)

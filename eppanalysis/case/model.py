@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters
+from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters, implied, other_bands
 from eppanalysis.case.expected import Expected, make_expected
 from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
 from eppanalysis.case.loops import build_loop, read_blocks
@@ -129,7 +129,7 @@ class Case:
         self._check_known(name, self.source)
         if name == "run.t_end":
             return self.t_end
-        found = _implied(self._elbow, name) if self._elbow is not None and not name.startswith("run.") else None
+        found = implied(self._elbow, name) if self._elbow is not None and not name.startswith("run.") else None
         if found is None:
             raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
         return found
@@ -201,7 +201,8 @@ class Case:
         ----------
         values : mapping of str to str, number, bool, Parameter or table
             By dotted names; plain numbers are in SI units. A field that another one stands in for (thresholds for
-            widths, prehensor mass for inertia) drops that other one.
+            widths, prehensor mass for inertia) drops that other one; where one of the bands' thresholds or widths is
+            given, the others of its group stay where they are.
         source : str
             What messages call the place where the values come from.
 
@@ -228,6 +229,8 @@ class Case:
         for section, names in given.items():
             if isinstance(data.get(section), dict):
                 data[section] = drop_alternatives(section, data[section], names)
+        if self._elbow is not None and isinstance(data.get("bands"), dict):
+            data["bands"] |= other_bands(self._elbow, set(data["bands"]), given.get("bands", set()))
         for name, value in values.items():
             if not isinstance(name, str) or not name or len(name) > 200:
                 raise CaseError(source, "", name, "the dotted name of a field")
@@ -411,25 +414,3 @@ def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, n
     if not isinstance(here, dict) or not isinstance(last, str) or not last:
         raise CaseError(source, name, value, "the dotted name of a field")
     here[last] = value
-
-
-def _implied(parameters: ElbowParameters, name: str) -> float | None:
-    """A parameter that the file does not give itself."""
-    section, _, last = name.partition(".")
-    bands = parameters.bands
-    slack, low, high, top = bands.thresholds
-    derived = {
-        "bands.slack": slack,
-        "bands.low": low,
-        "bands.high": high,
-        "bands.max": top,
-        "bands.centre": bands.parking_centre,
-        "bands.parking_width": high - low,
-        "bands.range": top - slack,
-        "forearm.inertia": parameters.forearm.total_inertia,
-        "forearm.gravity_moment": parameters.forearm.total_gravity_moment,
-    }
-    if name in derived:
-        return derived[name]
-    found = getattr(getattr(parameters, section), last)
-    return None if found is None else float(found)

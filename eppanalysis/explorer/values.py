@@ -16,7 +16,7 @@ SOURCE = "the page"
 _LONGEST_QUERY = 4000
 #: A list of all fields would fill the screen of a phone.
 _LONGEST_HINT = 150
-_MASS, _DISTANCE, _SHELL = "forearm.prehensor_mass", "forearm.prehensor_distance", "forearm.shell_inertia"
+_MASS = "forearm.prehensor_mass"
 _WIDTHS = ("bands.centre", "bands.parking_width", "bands.range")
 
 
@@ -109,11 +109,7 @@ def current(case: Case, name: str) -> float | None:
     except CaseError:
         if name != _MASS:
             raise
-    try:
-        mass = (case.value("forearm.inertia") - case.value(_SHELL)) / case.value(_DISTANCE) ** 2
-    except (CaseError, ZeroDivisionError):
         return None
-    return mass if mass > 0 else None
 
 
 def moved_case(case: Case, values: Mapping[str, float]) -> Case:

@@ -19,9 +19,9 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
-from eppanalysis.methods.bounds_exact import ExactBound, branch_from, correct, turn_of
+from eppanalysis.methods.bounds_exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds_fold import Cycle
-from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question
+from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
 from eppanalysis.methods.continuation import Branch, CaseLike
@@ -35,6 +35,8 @@ Report = Callable[[int, int], None]
 _WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
 _SEED = 20050901
 _MOST_FAMILIES = 3
+#: What harmonic balance may find of a cell that exact orbits are asked about.
+_CORRECTED = (Finding.BOUND, Finding.BEYOND, Finding.FAILED)
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ def design_bounds(
         raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
     values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
     low, high = range_within(case, limit, within)
+    _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed)
     cells = _cells(question, values, settings, workers, progress)
@@ -134,7 +137,7 @@ def design_bounds(
         limit=limit,
         units={name: case.unit(name)[0] for name in (over, limit)},
         readable={name: case.readable(name) for name in (over, limit)},
-        own={name: case.value(name) for name in (over, limit)},
+        own={name: own for name in (over, limit) if (own := value_of(case, name)) is not None},
         within=(low, high),
         cells=tuple(cells),
         provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
@@ -142,7 +145,9 @@ def design_bounds(
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
-    own = case.value(over) if start is None or (stop is None and points > 1) else 0.0
+    own = 0.0
+    if start is None or (stop is None and points > 1):
+        own = _own(case, over, "values for it to run over")
     first = _RUN[0] * own if start is None else case.si(over, start)
     last = first if points == 1 else _RUN[1] * own if stop is None else case.si(over, stop)
     if points > 1 and first == last:
@@ -163,21 +168,46 @@ def range_within(case: CaseLike, limit: str, within: tuple[object, object] | Non
         if not low < high:
             raise EppError(f"design_bounds: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
         return low, high
-    own = case.value(limit)
+    wanted = "a range (within) in which to seek its bound"
+    own = _own(case, limit, wanted)
     if not own > 0:
-        raise EppError(f"design_bounds: {limit} is {own:g} in this case; expected a range in which to seek its bound.")
+        raise EppError(f"design_bounds: {limit} is {own:g} in this case; expected {wanted}.")
     return _allowed(case, limit, own, _WITHIN[0]), _allowed(case, limit, own, _WITHIN[1])
+
+
+def _own(case: CaseLike, name: str, wanted: str) -> float:
+    """The case's own value of a parameter [SI].
+
+    Raises
+    ------
+    EppError
+        If it has none: says what is wanted in its place.
+    """
+    own = value_of(case, name)
+    if own is None:
+        raise EppError(f"design_bounds: {name} has no value in this case; expected {wanted}.")
+    return own
 
 
 def _allowed(case: CaseLike, limit: str, own: float, factor: float) -> float:
     """A factor of the case's own value, taken back towards it until the case is valid."""
+    why = ""
     while abs(factor - 1.0) > 1e-3:
         try:
             case.with_values({limit: factor * own})
             return factor * own
-        except EppError:
+        except EppError as error:
+            why = str(error).removesuffix(".")
             factor = 1.0 + 0.8 * (factor - 1.0)
-    raise EppError(f"design_bounds: {limit} cannot be changed in this case; expected a parameter that can.")
+    raise EppError(f"design_bounds: {limit} cannot be changed in this case ({why}); expected a parameter that can.")
+
+
+def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float) -> None:
+    """Refuse two parameters of which one, once it is given, takes the place of the other."""
+    both = case.with_values({over: value}).with_values({limit: end})
+    kept = value_of(both, over)
+    if kept is None or abs(kept - value) > 1e-9 * abs(value):
+        raise EppError(f"design_bounds: {limit} stands in the place of {over}; expected two that go side by side.")
 
 
 def _cells(
@@ -200,12 +230,13 @@ def _cells(
         for i, value in enumerate(values):
             here, bound = sweep.bound(value)
             cell = _from_harmonic(value, bound)
-            if bound.fold is not None:
+            if bound.fold is not None and not bound.fold.at_end:
                 cell = replace(cell, harmonic_elasticities=elasticities(here, sweep.programmes, bound.fold))
-            if not settings.exact or bound.fold is None or bound.finding is not Finding.BOUND:
+            if not settings.exact or bound.finding not in _CORRECTED:
                 finish(i, cell, None)
                 continue
-            job = (here, bound.fold.cycle, bound.sign, settings)
+            near = bound.fold.cycle if bound.fold is not None and bound.finding is Finding.BOUND else None
+            job = (here, near, bound.sign, settings)
             if pool is None:
                 finish(i, cell, _check(*job))
             else:
@@ -250,10 +281,15 @@ class _Checked:
     elasticities: dict[str, float]
 
 
-def _check(question: Question, near: Cycle, sign: float, settings: Settings) -> _Checked:
+def _check(question: Question, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
     """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
     try:
-        return _tested(question, correct(question, near, sign), sign, settings)
+        found = ExactBound() if near is None else correct(question, near, sign)
+        if found.cycle is None:
+            end = question.low if sign > 0 else question.high
+            other = searched(question, end if near is None else near.value, sign)
+            found = other if other.cycle is not None or other.kind or near is None else found
+        return _tested(question, found, sign, settings)
     except (EppError, np.linalg.LinAlgError) as error:
         return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
 
@@ -305,7 +341,7 @@ def _tested(question: Question, found: ExactBound, sign: float, settings: Settin
             n_starts=settings.starts,
             seed=settings.seed,
         )
-        further = _other_family(question, tested, sign) if turns_left else None
+        further = farthest_turn(question, tested.safe_value, tested.cycles, sign) if turns_left else None
         if further is None:
             break
         found = further
@@ -315,27 +351,18 @@ def _tested(question: Question, found: ExactBound, sign: float, settings: Settin
     return _Checked(replace(found, point=None), tested, known)
 
 
-def _other_family(question: Question, tested: Verification, sign: float) -> ExactBound | None:
-    """The farthest bound of the families of cycles that the tests found on the safe side."""
-    end = question.low if sign > 0 else question.high
-    found = []
-    for cycle in tested.cycles:
-        branch = branch_from(question, tested.safe_value, end, cycle)
-        turn = None if branch is None else turn_of(question, branch, end, sign)
-        if turn is not None:
-            found.append(turn)
-    return min(found, key=lambda b: sign * b.value, default=None)
-
-
 def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
+    """A cell with what harmonic balance says; where its cycles go on to the end of the range, it says no value."""
+    beyond = bound.finding is Finding.BEYOND
+    first_beyond = bound.first_fold is not None and bound.first_fold.at_end
     return BoundCell(
         value=value,
         finding=bound.finding.name.lower(),
         sign=bound.sign,
-        first_order=bound.first_order,
-        harmonic=bound.value,
-        order=bound.order,
-        error_estimate=bound.error_estimate,
+        first_order=float("nan") if first_beyond else bound.first_order,
+        harmonic=float("nan") if beyond else bound.value,
+        order=0 if beyond else bound.order,
+        error_estimate=float("nan") if beyond else bound.error_estimate,
         frequency=bound.fold.cycle.omega / (2.0 * np.pi) if bound.fold is not None else float("nan"),
         message=" ".join(t for t in (bound.finding.value, bound.message) if t),
     )
@@ -344,8 +371,14 @@ def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
 def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     """A cell with what correction and tests gave."""
     bound, test = checked.bound, checked.verification
+    if bound.kind == "end":
+        return replace(cell, finding=Finding.BEYOND.name.lower(), message=Finding.BEYOND.value)
     if bound.cycle is None:
-        return replace(cell, message=f"Not corrected: {bound.message.removesuffix('.')}. Not verified.")
+        remark = f"Not corrected: {bound.message.removesuffix('.')}. Not verified."
+        return replace(cell, message=remark if cell.finding == "bound" else f"{cell.message} {remark}")
+    if cell.finding != "bound":
+        # Harmonic balance saw the family go on to the end of the range, or saw nothing.
+        cell = replace(cell, finding=Finding.BOUND.name.lower())
     cell = replace(
         cell,
         exact=bound.value,

@@ -30,8 +30,11 @@ _LEFT_OUT = ("run.", "expected.")
 
 
 def parameters_of(question: Question) -> list[str]:
-    """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one."""
-    case = question.case
+    """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one.
+
+    A field that the bounded one stands in for (the forearm's inertia, say, for the prehensor's mass) has none.
+    """
+    case = question.case_at(question.high)
     found = []
     for name, parameter in getattr(case, "parameters", {}).items():
         value = parameter.value

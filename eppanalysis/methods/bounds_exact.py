@@ -3,21 +3,25 @@
 A cycle of the balance a little inside the bound gives the first exact orbit, from there the branch is followed to where
 it turns back. Branches also turn back where the orbit ceases to visit a mode, with a corner in place of a smooth fold;
 both end the family and count, and both are solved for exactly.
+
+Harmonic balance is off by a per cent or so in the waveform. Along a parameter to which the cycles hardly react this may
+be more than the whole range; there exact orbits are searched for, farther and farther from where it put the bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_fold import Cycle
-from eppanalysis.methods.bounds_harmonic import Question, steady_loop
+from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers
 from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_branch
 from eppanalysis.methods.continuation_steps import Point
+from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.harmonic import cycle_of, settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.results import LimitCycle
@@ -28,6 +32,8 @@ _OUTSIDE = 0.25
 _KINDS = {"fold": "fold", "turning change of sequence": "corner"}
 #: Where an orbit is looked for beyond a corner, relative to its value, and how often.
 _BEYOND, _MOST_CORNERS = (2e-4, 1e-3, 4e-3), 6
+#: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
+_N_SEARCHED = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +49,7 @@ class ExactBound:
     cycle : LimitCycle or None
         The orbit there.
     kind : str
-        "fold" or "corner".
+        "fold" or "corner"; "end" where cycles exist up to the end of the range.
     point : Point or None
         The orbit with the direction of its branch.
     message : str
@@ -77,7 +83,7 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
             continue
         stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
         for start in _cycles_inside(question, near, inside):
-            branch = branch_from(question, inside, stop, start)
+            branch = _branch(question, inside, stop, start)
             if branch is None:
                 continue
             turn = turn_of(question, branch, stop, sign)
@@ -85,6 +91,36 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
                 return turn
             message = f"the branch of exact orbits has no fold near: {branch.message[0].lower()}{branch.message[1:]}"
     return ExactBound(message=message)
+
+
+def searched(question: Question, near: float, sign: float) -> ExactBound:
+    """The exact bound of the cycles that the exact search finds next to a value, on the side that has cycles.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    near : float
+        The bound by harmonic balance, or where else the search is to begin [SI].
+    sign : {1, -1}
+        1 where the cycles lie above the bound.
+    """
+    end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    if _orbits_at(question, end):
+        return ExactBound(kind="end")
+    spread = np.geomspace if question.low > 0 else np.linspace
+    for value in (float(np.clip(v, question.low, question.high)) for v in spread(near, far, _N_SEARCHED)):
+        turn = farthest_turn(question, value, _orbits_at(question, value), sign) if value != end else None
+        if turn is not None:
+            return turn
+    return ExactBound(message="no family of exact orbits was found that ends within the range")
+
+
+def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
+    """All exact orbits that the search finds at a value, smallest first."""
+    case = question.case_at(value)
+    system = case.to_system()
+    return list(find_limit_cycles(system, inputs_at_end(case, system)))
 
 
 def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> ExactBound | None:
@@ -95,7 +131,15 @@ def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> Exa
     return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
 
 
-def branch_from(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
+def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
+    """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
+    end = question.low if sign > 0 else question.high
+    branches = (_branch(question, value, end, cycle) for cycle in cycles)
+    turns = [turn_of(question, branch, end, sign) for branch in branches if branch is not None]
+    return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)
+
+
+def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
     """The branch from a cycle near an orbit at `start`; None where there is no such orbit."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -118,7 +162,7 @@ def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> 
         further = None
         for share in _BEYOND:
             value = turn.value * (1.0 - sign * share)
-            further = branch_from(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
+            further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
             if further is not None:
                 break
         if further is None:

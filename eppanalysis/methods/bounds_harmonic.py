@@ -19,11 +19,12 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, extreme
 from eppanalysis.methods.bounds_numbers import Numbers, loop_of
 from eppanalysis.methods.continuation import CaseLike
-from eppanalysis.methods.cycles import find_limit_cycles
+from eppanalysis.methods.cycles import find_limit_cycles, steady_hybrid
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.harmonic import settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic_series import Array
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import standing_inputs
 from eppanalysis.results import LimitCycle
@@ -51,6 +52,10 @@ class Finding(Enum):
     SCALES = (
         "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
         "or smaller in proportion, so no finite bound on it exists."
+    )
+    IDLE = (
+        "The loop of this case does not depend on this parameter (another field may stand in its place), so nothing "
+        "bounds it."
     )
     BEYOND = "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
     FAILED = "The bound could not be computed: no start led to a solution."
@@ -95,6 +100,21 @@ def inputs_at_end(case: CaseLike, system: LureSystem) -> dict[str, float]:
     return standing_inputs(system.input_names, system.v0, case.input, case.t_end)
 
 
+def value_of(case: CaseLike, name: str) -> float | None:
+    """A parameter of a case [SI]; None where it is left out.
+
+    Raises
+    ------
+    EppError
+        If the case does not know it.
+    """
+    case.unit(name)
+    try:
+        return float(case.value(name))
+    except EppError:
+        return None
+
+
 def steady_loop(case: CaseLike) -> Loop:
     """The loop of a case at the operating point of its limit cycles."""
     system = case.to_system()
@@ -136,14 +156,16 @@ def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
     """
     spread = np.geomspace if question.low > 0 else np.linspace
     values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
+    if idle(question, values):
+        return Outlook(Finding.IDLE)
     found = [_cycles_at(question, v, predict_limit_cycles) for v in values]
     # What first order says of every value is put to the exact search before it is believed.
     if not any(found):
         for i in {0, n_scan // 2, n_scan - 1}:
             found[i] = _cycles_at(question, values[i], find_limit_cycles)
     elif all(found):
-        own = float(question.case.value(question.limit))
-        values = sorted({*values, own} if question.low < own < question.high else values)
+        own = value_of(question.case, question.limit)
+        values = sorted({*values, own} if own is not None and question.low < own < question.high else values)
         found = [_cycles_at(question, v, find_limit_cycles) for v in values]
     there = [bool(f) for f in found]
     if not any(there):
@@ -158,6 +180,20 @@ def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
         above = "" if there[-1] else f"No cycle is left above {values[last + 1]:.6g} either."
         return Outlook(Finding.BOUND, 1.0, tuple(found[last]), above)
     return Outlook(Finding.BOUND, -1.0, tuple(found[0]))
+
+
+def idle(question: Question, values: Iterable[float]) -> bool:
+    """Whether the loop and its operating point are the same at all of these values of the limiting parameter."""
+    first: list[Array] | None = None
+    for value in values:
+        case = question.case_at(value)
+        loop = steady_loop(case)
+        here = [*steady_hybrid(loop.system, inputs_at_end(case, loop.system)).model, loop.value]
+        if first is None:
+            first = here
+        elif not all(np.array_equal(a, b) for a, b in zip(first, here, strict=True)):
+            return False
+    return True
 
 
 def _cycles_at(question: Question, value: float, search: Callable[..., Iterable[LimitCycle]]) -> list[Cycle]:

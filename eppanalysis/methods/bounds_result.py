@@ -28,7 +28,8 @@ class BoundCell:
     value : float
         Of the parameter that runs [SI].
     finding : str
-        "bound", or why there is none: "none", "always", "between", "scales", "beyond", "failed".
+        "bound", or why there is none: "none", "always", "between", "scales", "idle", "beyond",
+        "failed".
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
     first_order, harmonic, exact : float
@@ -135,7 +136,7 @@ class DesignBounds:
     readable : dict of str to (str, float)
         The unit that people use for both, and the factor from SI to it.
     own : dict of str to float
-        Their values in the case [SI].
+        Their values in the case [SI], of those that it has.
     within : (float, float)
         Range in which bounds were sought [SI].
     cells : tuple of BoundCell
@@ -164,7 +165,8 @@ class DesignBounds:
     @property
     def status(self) -> Status:
         """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
-        good = all(c.verified or c.finding in ("none", "always", "between", "scales", "beyond") for c in self.cells)
+        answers = ("none", "always", "between", "scales", "idle", "beyond")
+        good = all(c.verified or c.finding in answers for c in self.cells)
         return Status.CONVERGED if good else Status.UNDECIDED
 
     def array(self, name: str) -> Array:

@@ -215,6 +215,14 @@ class Forearm:
         return self.prehensor_mass * self.prehensor_distance**2 + self.shell_inertia
 
     @property
+    def equivalent_mass(self) -> float | None:
+        """Mass at the prehensor's distance that gives the inertia with the shell [kg]; None where the shell has all."""
+        if self.prehensor_mass is not None:
+            return self.prehensor_mass
+        mass = (self.inertia - self.shell_inertia) / self.prehensor_distance**2
+        return mass if mass > 0 else None
+
+    @property
     def total_gravity_moment(self) -> float:
         """Gravity moment that the equations use [N*m]; upright, m l follows from the inertia: (J - shell)/l."""
         if not self.upright:
