@@ -43,7 +43,7 @@ class CaseError(EppError):
         self.source, self.field, self.value, self.expected = source, field, value, expected
         shown = _cut(repr(value))
         where = f"{source}: {_cut(visible(field))}" if field else source
-        super().__init__(f"{where} is {shown}; expected {expected}.")
+        super().__init__(f"{where} is {shown}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
 
 class ModelError(EppError):

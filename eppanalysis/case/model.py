@@ -266,7 +266,7 @@ class Case:
         run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in _NOT_A_NUMBER)]
         if self.kind == "elbow":
             return [*section_fields(ElbowFile, SECTIONS), *run]
-        return [*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]
+        return list(dict.fromkeys([*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]))
 
     def _check_known(self, name: str, source: str, shown: object = None) -> None:
         known = self._known()

@@ -131,13 +131,14 @@ def design_bounds(
     cells = _cells(question, values, settings, workers, progress)
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     own = getattr(case, "provenance", None)
+    known = {name: value_of(case, name) for name in (over, limit)}
     return DesignBounds(
         case=case.name,
         over=over,
         limit=limit,
         units={name: case.unit(name)[0] for name in (over, limit)},
         readable={name: case.readable(name) for name in (over, limit)},
-        own={name: own for name in (over, limit) if (own := value_of(case, name)) is not None},
+        own={name: value for name, value in known.items() if value is not None},
         within=(low, high),
         cells=tuple(cells),
         provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),

@@ -282,8 +282,12 @@ def loop_of(system: LureSystem, value: Array) -> Loop:
     Raises
     ------
     EppError
-        For a loop in discrete time.
+        For a loop in discrete time, or with an element that has a clock.
     """
     if system.time_step:
         raise EppError(f"{system.name}: a loop in discrete time has no bounds by this method; sweep it instead.")
-    return Loop.of(system, value)
+    loop = Loop.of(system, value)
+    for element in loop.elements:
+        if element.clocked:
+            raise EppError(f"{system.name}: {element.name} has a clock, and its loop no bounds; sweep it instead.")
+    return loop
