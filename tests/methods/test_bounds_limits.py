@@ -16,7 +16,8 @@ from eppanalysis.methods.bounds_exact import correct, searched
 from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import (
     Finding,
-    Outlook,
+    HarmonicBound,
+    HarmonicSweep,
     Question,
     idle,
     inputs_at_end,
@@ -93,3 +94,64 @@ def test_bound_on_any_parameter(
     # Runs from the orbit at the bound itself: to rest on the safe side, to the stable cycle on the other.
     assert ends(question, found.value * (1.0 - sign * margin), found.cycle) is Status.SETTLED
     assert ends(question, found.value * (1.0 + sign * margin), found.cycle) is Status.LIMIT_CYCLE
+
+
+def test_bound_from_exact_orbits_alone(case: epp.Case) -> None:
+    """What is done where harmonic balance is of no help: the search, the branch, the fold."""
+    question = question_at(case, "cable.stiffness", 0.9209)
+    own = case.value("cable.stiffness")
+    found = searched(question, question.low, 1.0)
+    assert found.kind == "fold" and found.value / own == pytest.approx(1.0400, abs=2e-3)
+    # Where cycles exist down to the end there is no bound; where none exist, none is found.
+    beyond = searched(Question(question.case, question.limit, 1.1 * own, 1.3 * own), 1.1 * own, 1.0)
+    assert beyond.kind == "end" and beyond.cycle is None
+    none = searched(Question(question.case, question.limit, 0.9 * own, own), own, 1.0)
+    assert none.kind == "" and none.cycle is None and "no family" in none.message
+
+
+def test_a_cell_without_harmonic_balance_is_bound_exactly(case: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Harmonic balance that sees cycles down to the end of the range is not believed: exact orbits decide."""
+    question = question_at(case, "drive.stall_torque", 0.94802)
+    blind = HarmonicBound(Finding.BEYOND, 1.0, first_order=question.low, value=question.low, order=9)
+    monkeypatch.setattr(HarmonicSweep, "bound", lambda self, value: (self.question.at(value), blind))
+    within = (question.low, question.high)
+    (cell,) = epp.design_bounds(case, BACKLASH, question.limit, at=["0.94802 deg"], within=within, starts=40)
+    assert cell.finding == "bound" and cell.verified, cell.message
+    assert cell.exact / case.value(question.limit) == pytest.approx(1.0403, abs=2e-3)
+    assert np.isnan(cell.harmonic) and not cell.harmonic_elasticities
+    # There really are cycles down to the end of this one.
+    high = (1.1 * case.value(question.limit), 1.3 * case.value(question.limit))
+    (cell,) = epp.design_bounds(case, BACKLASH, question.limit, at=["0.94802 deg"], within=high, starts=40)
+    assert cell.finding == "beyond" and "down to the end" in cell.message and np.isnan(cell.bound)
+
+
+def test_parameters_without_effect_are_named_so(case: epp.Case) -> None:
+    for limit in ("forearm.prehensor_distance", "pulley.kinetic_ratio", "sensor.gain"):
+        own = case.value(limit)
+        assert look(Question(case, limit, 0.5 * own, own)).finding is Finding.IDLE
+    massive = case.with_values({"forearm.prehensor_mass": "0.45 kg"})
+    assert not idle(Question(massive, "forearm.prehensor_distance", 0.2, 0.3), (0.2, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("given", "over", "limit", "expected"),
+    [
+        ({}, BACKLASH, "sensor.filter", "sensor.filter has no value in this case; expected a range"),
+        ({}, "sensor.filter", BACKLASH, "sensor.filter has no value in this case; expected values"),
+        ({}, BACKLASH, "pulley.friction", "pulley.friction is 0 in this case; expected a range"),
+        ({}, "forearm.inertia", "forearm.prehensor_mass", "stands in the place of forearm.inertia"),
+        ({}, "bands.max", "bands.range", "stands in the place of bands.max"),
+        ({"bands.low": "2.3 lbf"}, BACKLASH, "bands.range", r"cannot be changed .* bands.centre is missing"),
+        ({"controller.sample_period": "5 ms"}, BACKLASH, "bands.range", "has a clock"),
+        ({}, BACKLASH, "delay", "did you mean 'controller.delay'"),
+    ],
+)
+def test_what_cannot_be_asked(case: epp.Case, given: dict[str, str], over: str, limit: str, expected: str) -> None:
+    with pytest.raises(epp.EppError, match=expected):
+        epp.design_bounds(case.with_values(given), over, limit, points=2)
+
+
+def test_a_field_that_is_left_out_may_be_bounded(case: epp.Case) -> None:
+    """The filter of the sensor: none is given, and the answer knows no own value of it."""
+    found = epp.design_bounds(case, BACKLASH, "sensor.filter", at=["0.1 deg"], within=("1 ms", "1.2 ms"), exact=False)
+    assert found[0].finding == "none" and set(found.own) == {BACKLASH}

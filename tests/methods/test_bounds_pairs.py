@@ -18,3 +18,16 @@ def test_gain_of_a_generic_loop_over_its_free_play() -> None:
     here = case.with_values({"loop.gain": cell.exact})
     branch = epp.continue_branch(here, "play.gap", start=0.014, stop=0.010)
     assert min(f.value for f in branch.folds) == pytest.approx(0.012, rel=1e-4)
+
+
+def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
+    """A true dead time as the limit: in harmonic balance, in the orbits and in the runs; first order is unsafe."""
+    case = epp.case("relay_deadzone").with_values({"loop.gain": 1.0})
+    (cell,) = epp.design_bounds(case, "loop.gain", "loop.delay", at=[0.5], within=(0.01, 1.0), starts=50)
+    assert cell.verified and cell.sign == 1.0, cell.message
+    assert cell.exact == pytest.approx(0.0994420, rel=1e-5)
+    assert cell.first_order_unsafe and abs(cell.harmonic_error) < 0.01
+    # Its fold from the other side: the branch over the gain at that dead time turns back at the gain.
+    here = case.with_values({"loop.delay": cell.exact})
+    branch = epp.continue_branch(here, "loop.gain", start=0.6, stop=0.4)
+    assert min(f.value for f in branch.folds) == pytest.approx(0.5, rel=1e-4)
