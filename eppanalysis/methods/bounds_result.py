@@ -28,12 +28,12 @@ class BoundCell:
     value : float
         Of the parameter that runs [SI].
     finding : str
-        "bound", or why there is none: "none", "always", "between", "scales", "idle", "beyond",
-        "failed".
+        "bound", or why there is none: "none", "always", "between", "scales", "idle", "beyond", "failed".
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
     first_order, harmonic, exact : float
-        The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown.
+        The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown,
+        or where its cycles go on to the end of the range.
     order : int
     error_estimate : float
         Largest relative difference of the harmonic bound from those of the orders from half of it on.
