@@ -102,14 +102,15 @@ def _latex(guide: Guide, path: Path) -> None:
 
     frame = rounded(guide)
     texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
-    share = 0.86 / len(frame.columns)
-    numbers = f">{{\\raggedleft\\arraybackslash}}p{{{share:.3f}\\linewidth}}" * len(frame.columns)
+    # Every column has a gap on both sides of it.
+    width = f"\\dimexpr{1.0 / len(frame.columns):.4f}\\linewidth-2\\tabcolsep"
+    numbers = f">{{\\raggedleft\\arraybackslash}}p{{{width}}}" * len(frame.columns)
     path.write_text(
         "% Needs the packages array, booktabs and longtable; wide: best on a landscape page.\n"
-        + "{\\scriptsize\n"
+        + "{\\scriptsize\\setlength{\\tabcolsep}{3pt}\n"
         + table(frame, numbers, True)
         + "}\n"
-        + table(texts, "p{\\linewidth}", False),
+        + table(texts, "p{\\dimexpr\\linewidth-2\\tabcolsep}", False),
         encoding="utf-8",
     )
 

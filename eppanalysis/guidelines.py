@@ -163,6 +163,15 @@ class Guide:
         """The table in plain words."""
         return [self._sentence(row) for row in self.rows]
 
+    def _below(self, backlash: float) -> str:
+        """A backlash in three digits, rounded to the safe side."""
+        factor = self.case.readable(LIMIT)[1]
+        if not backlash > 0:
+            return self.case.text(LIMIT, backlash, 3)
+        digit = 10.0 ** (math.floor(math.log10(factor * backlash)) - 2)
+        # What is a whole number of digits but for rounding errors stays one.
+        return self.case.text(LIMIT, math.floor(factor * backlash / digit + 1e-9) * digit / factor, 3)
+
     def _sentence(self, row: GuideRow) -> str:
         text = self.case.text
         place = " and ".join(f"{_words(n)} of {text(n, v, 4)}" for n, v in row.values.items())
@@ -170,11 +179,11 @@ class Guide:
             return f"At a {place}: {row.cell.message}"
         lbf = self.case.readable(GAIN)[1]
         out = (
-            f"At a {place} keep backlash under {text(LIMIT, row.allowed, 3)} ({1e3 * row.pulley:.2g} mm at the pulley, "
+            f"At a {place} keep backlash under {self._below(row.allowed)} ({1e3 * row.pulley:.2g} mm at the pulley, "
             f"{lbf * row.force:.2g} lbf or {row.force:.2g} N of cable force)"
         )
         if row.tolerance is not None:
-            out += f"; under {text(LIMIT, row.tolerance.worst_case, 3)} where every tolerance is used up"
+            out += f"; under {self._below(row.tolerance.worst_case)} where every tolerance is used up"
         if row.missing:
             out += f" (no bound under tolerances: {row.missing})"
         if row.own <= row.allowed:

@@ -179,9 +179,13 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
     own = factor * rows[0].own
     top = 1.15 * np.nanmax([own, *bound, *start[np.isfinite(start)]])
     middle = np.where(np.isfinite(start), np.maximum(start, bound), top)
-    ax.fill_between(x, 0.0, bound, color=GREEN, alpha=0.25, linewidth=0, label="free of limit cycles")
-    ax.fill_between(x, bound, middle, color=ORANGE, alpha=0.3, linewidth=0, label="guarded by an unstable cycle")
-    ax.fill_between(x, middle, top, color=VERMILLION, alpha=0.35, linewidth=0, label="oscillates from rest")
+    # A single gain has no width: its regions are drawn as a strip around it.
+    over, (free, rest) = x, (bound, middle)
+    if x.size == 1:
+        over, (free, rest) = x * np.array([0.96, 1.04]), (np.repeat(y, 2) for y in (bound, middle))
+    ax.fill_between(over, 0.0, free, color=GREEN, alpha=0.25, linewidth=0, label="free of limit cycles")
+    ax.fill_between(over, free, rest, color=ORANGE, alpha=0.3, linewidth=0, label="guarded by an unstable cycle")
+    ax.fill_between(over, rest, top, color=VERMILLION, alpha=0.35, linewidth=0, label="oscillates from rest")
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
     done = np.array([row.cell.verified for row in rows])
     circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": BLUE}

@@ -8,6 +8,7 @@ import math
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas
 import pytest
 from typer.testing import CliRunner
@@ -64,6 +65,18 @@ def test_frame_has_units_and_numbers(guide: Guide) -> None:
     sentence = guide.sentences()[0]
     assert "profile range of 1.5 lbf keep backlash under 0.6 deg" in sentence
     assert "a step of 0.25 mm at the harness starts" in sentence
+
+
+def test_sentences_round_to_the_safe_side(guide: Guide) -> None:
+    """A bound of 0.45977 deg is not 0.46 deg."""
+    row = dataclasses.replace(guide.rows[0], allowed=0.45977 * DEGREE)
+    assert "keep backlash under 0.459 deg" in dataclasses.replace(guide, rows=(row,)).sentences()[0]
+
+
+def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
+    (axes,) = dataclasses.replace(guide, rows=guide.rows[:1]).plot().axes
+    widths = [np.ptp(area.get_paths()[0].vertices[:, 0]) for area in axes.collections]
+    assert len(widths) == 3 and min(widths) > 0.1
 
 
 @pytest.mark.parametrize("suffix", FILES)
