@@ -140,7 +140,7 @@ def test_parameters_without_effect_are_named_so(case: epp.Case) -> None:
         ({}, "sensor.filter", BACKLASH, "sensor.filter has no value in this case; expected values"),
         ({}, BACKLASH, "pulley.friction", "pulley.friction is 0 in this case; expected a range"),
         ({}, "forearm.inertia", "forearm.prehensor_mass", "stands in the place of forearm.inertia"),
-        ({}, "bands.max", "bands.range", "stands in the place of bands.max"),
+        ({}, "bands.range", "bands.max", "stands in the place of bands.range"),
         ({"bands.low": "2.3 lbf"}, BACKLASH, "bands.range", r"cannot be changed .* bands.centre is missing"),
         ({"controller.sample_period": "5 ms"}, BACKLASH, "bands.range", "has a clock"),
         ({}, BACKLASH, "delay", "did you mean 'controller.delay'"),
