@@ -400,6 +400,6 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
         "other_orbit": test.orbit,
         "verified": test.verified,
     }
-    slow = bool(test.search is not None and not len(test.search) and test.n_settled < test.n_runs)
+    slow = not test.cycles and test.n_settled < test.n_runs
     remark = f"Not verified: {test.message}." + _SLOW * slow
     return replace(cell, message="" if test.verified else remark, **facts)

@@ -92,7 +92,7 @@ def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.Design
     question = Question(case, "lock_pin.backlash", 0.002, 0.09)
     test = verify(question, 1.03 * FOLD, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
     assert not test.verified
-    assert test.n_settled < 40 and test.search is not None and len(test.search) == 2
+    assert test.n_settled < 40 and len(test.search) == 2
 
 
 def test_cycles_that_only_runs_find_lead_to_the_true_bound(

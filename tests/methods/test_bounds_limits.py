@@ -90,7 +90,7 @@ def test_bound_on_any_parameter(
     assert np.degrees(min(f.value for f in branch.folds)) == pytest.approx(backlash, rel=1e-6)
     test = verify(question, found.value, sign, found.cycle, margin=margin, n_starts=40, seed=1)
     assert test.verified, test.message
-    assert test.search is not None and len(test.search) == 0 and test.n_settled == 40
+    assert len(test.search) == 0 and test.n_settled == 40
     # Runs from the orbit at the bound itself: to rest on the safe side, to the stable cycle on the other.
     assert ends(question, found.value * (1.0 - sign * margin), found.cycle) is Status.SETTLED
     assert ends(question, found.value * (1.0 + sign * margin), found.cycle) is Status.LIMIT_CYCLE
