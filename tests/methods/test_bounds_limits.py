@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_exact import correct, searched
 from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import (
@@ -94,6 +95,21 @@ def test_bound_on_any_parameter(
     # Runs from the orbit at the bound itself: to rest on the safe side, to the stable cycle on the other.
     assert ends(question, found.value * (1.0 - sign * margin), found.cycle) is Status.SETTLED
     assert ends(question, found.value * (1.0 + sign * margin), found.cycle) is Status.LIMIT_CYCLE
+
+
+def test_friction_of_the_pulley_at_high_gain() -> None:
+    """With the original pulley at 1.5 lbf half a degree of backlash is too much; with half of its friction it is not."""
+    limit, own = "pulley.friction", epp.case("fig6a_original_pulley").value("pulley.friction")
+    here = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", BACKLASH: "0.5 deg", limit: own})
+    cycle = epp.find_limit_cycles(here.to_system(), here.final_input()).stable[-1]
+    branch = epp.continue_branch(here, limit, own, 0.01, cycle=cycle, max_step=0.05)
+    cell = bound_of_branch(Question(here, limit, 0.01, own), here.value(BACKLASH), branch, Settings(starts=40))
+    assert cell is not None and cell.verified, cell
+    assert cell.exact == pytest.approx(0.0252, abs=5e-5)
+    # The bound on backlash of the elbow with that friction is half a degree.
+    there = here.with_values({limit: cell.exact})
+    back = epp.continue_branch(there, BACKLASH, "0.55 deg", "0.4 deg", cycle=cell.orbit, max_step=0.05)
+    assert np.degrees(min(f.value for f in back.folds)) == pytest.approx(0.5, rel=1e-6)
 
 
 def test_bound_from_exact_orbits_alone(case: epp.Case) -> None:
