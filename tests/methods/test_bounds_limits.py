@@ -98,7 +98,7 @@ def test_bound_on_any_parameter(
 
 
 def test_friction_of_the_pulley_at_high_gain() -> None:
-    """With the original pulley at 1.5 lbf half a degree of backlash is too much; with half of its friction it is not."""
+    """With the original pulley at 1.5 lbf half a degree of backlash is too much; with half the friction it is not."""
     limit, own = "pulley.friction", epp.case("fig6a_original_pulley").value("pulley.friction")
     here = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", BACKLASH: "0.5 deg", limit: own})
     cycle = epp.find_limit_cycles(here.to_system(), here.final_input()).stable[-1]
