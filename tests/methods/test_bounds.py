@@ -117,9 +117,10 @@ def test_a_bound_at_a_corner_is_exact_and_verified() -> None:
     """With the original pulley the branch turns back at a corner, where harmonic balance says 0.834 degrees."""
     pulley = epp.case("fig6a_original_pulley").value("pulley.friction")
     changed = epp.case("fig8a_original").with_values({"pulley.friction": pulley})
-    [cell] = design_bounds(changed, "bands.range", "lock_pin.backlash", at=["2.5 lbf"], within=("0.6 deg", "2 deg"))
+    asked = ("bands.range", "lock_pin.backlash")
+    [cell] = design_bounds(changed, *asked, at=["2.5 lbf"], within=("0.7 deg", "1.2 deg"), starts=100)
     assert cell.verified, cell.message
-    assert cell.kind == "corner" and cell.n_settled == 1000
+    assert cell.kind == "corner" and cell.n_settled == 100
     assert math.degrees(cell.exact) == pytest.approx(0.8234704211, rel=1e-9)
     assert cell.elasticities["bands.range"] == pytest.approx(1.20383, rel=1e-4)
 
