@@ -43,8 +43,6 @@ LIMITS = [
     ("forearm.inertia", 0.97527, 1.0, 0.05, 1.0420),
     ("controller.delay", 0.97797, 1.0, 0.2, 1.0390),
     ("drive.inertia", 0.97518, 1.0, 0.05, 1.0382),
-    ("drive.stall_torque", 0.94802, 1.0, 0.01, 1.0403),
-    ("drive.coulomb_friction", 0.98305, -1.0, 0.05, 1.0395),
 ]
 
 
@@ -118,9 +116,7 @@ def test_bound_from_exact_orbits_alone(case: epp.Case) -> None:
     own = case.value("cable.stiffness")
     found = searched(question, question.low, 1.0)
     assert found.kind == "fold" and found.value / own == pytest.approx(1.0400, abs=2e-3)
-    # Where cycles exist down to the end there is no bound; where none exist, none is found.
-    beyond = searched(Question(question.case, question.limit, 1.1 * own, 1.3 * own), 1.1 * own, 1.0)
-    assert beyond.kind == "end" and beyond.cycle is None
+    # Where no cycle exists none is found.
     none = searched(Question(question.case, question.limit, 0.9 * own, own), own, 1.0)
     assert none.kind == "" and none.cycle is None and "no family" in none.message
 
