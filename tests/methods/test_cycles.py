@@ -117,9 +117,8 @@ def test_an_event_at_standstill_is_no_motion(away: float, rest: bool) -> None:
     run = run_hybrid(hybrid, t, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 600)
     size = np.ptp(run.state[run.order], axis=0)
     assert fades(hybrid, run, t, 5.0, size)
-    # The ring has room: one more event, at the end of the run, from a state at rest or from one that moves.
-    i = run.held
-    time, state = run.time.copy(), run.state.copy()
-    time[i], state[i] = t - 1e-3, run.x_end + away * size
+    # One more event, at the end of the run, from a state at rest or from one that moves.
+    assert run.count == run.time.size
+    time, state = np.append(run.time, t - 1e-3), np.vstack([run.state, run.x_end + away * size])
     late = replace(run, count=run.count + 1, time=time, state=state)
     assert fades(hybrid, late, t, 5.0, size) is rest
