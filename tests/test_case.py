@@ -53,7 +53,7 @@ def refusal(path: Path) -> CaseError:
         read_case(path)
     error = caught.value
     sentence = str(error)
-    assert "\n" not in sentence and sentence.endswith(".") and len(sentence) < 1200
+    assert "\n" not in sentence and sentence.endswith((".", "?")) and len(sentence) < 1200
     assert error.source in sentence and error.expected in sentence
     assert error.field in sentence
     return error
