@@ -3,7 +3,7 @@
 Two ways of advancing, one result. Where no smooth channel acts and the state stands on the step grid of its mode, the
 *fast step* multiplies by precomputed matrices and proves from end values, end rates and a bound on the fourth
 derivative (Bernstein coefficients of the cubic plus its remainder) that no guard is reached. Where it can't prove that,
-after an event, off the grid, and for smooth channels, the *series step* expands the state to rounding and looks for the
+off the grid of the samples, and for smooth channels, the *series step* expands the state to rounding and looks for the
 first rise of every guard. Rules at the start of a series step, for a guard that stands within rounding of zero: the
 sign of its first derivative that is above rounding decides; rising fires at once, falling arms it for its next rise.
 """
@@ -145,9 +145,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             if which < 0 and i_sample == n_samples:
                 # No sample holds the run to its grid any more: it begins anew here.
                 origin, j_grid, armed = t, 0, True
-                if not slots.ready[q]:
-                    compile_step(slots, work, q)
-                _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol)
+                _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
         # Long step, where nothing has happened for a while and nothing is to be sampled.
         if quiet >= 16 and armed:
             level = min(quiet // 32, LONGS - 1)
@@ -256,9 +254,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             t = t1 if on_grid or t1 - t == d else t + d
             armed = bool(slots.linear[q]) and on_grid
             if armed:
-                if not slots.ready[q]:
-                    compile_step(slots, work, q)
-                _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol)
+                _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
         else:
             if best > 0.0:
                 polynomial(X, last, best, x)
@@ -492,8 +488,10 @@ def _rates(slots, q, x, f, Sg, last, u, rate):
 
 
 @njit(**INLINE)
-def _arm(slots, q, x, f, constant, wide, xd, speed, g0, g1, tol):
-    """Rates and guards of a linear slot, for the fast steps that follow."""
+def _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol):
+    """Matrices, rates and guards of a linear slot, for the fast steps that follow."""
+    if not slots.ready[q]:
+        compile_step(slots, work, q)
     take_sizes(wide, x)
     row_sum_from(f, slots.M[q], x, 1.0, xd)
     take_sizes(speed, xd)

@@ -1,9 +1,8 @@
 """Compiled: sums of rows, eight numbers at a time.
 
 The states of a loop are few. Loops over so few numbers a compiler leaves to scalar code, as the numbers that remain
-after it has made room for many; here the products are spelled out as vectors of eight (which a machine with
-shorter ones halves). All rows that come here have a
-length that is a multiple of eight (`padded`), zero beyond what they hold.
+after it has made room for many; here the products are spelled out as vectors of eight (which a machine with shorter
+ones halves). All rows that come here have a length that is a multiple of eight (`padded`), zero beyond what they hold.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from numba.extending import intrinsic, register_jitable
 
 LANES = 8
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
 #: A product and a sum may be rounded once.
 _FUSED = ("contract",)
 
@@ -45,6 +45,18 @@ class _Code:
         place = cgutils.alloca_once(self.builder, _VECTOR)
         self.builder.store(ir.Constant(_VECTOR, [0.0] * LANES), place)
         return place
+
+    def bits(self, value: int) -> Any:
+        """A place for a bit in each lane, all set to one value."""
+        place = cgutils.alloca_once(self.builder, _BITS)
+        self.builder.store(ir.Constant(_BITS, [value] * LANES), place)
+        return place
+
+    def compare(self, how: str, place: Any, pattern: int) -> Any:
+        """Whether all bits of a place together are, or are not, a pattern."""
+        kind = ir.IntType(LANES)
+        whole = self.builder.bitcast(self.builder.load(place), kind)
+        return self.builder.icmp_unsigned(how, whole, ir.Constant(kind, pattern))
 
     def spread(self, number: Any) -> Any:
         """The same number in all lanes."""
@@ -214,9 +226,7 @@ def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, str
         addresses = [code.array(k)[0] for k in (0, 1, 2, 3, 5, 6)]
         nothing, half, more, beyond = (ir.Constant(_VECTOR, [v] * LANES) for v in (0.0, 0.5, 0.75, 8.0 / 3.0))
         third = code.spread(args[4])
-        bits = ir.VectorType(ir.IntType(1), LANES)
-        below = cgutils.alloca_once(builder, bits)
-        builder.store(ir.Constant(bits, [1] * LANES), below)
+        below = code.bits(1)
         with code.blocks(code.array(0)[1][0]) as (place, _):
             a, da, step, db, noise, stray = (code.eight(address, place) for address in addresses)
             level = builder.fsub(nothing, noise)
@@ -234,10 +244,31 @@ def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, str
             for coefficient in coefficients:
                 low = builder.and_(low, builder.fcmp_ordered("<=", coefficient, level))
             builder.store(builder.and_(builder.load(below), low), below)
-        whole = builder.bitcast(builder.load(below), ir.IntType(LANES))
-        return builder.icmp_unsigned("==", whole, ir.Constant(ir.IntType(LANES), 2**LANES - 1))
+        return code.compare("==", below, 2**LANES - 1)
 
     return types.boolean(start, start_rate, step, end_rate, types.float64, noise, stray), write
+
+
+def _write_sum(code, gather):  # type: ignore[no-untyped-def]
+    """Sum over two rows, the first arguments; `gather` takes eight of each and the sums so far to the next sums."""
+    left, (length,) = code.array(0)
+    right, _ = code.array(1)
+    total = code.zeros()
+    with code.blocks(length) as (place, _):
+        a, b = code.eight(left, place), code.eight(right, place)
+        code.builder.store(gather(a, b, code.builder.load(total)), total)
+    return code.sum(code.builder.load(total))
+
+
+@intrinsic
+def dot(typingctx, a, b):  # type: ignore[no-untyped-def]
+    """Sum of a * b."""
+
+    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        code = _Code(context, builder, signature, args)
+        return _write_sum(code, code.fused)
+
+    return types.float64(a, b), write
 
 
 @intrinsic
@@ -245,16 +276,14 @@ def rises(typingctx, a, b):  # type: ignore[no-untyped-def]
     """Sum of the positive ones among the products a * b."""
 
     def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        code = _Code(context, builder, signature, args)
-        left, (length,) = code.array(0)
-        right, _ = code.array(1)
         nothing = ir.Constant(_VECTOR, [0.0] * LANES)
-        total = code.zeros()
-        with code.blocks(length) as (place, _):
-            product = builder.fmul(code.eight(left, place), code.eight(right, place))
+
+        def gather(a, b, total):  # type: ignore[no-untyped-def]
+            product = builder.fmul(a, b)
             positive = builder.select(builder.fcmp_ordered(">", product, nothing), product, nothing)
-            builder.store(builder.fadd(builder.load(total), positive), total)
-        return code.sum(builder.load(total))
+            return builder.fadd(total, positive)
+
+        return _write_sum(_Code(context, builder, signature, args), gather)
 
     return types.float64(a, b), write
 
@@ -355,30 +384,11 @@ def any_above(typingctx, row, scale, limits):  # type: ignore[no-untyped-def]
         values, (length,) = code.array(0)
         bounds, _ = code.array(2)
         scale = code.spread(args[1])
-        bits = ir.VectorType(ir.IntType(1), LANES)
-        found = cgutils.alloca_once(builder, bits)
-        builder.store(ir.Constant(bits, [0] * LANES), found)
+        found = code.bits(0)
         with code.blocks(length) as (place, _):
             size = builder.fmul(scale, code.size(code.eight(values, place)))
             above = builder.fcmp_ordered(">", size, code.eight(bounds, place))
             builder.store(builder.or_(builder.load(found), above), found)
-        whole = builder.bitcast(builder.load(found), ir.IntType(LANES))
-        return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(LANES), 0))
+        return code.compare("!=", found, 0)
 
     return types.boolean(row, types.float64, limits), write
-
-
-@intrinsic
-def dot(typingctx, a, b):  # type: ignore[no-untyped-def]
-    """Sum of a * b."""
-
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        code = _Code(context, builder, signature, args)
-        left, (length,) = code.array(0)
-        right, _ = code.array(1)
-        total = code.zeros()
-        with code.blocks(length) as (place, _):
-            builder.store(code.fused(code.eight(left, place), code.eight(right, place), builder.load(total)), total)
-        return code.sum(builder.load(total))
-
-    return types.float64(a, b), write
