@@ -327,7 +327,7 @@ class Walk:
                 ds *= 0.3
                 continue
             if new is None or lost or not admissible(new):
-                new, why = self._lost(points) if lost else self._change(points, ds)
+                new, why = self._lost(points, points[-1]) if lost else self._change(points, ds)
                 if new is None:
                     return points, why
                 points.append(new)
@@ -350,9 +350,8 @@ class Walk:
         limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
         return point_at(point, new, limit)
 
-    def _lost(self, points: list[Point]) -> tuple[Point | None, str]:
+    def _lost(self, points: list[Point], last: Point) -> tuple[Point | None, str]:
         """Go on where Newton does not with the old sequence."""
-        last = points[-1]
         way = float(np.sign(last.tangent[-1])) or 1.0
         for border in borders(last):
             new, back = across(border, way)
@@ -368,10 +367,11 @@ class Walk:
         if self._watch(points[-1], inside, way, len(points)):
             return None, "joins the branch of half its period"
         new, back = other_sequence(inside, outside)
+        if new is None:  # the old sequence, no longer true, may lead back to where it came from
+            return self._lost(points, inside)
         if back:
             inside = corner(inside, new)
-        why = "ends at a change of the sequence of events that no orbit continues"
-        return self._crossed(points, inside, new, back), why
+        return self._crossed(points, inside, new, back), "ends where no orbit continues it"
 
     def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
         note = difference(inside.orbit, None if new is None else new.orbit)

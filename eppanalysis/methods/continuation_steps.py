@@ -295,7 +295,7 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
         for turns_back in (False, True):
             value = 2.0 * inside.value - virtual.value if turns_back else virtual.value
             found = _close_at(family, value, guess)
-            if found is None or not near(found, inside.orbit):
+            if found is None or not near(found, inside.orbit) or _same_sequence(found, inside.orbit):
                 continue
             if turns_back and found.arcs.itinerary.guards.size == inside.orbit.arcs.itinerary.guards.size:
                 continue
@@ -312,7 +312,7 @@ def beyond(point: Point) -> tuple[Point | None, bool]:
         for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             value = point.value + way * share * width
             found = _close_at(family, value, point.orbit.guess)
-            if found is None or found.arcs.n_arcs == point.orbit.arcs.n_arcs or not near(found, point.orbit):
+            if found is None or _same_sequence(found, point.orbit) or not near(found, point.orbit):
                 continue
             return make_point(family, value, found, None, way), turns_back
     return None, False
@@ -326,6 +326,10 @@ def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
     y = guess.y.copy()
     y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
     return close_orbit(hybrid, replace(guess, y=y))
+
+
+def _same_sequence(one: Orbit, other: Orbit) -> bool:
+    return one.arcs.itinerary.cyclic_key == other.arcs.itinerary.cyclic_key
 
 
 def near(one: Orbit, other: Orbit) -> bool:
