@@ -23,6 +23,7 @@ from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell
 from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
 from eppanalysis.provenance import provenance
+from eppanalysis.results import Brief
 
 if TYPE_CHECKING:
     import pandas
@@ -92,8 +93,8 @@ class GuideRow:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Guide:
+@dataclass(frozen=True, eq=False, repr=False)
+class Guide(Brief):
     """Guidelines of a case; see :func:`design_guide`.
 
     Attributes

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sized
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +45,29 @@ def require_converged(status: Status, what: str) -> None:
         raise NotConverged(f"{what}: {status.value}")
 
 
+class Brief:
+    """A dataclass whose repr fits the screen: its plain values, and how much there is of the others."""
+
+    def __repr__(self) -> str:
+        shown = {f.name: _brief(getattr(self, f.name)) for f in fields(self) if f.name != "provenance"}  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in shown.items() if text)})"
+
+
+def _brief(value: object) -> str:
+    """A plain value itself; of a collection what it is and its size; nothing where there is nothing."""
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if value is None or isinstance(value, str | int):
+        return repr(value)
+    if isinstance(value, np.ndarray):
+        return f"<array {'x'.join(map(str, value.shape))}>" if value.size else ""
+    if isinstance(value, Sized):
+        return f"<{type(value).__name__} of {len(value)}>" if len(value) else ""
+    return f"<{type(value).__name__}>"
+
+
 @dataclass(frozen=True)
 class Event:
     """One switch of one element.
@@ -67,8 +90,8 @@ class Event:
     mode: str
 
 
-@dataclass(frozen=True, eq=False)
-class LimitCycle:
+@dataclass(frozen=True, eq=False, repr=False)
+class LimitCycle(Brief):
     """A periodic motion as one method sees it.
 
     Attributes
@@ -165,8 +188,8 @@ class LimitCycle:
         return plot_limit_cycle(self, signals)
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Brief):
     """A run in time.
 
     Attributes
@@ -227,8 +250,8 @@ class Trajectory:
         return plot_trajectory(self, signals)
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Brief):
     """All limit cycles that first-order harmonic balance with bias has.
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:

@@ -15,6 +15,7 @@ from eppanalysis.case import Case, Parameter
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual
 from eppanalysis.identify.reading import Progress, Recording, read_recording
+from eppanalysis.results import Brief
 
 __all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
 
@@ -22,8 +23,8 @@ __all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "i
 Choices = Mapping[str, tuple[str, str]]
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Brief):
     """What bench tests told of an elbow.
 
     Attributes

@@ -17,7 +17,7 @@ from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.results import Status
+from eppanalysis.results import Brief, Status
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ _PERIODS = 60.0
 _LONGER = (1.0, 4.0, 16.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Basin:
+@dataclass(frozen=True, eq=False, repr=False)
+class Basin(Brief):
     """What became of each start.
 
     Attributes

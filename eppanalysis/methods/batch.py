@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulate import announce_compilation
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.results import Status
+from eppanalysis.results import Brief, Status
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -162,8 +162,8 @@ def _separable(
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class BatchResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchResult(Brief):
     """Verdict and cycle of every cell.
 
     Attributes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
     import xarray
@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 _NAN = float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class BoundCell:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoundCell(Brief):
     """The bound at one value of the parameter that runs.
 
     Attributes
@@ -122,8 +122,8 @@ def _orbit(cycle: LimitCycle) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class DesignBounds:
+@dataclass(frozen=True, eq=False, repr=False)
+class DesignBounds(Brief):
     """Bounds on one parameter at a row of values of another; behaves as a sequence of cells.
 
     Attributes

@@ -31,7 +31,7 @@ from eppanalysis.methods.continuation import CaseLike
 from eppanalysis.methods.cycles import steady_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.provenance import provenance
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status
 
 Array = NDArray[np.float64]
 
@@ -63,8 +63,8 @@ class Quantile:
     high: float
 
 
-@dataclass(frozen=True, eq=False)
-class ToleranceBound:
+@dataclass(frozen=True, eq=False, repr=False)
+class ToleranceBound(Brief):
     """The bound of a case whose parameters carry tolerances.
 
     Attributes

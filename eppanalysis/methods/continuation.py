@@ -37,7 +37,7 @@ from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Motion
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,8 +79,8 @@ class CaseLike(Protocol):
         """The unit people use, and the factor from SI to it."""
 
 
-@dataclass(frozen=True, eq=False)
-class SpecialPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialPoint(Brief):
     """A point of a branch where something changes.
 
     Attributes
@@ -107,8 +107,8 @@ class SpecialPoint:
     point: Point = field(repr=False)
 
 
-@dataclass(frozen=True, eq=False)
-class Branch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Brief):
     """Exact orbits along a branch, in its own order.
 
     Attributes

@@ -23,7 +23,7 @@ from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, o
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,8 +44,8 @@ _STILL, _DRIFT = 1e-6, 1e-2
 UNCLOSED = "on a cycle that could not be closed"
 
 
-@dataclass(frozen=True, eq=False)
-class CycleSearch:
+@dataclass(frozen=True, eq=False, repr=False)
+class CycleSearch(Brief):
     """All limit cycles found, smallest first; behaves as a sequence of LimitCycle.
 
     Attributes

@@ -14,7 +14,7 @@ from eppanalysis.methods.continuation_steps import Point, admissible, make_point
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.stability import is_stable
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ _ASIDE = (0.1, 0.3, 0.8)
 _MOST_ASIDE = 60
 
 
-@dataclass(frozen=True, eq=False)
-class FoldCurve:
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldCurve(Brief):
     """Folds over two parameters.
 
     Attributes

@@ -23,7 +23,7 @@ from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion
 from eppanalysis.provenance import provenance
-from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
+from eppanalysis.results import Brief, LimitCycle, Prediction, Status, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,8 +70,8 @@ class Probe:
     peak_to_peak: float
 
 
-@dataclass(frozen=True, eq=False)
-class Ladder:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ladder(Brief):
     """All methods side by side.
 
     Attributes
