@@ -17,10 +17,12 @@ from eppanalysis.advice import (
     design_advice,
     with_mass,
 )
+from eppanalysis.methods.bounds import Settings, bound_of_branch
+from eppanalysis.methods.bounds_harmonic import Question
 
 #: The original elbow with its original pulley at a profile range of 1.5 lbf.
 FRICTION, GAIN = 0.0526, "1.5 lbf"
-WITHIN = (0.1 * math.pi / 180.0, 3.0 * math.pi / 180.0)
+LIMIT, WITHIN = "lock_pin.backlash", (0.1 * math.pi / 180.0, 3.0 * math.pi / 180.0)
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +32,22 @@ def case() -> epp.Case:
 
 
 @pytest.fixture(scope="module")
-def bounds(case: epp.Case) -> epp.DesignBounds:
-    return epp.design_bounds(case, "bands.range", "lock_pin.backlash", at=[GAIN], within=WITHIN, verify=False)
+def cycle(case: epp.Case) -> epp.LimitCycle:
+    """The stable one at half a degree, beyond the bound."""
+    beyond = case.with_values({LIMIT: "0.5 deg"})
+    return epp.find_limit_cycles(beyond.to_system(), beyond.final_input()).stable[-1]
+
+
+@pytest.fixture(scope="module")
+def bounds(case: epp.Case, cycle: epp.LimitCycle) -> epp.DesignBounds:
+    """The bound at one gain, from the branch that ends there."""
+    branch = epp.continue_branch(case, LIMIT, "0.5 deg", "0.3 deg", cycle=cycle, max_step=0.05)
+    cell = bound_of_branch(Question(case, LIMIT, *WITHIN), case.value("bands.range"), branch, Settings(verify=False))
+    assert cell is not None
+    names = ("bands.range", LIMIT)
+    own = {name: case.value(name) for name in names}
+    units, readable = ({name: f(name) for name in names} for f in (lambda n: case.unit(n)[0], case.readable))
+    return epp.DesignBounds(case.name, *names, units, readable, own, WITHIN, (cell,), {})
 
 
 @pytest.fixture(scope="module")
@@ -46,23 +62,21 @@ def test_the_mass_is_what_the_shell_leaves_of_the_inertia(case: epp.Case) -> Non
 
 
 def test_elasticities_against_folds_of_moved_cases(
-    case: epp.Case, bounds: epp.DesignBounds, rows: dict[str, AdviceRow]
+    case: epp.Case, cycle: epp.LimitCycle, bounds: epp.DesignBounds, rows: dict[str, AdviceRow]
 ) -> None:
     """Slopes from the equations of one fold against folds of branches that are followed anew."""
-    h, limit = 2e-3, "lock_pin.backlash"
+    h = 2e-3
     assert bounds[0].kind == "fold"
-    beyond = case.with_values({limit: "0.5 deg"})
-    cycle = epp.find_limit_cycles(beyond.to_system(), beyond.final_input()).stable[-1]
     for name, direction in (("pulley.friction", -1), ("bands.range", 1)):
         moved = []
         for share in (-h, h):
             here = case.with_values({name: case.value(name) * (1.0 + share)})
-            branch = epp.continue_branch(here, limit, "0.5 deg", "0.4 deg", cycle=cycle, max_step=0.05)
+            branch = epp.continue_branch(here, LIMIT, "0.5 deg", "0.4 deg", cycle=cycle, max_step=0.05)
             moved.append(min(f.value for f in branch.folds))
         slope = (math.log(moved[1]) - math.log(moved[0])) / (2 * h)
         assert rows[name].gained == pytest.approx(direction * slope, rel=1e-3, abs=1e-4), name
         assert rows[name].traded == pytest.approx(rows[name].gained / rows["bands.range"].gained)
-    assert rows["lock_pin.backlash"].traded == pytest.approx(1.0 / rows["bands.range"].gained)
+    assert rows[LIMIT].traded == pytest.approx(1.0 / rows["bands.range"].gained)
 
 
 def test_knocks_part_runs_that_settle_from_runs_that_do_not(case: epp.Case, rows: dict[str, AdviceRow]) -> None:
@@ -75,7 +89,7 @@ def test_knocks_part_runs_that_settle_from_runs_that_do_not(case: epp.Case, rows
 def test_the_model_bears_out_less_than_the_paper_says(rows: dict[str, AdviceRow]) -> None:
     """Of an elbow beyond its bound: a softer cable helps, less backlash is of no use, less friction does harm."""
     assert rows["cable.stiffness"].verdict == rows["cable.stiffness"].knock_verdict == "strong"
-    assert rows["lock_pin.backlash"].knock_gained == pytest.approx(0.0, abs=1e-4)
+    assert rows[LIMIT].knock_gained == pytest.approx(0.0, abs=1e-4)
     assert rows["pulley.friction"].gained > 0 > rows["pulley.friction"].knock_gained
     said = {s.partition(":")[0]: s for s in advice_sentences(list(rows.values()))}
     assert "does nothing for the step" in said["Less backlash"]

@@ -32,6 +32,8 @@ from eppanalysis.methods.simulate import judge, run_hybrid
 from eppanalysis.results import LimitCycle, Status
 
 BACKLASH = "lock_pin.backlash"
+#: The fold in gain of the wheelchair with a gap of 12 mm, from a branch of exact orbits.
+GAIN = 0.8462572
 #: Limit, backlash [deg], side that has cycles, distance of the tests (those that move the bound on backlash little are
 #: tested farther away: a cycle that is about to vanish takes long to fade), and the bound on it as a share of its own.
 LIMITS = [
@@ -49,6 +51,11 @@ LIMITS = [
 @pytest.fixture(scope="module")
 def case() -> epp.Case:
     return epp.case("fig8a_original")
+
+
+@pytest.fixture(scope="module")
+def wheelchair() -> epp.Case:
+    return epp.case("wheelchair").with_values({"loop.gain": 1.0, "play.gap": 0.012})
 
 
 @pytest.fixture(scope="module")
@@ -110,30 +117,28 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
     assert np.degrees(min(f.value for f in back.folds)) == pytest.approx(0.5, rel=1e-6)
 
 
-def test_bound_from_exact_orbits_alone(case: epp.Case) -> None:
+def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
     """What is done where harmonic balance is of no help: the search, the branch, the fold."""
-    question = question_at(case, "cable.stiffness", 0.9209)
-    own = case.value("cable.stiffness")
-    found = searched(question, question.low, 1.0)
-    assert found.kind == "fold" and found.value / own == pytest.approx(1.0400, abs=2e-3)
+    found = searched(Question(wheelchair, "loop.gain", 0.6, 1.2), 0.6, 1.0)
+    assert found.kind == "fold" and found.value == pytest.approx(GAIN, rel=1e-6)
     # Where no cycle exists none is found.
-    none = searched(Question(question.case, question.limit, 0.9 * own, own), own, 1.0)
+    none = searched(Question(wheelchair, "loop.gain", 0.6, 0.8), 0.8, 1.0)
     assert none.kind == "" and none.cycle is None and "no family" in none.message
 
 
-def test_a_cell_without_harmonic_balance_is_bound_exactly(case: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_without_harmonic_balance_is_bound_exactly(
+    wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Harmonic balance that sees cycles down to the end of the range is not believed: exact orbits decide."""
-    question = question_at(case, "drive.stall_torque", 0.94802)
-    blind = HarmonicBound(Finding.BEYOND, 1.0, first_order=question.low, value=question.low, order=9)
+    blind = HarmonicBound(Finding.BEYOND, 1.0, first_order=0.6, value=0.6, order=9)
     monkeypatch.setattr(HarmonicSweep, "bound", lambda self, value: (self.question.at(value), blind))
-    within = (question.low, question.high)
-    (cell,) = epp.design_bounds(case, BACKLASH, question.limit, at=["0.94802 deg"], within=within, starts=40)
+    asked = (wheelchair, "play.gap", "loop.gain")
+    (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.6, 1.2), starts=40)
     assert cell.finding == "bound" and cell.verified, cell.message
-    assert cell.exact / case.value(question.limit) == pytest.approx(1.0403, abs=2e-3)
+    assert cell.exact == pytest.approx(GAIN, rel=1e-6)
     assert np.isnan(cell.harmonic) and not cell.harmonic_elasticities
     # There really are cycles down to the end of this one.
-    high = (1.1 * case.value(question.limit), 1.3 * case.value(question.limit))
-    (cell,) = epp.design_bounds(case, BACKLASH, question.limit, at=["0.94802 deg"], within=high, starts=40)
+    (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.95, 1.2), starts=40)
     assert cell.finding == "beyond" and "down to the end" in cell.message and np.isnan(cell.bound)
 
 

@@ -31,3 +31,12 @@ def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
     here = case.with_values({"loop.delay": cell.exact})
     branch = epp.continue_branch(here, "loop.gain", start=0.6, stop=0.4)
     assert min(f.value for f in branch.folds) == pytest.approx(0.5, rel=1e-4)
+
+
+def test_two_processes_give_the_same_numbers() -> None:
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    one, two = (
+        epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012, 0.013], starts=20, workers=n) for n in (1, 2)
+    )
+    assert [c.to_dict() for c in two] == [c.to_dict() for c in one]
+    assert one[1].exact < one[0].exact  # more play allows less gain
