@@ -39,7 +39,7 @@ JOBS = (
     Job("cable.stiffness", BACKLASH, ("1.5 deg",), ("4000 N/m", "7000 N/m")),
     Job("forearm.prehensor_mass", BACKLASH, ("0.97 deg",), ("0.3 kg", "0.8 kg")),
     Job("controller.delay", BACKLASH, ("0.97 deg",), ("1 ms", "3 ms"), margin=0.2),
-    Job("pulley.friction", GAIN, ("1.5 lbf",), ("0.01", "0.06"), {BACKLASH: "0.5 deg"}),
+    Job("pulley.friction", GAIN, ("1.5 lbf",), ("0.01", "0.06"), {BACKLASH: "0.5 deg"}, margin=0.05),
     Job("bands.parking_width", BACKLASH, ("0.9 deg",), ("0.1 lbf", "0.3 lbf")),
     Job("drive.inertia", BACKLASH, ("0.96 deg",), ("0.025 kg*m^2", "0.045 kg*m^2")),
     Job("bands.max", BACKLASH, ("1 deg",), ("3.6 lbf", "4.2 lbf")),

@@ -22,7 +22,7 @@ from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
@@ -143,6 +143,7 @@ def find_limit_cycles(
     >>> [(round(c.period, 8), c.stable) for c in epp.find_limit_cycles(loop)]
     [(8.25509713, False), (6.3277966, True)]
     """
+    require_system(system, "find_limit_cycles")
     hybrid = steady_hybrid(system, input_value)
     search = _Search(system, hybrid, _predictions(system, input_value), input_value, by_balance)
     search.run()

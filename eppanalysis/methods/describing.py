@@ -20,7 +20,7 @@ from eppanalysis.methods.describing_multi import choose_pivot, search_several
 from eppanalysis.methods.describing_picture import Curves, loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing_quality import Point, point, stability
 from eppanalysis.methods.describing_search import search_one
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.results import LimitCycle, Prediction, Status
 
 __all__ = ["linear_margins", "predict_limit_cycles"]
@@ -56,6 +56,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     >>> [(round(c.omega, 6), round(c.amplitude("x"), 6), c.stable) for c in prediction]
     [(1.414214, 0.212207, True)]
     """
+    require_system(system, "predict_limit_cycles")
     value = _input_vector(system, input_value)
     with np.errstate(all="ignore"):
         if not system.elements:

@@ -19,7 +19,7 @@ from eppanalysis.methods.describing_balance import Array, ComplexArray, describe
 from eppanalysis.methods.describing_margins import element_slope
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.methods.harmonic_loop import Loop, inputs_of
-from eppanalysis.models.lure import LureSystem, SignalMap
+from eppanalysis.models.lure import LureSystem, SignalMap, require_system
 from eppanalysis.results import LimitCycle
 
 if TYPE_CHECKING:
@@ -166,6 +166,7 @@ def frozen_nyquist(
     >>> bool(abs(met - picture.point.real) < 1e-3 * abs(picture.point))
     True
     """
+    require_system(system, "frozen_nyquist")
     value = np.array([(inputs or {}).get(n, v) for n, v in zip(system.input_names, system.v0, strict=True)], float)
     loop = Loop.of(system, value)
     Z = inputs_of(loop, cycle)

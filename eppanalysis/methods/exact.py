@@ -16,7 +16,7 @@ from eppanalysis.methods.orbit_guess import require_autonomous
 from eppanalysis.methods.shooting import Orbit, orbits_near
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.models.signals import Constant
 from eppanalysis.results import LimitCycle, Status
 
@@ -76,6 +76,7 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     EppError
         For a discrete-time system, or a start without a state.
     """
+    require_system(system, "exact_orbit")
     hybrid = steady_hybrid(system, input_value)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")

@@ -21,7 +21,7 @@ from eppanalysis.methods.describing_balance import mean_state
 from eppanalysis.methods.harmonic_elements import Regime, Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, extrema, orders, sampled
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.results import Event, LimitCycle, Status
 
 __all__ = ["harmonic_balance"]
@@ -81,6 +81,7 @@ def harmonic_balance(
     >>> [round(harmonic_balance(loop, guess, order=n).period, 4) for n in (1, 3, 9, 27)]
     [4.4429, 4.5292, 4.5494, 4.551]
     """
+    require_system(system, "harmonic_balance")
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
     with np.errstate(all="ignore"):

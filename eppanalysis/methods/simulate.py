@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
@@ -108,6 +108,7 @@ def simulate(
     >>> run.status.name, round(run.limit_cycle.period, 8)
     ('LIMIT_CYCLE', 4.55107103)
     """
+    require_system(system, "simulate")
     if not (np.isfinite(t_end) and t_end > 0):
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     times = _sample_times(t_end, t_eval)

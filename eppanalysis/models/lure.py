@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.linear import StateSpace, as_state_space
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 
@@ -407,3 +407,10 @@ class _Ring:
             out[rows] += s.C[0]
             on_state, on_element = out, s.D[0, 0] * on_element
         return A, B, C, D
+
+
+def require_system(system: object, verb: str) -> None:
+    """Raise EppError unless a verb was handed a LureSystem; the case of one is the likely slip."""
+    if not isinstance(system, LureSystem):
+        hint = "; its to_system() is one." if hasattr(system, "to_system") else "."
+        raise EppError(f"{verb}: the first argument is a {type(system).__name__}; expected a LureSystem{hint}")

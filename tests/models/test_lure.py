@@ -114,3 +114,10 @@ def test_rings_that_cannot_be_are_refused():
         epp.LureSystem.from_blocks([epp.LockPin(gap=0.1, stiffness=1.0, damping=0.1), plant])
     with pytest.raises(ModelError, match="dead time straight between two elements"):
         epp.LureSystem.from_blocks([epp.Relay(), epp.Saturation(), plant], delay=0.1)
+
+
+def test_a_case_in_place_of_its_system_is_one_sentence():
+    case = epp.case("backlash_servo")
+    for verb in (epp.simulate, epp.predict_limit_cycles, epp.find_limit_cycles):
+        with pytest.raises(epp.EppError, match=r"the first argument is a Case; expected a LureSystem; its to_system"):
+            verb(case)
