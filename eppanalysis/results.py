@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +68,7 @@ def _brief(value: object) -> str:
     return f"<{type(value).__name__}>"
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """One switch of one element.
 
     Attributes

@@ -283,16 +283,14 @@ def _statistics(run: Run) -> dict[str, Any]:
 
 def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
     """The held events from place `first` on, as sentences."""
-    element = hybrid.model.guard_element
-    out = []
-    for r in run.order[first:]:
-        g = int(run.guard[r])
-        e = int(element[g])
-        name = hybrid.element_names[e]
-        if name != "observer":
-            mode = hybrid.mode_names[e][int(run.modes[r, e])]
-            out.append(Event(float(run.time[r] - origin), name, hybrid.guard_names[g], mode))
-    return tuple(out)
+    rows = run.order[first:]
+    elements = hybrid.model.guard_element[run.guard[rows]]
+    times, modes = run.time[rows] - origin, run.modes[rows, elements]
+    return tuple(
+        Event(time, hybrid.element_names[e], hybrid.guard_names[g], hybrid.mode_names[e][mode])
+        for time, g, e, mode in zip(*(a.tolist() for a in (times, run.guard[rows], elements, modes)), strict=True)
+        if hybrid.element_names[e] != "observer"
+    )
 
 
 def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
