@@ -111,7 +111,11 @@ class CycleSearch(Brief):
 
 
 def find_limit_cycles(
-    system: LureSystem, input_value: Mapping[str, float] | None = None, *, by_balance: bool = True
+    system: LureSystem,
+    input_value: Mapping[str, float] | None = None,
+    *,
+    by_balance: bool = True,
+    predicted: Sequence[LimitCycle] | None = None,
 ) -> CycleSearch:
     """All limit cycles of a loop as exact orbits, stable and unstable.
 
@@ -124,6 +128,9 @@ def find_limit_cycles(
     by_balance : bool
         Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a
         second or two for a prediction without an orbit near.
+    predicted : sequence of LimitCycle, optional
+        What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it takes
+        most of the time of a search.
 
     Returns
     -------
@@ -145,7 +152,8 @@ def find_limit_cycles(
     """
     require_system(system, "find_limit_cycles")
     hybrid = steady_hybrid(system, input_value)
-    search = _Search(system, hybrid, _predictions(system, input_value), input_value, by_balance)
+    seeds = _predictions(system, input_value) if predicted is None else predicted
+    search = _Search(system, hybrid, seeds, input_value, by_balance)
     search.run()
     cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
     outcomes = search.outcomes

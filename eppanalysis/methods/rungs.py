@@ -127,8 +127,8 @@ def climb(
 ) -> Climb:
     """Balances and exact orbits between a prediction and a run (each with the seconds it took)."""
     clock = Clock()
-    search, why_not = _search(system, final)
-    search_seconds = clock.lap()
+    search, why_not = _search(system, final, prediction[0])
+    search_seconds = prediction[1] + clock.lap()  # a search begins at the predicted cycles
     truth: Sequence[LimitCycle] = search.cycles if search else ()
     if system.time_step and run[0].limit_cycle is not None:
         truth = (run[0].limit_cycle,)
@@ -141,13 +141,15 @@ def climb(
     return Climb(rows, search, search_seconds, _sentence(system, search, why_not))
 
 
-def _search(system: LureSystem, final: Mapping[str, float]) -> tuple[CycleSearch | None, str]:
+def _search(
+    system: LureSystem, final: Mapping[str, float], prediction: Prediction | None
+) -> tuple[CycleSearch | None, str]:
     if system.time_step:
         return None, (
             "In discrete time there is no orbit between samples: the simulation is exact, and errors are against it."
         )
     try:
-        return find_limit_cycles(system, final), ""
+        return find_limit_cycles(system, final, predicted=prediction.cycles if prediction else ()), ""
     except EppError as error:
         return None, str(error)
 
