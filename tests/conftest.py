@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
+
+# As the command line has it; numpy asks when it is imported. Threads of several test processes get in each other's way.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import matplotlib as mpl
 from hypothesis import HealthCheck, settings

@@ -172,7 +172,9 @@ def test_validate_puts_every_signal_side_by_side():
 
 
 def test_truth_table_is_printed_as_the_paper_found():
-    output = run("validate", "truth-table").stdout
+    result = run(*TRUTH_TABLE)
+    assert result.exit_code == 0
+    output = result.stdout
     assert output.strip().endswith("8 of 8 as the paper found.")
     rows = {line.split()[0]: line for line in output.splitlines() if line.strip() and line.split()[0] in TRUTH}
     assert list(rows) == list(TRUTH)
@@ -183,6 +185,7 @@ def test_truth_table_is_printed_as_the_paper_found():
     assert " 1 stable " in rows["light_forearm"] and rows["soft_cable"].split().count("none") == 3
 
 
+TRUTH_TABLE = ["validate", "truth-table"]
 TRUTH = {
     "fig8a_original": ("Fig. 8(a)", "oscillate"),
     "fig8b_reduced_backlash": ("Fig. 8(b)", "settle"),
