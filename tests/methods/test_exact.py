@@ -15,31 +15,36 @@ from eppanalysis.methods.exact import start_of, steady_hybrid
 from eppanalysis.results import Status
 
 
+@pytest.fixture(scope="module")
+def unstable():
+    """The original elbow, its input, and its unstable cycle as first order predicts it."""
+    case = epp.case("fig8a_original")
+    system, value = case.to_system(), case.final_input()
+    return system, value, epp.predict_limit_cycles(system, value)[0]
+
+
 @pytest.mark.parametrize("name", ["fig8a_original", "relay_deadzone", "band_two_cycles", "quantised_sensor_ct"])
 def test_every_prediction_leads_to_its_own_orbit(name):
     case = epp.case(name)
     system, value = case.to_system(), case.final_input()
-    found = [epp.exact_orbit(system, guess, value) for guess in epp.predict_limit_cycles(system, value)]
-    assert [c.stable for c in found] == [c.stable for c in epp.predict_limit_cycles(system, value)]
+    guesses = epp.predict_limit_cycles(system, value)
+    found = [epp.exact_orbit(system, guess, value) for guess in guesses]
+    assert [c.stable for c in found] == [c.stable for c in guesses]
     assert len({round(c.period, 9) for c in found}) == len(found)
     for expected in case.expected.exact or ():
         assert min(abs(c.period / expected.period - 1.0) for c in found) < 1e-9
 
 
-def test_the_unstable_cycle_of_the_original_elbow_from_its_prediction():
-    case = epp.case("fig8a_original")
-    system, value = case.to_system(), case.final_input()
-    guess = epp.predict_limit_cycles(system, value)[0]
+def test_the_unstable_cycle_of_the_original_elbow_from_its_prediction(unstable):
+    system, value, guess = unstable
     cycle = epp.exact_orbit(system, guess, value)
     assert cycle.status is Status.CONVERGED and cycle.residual < 1e-9
     # What the search finds by bisection between outcomes.
     assert cycle.period == pytest.approx(0.192932133055, rel=1e-9)
 
 
-def test_the_unstable_cycle_takes_no_balance():
-    case = epp.case("fig8a_original")
-    system, value = case.to_system(), case.final_input()
-    guess = epp.predict_limit_cycles(system, value)[0]
+def test_the_unstable_cycle_takes_no_balance(unstable):
+    system, value, guess = unstable
     seconds = []
     for _ in range(5):
         begin = time.process_time()

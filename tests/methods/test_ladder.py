@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,14 +87,17 @@ def test_plain_data_is_json(original: epp.Ladder) -> None:
     assert data["simulation"]["status"] == "limit_cycle"
 
 
-def test_a_stable_cycle_that_this_step_does_not_reach() -> None:
-    result = epp.ladder(epp.case("light_forearm"))
+def test_a_stable_cycle_that_this_start_does_not_reach(tmp_path: Path) -> None:
+    """A relay with dead zone, from inside its unstable cycle."""
+    path = tmp_path / "small.toml"
+    path.write_text('base = "relay_deadzone"\nloop.initial_state = [0.0, 0.0, 0.1]\nexpected.outcome = "settle"\n')
+    result = epp.ladder(epp.read_case(path))
     assert result.agreement is Agreement.GUARDED and result.outcome == "settle"
     assert [p.status for p in result.probes if p.cycle == 1] == [Status.LIMIT_CYCLE] * 3
 
 
 def test_neither_has_a_cycle() -> None:
-    result = epp.ladder(epp.case("fig8b_reduced_backlash"))
+    result = epp.ladder(epp.case("wheelchair").with_values({"play.gap": "6 mm"}))
     assert result.agreement is Agreement.FREE and not result.errors and not result.probes
 
 

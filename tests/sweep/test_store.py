@@ -101,13 +101,13 @@ def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> 
 
 @pytest.mark.slow
 def test_killed_at_random_moments(wanted, tmp_path) -> None:
-    """Five times, on threads and on processes by turns: each goes on where the other was."""
+    """Three times, on threads and on processes by turns: each goes on where the other was."""
     path, program = tmp_path / "map.zarr", tmp_path / "program.py"
     program.write_text(PROGRAM)
     draw = np.random.default_rng(7)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     counts = [0]
-    for turn, kill in enumerate((*range(5), None)):
+    for turn, kill in enumerate((*range(3), None)):
         scheduler = ("threads", "processes")[turn % 2]
         process = subprocess.Popen(
             [sys.executable, str(program), str(path), scheduler], env=environment, stdout=subprocess.PIPE
@@ -116,7 +116,7 @@ def test_killed_at_random_moments(wanted, tmp_path) -> None:
         assert process.stdout.readline() == b"ready\n"
         if kill is not None:
             # Wait for a random number of further blocks, then for a random part of the next one.
-            goal, end = counts[-1] + int(draw.integers(0, 8)), time.monotonic() + 60
+            goal, end = counts[-1] + int(draw.integers(0, 14)), time.monotonic() + 60
             while (not path.exists() or done(path) < goal) and process.poll() is None and time.monotonic() < end:
                 time.sleep(0.002)
             time.sleep(float(draw.uniform(0, 0.05)))
@@ -156,7 +156,7 @@ def test_workers_of_a_cluster_killed_at_random_moments_lose_no_cell(wanted, tmp_
 
         def kill() -> None:
             draw = np.random.default_rng(3)
-            for turn, goal in enumerate(np.sort(draw.integers(1, 36, 3))):
+            for turn, goal in enumerate(np.sort(draw.integers(1, 36, 2))):
                 end = time.monotonic() + 60
                 while (not path.exists() or done(path) < goal) and time.monotonic() < end:
                     time.sleep(0.005)
