@@ -17,6 +17,14 @@ from pathlib import Path
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _QUIET = ("--disable-gpu", "--disable-background-networking", "--disable-component-update", "--disable-sync")
 
+#: The command line, but of a page that waits for ever before it begins with the slow pictures.
+_FAST_ALONE = """
+import eppanalysis.explorer.page as page
+from eppanalysis.cli import main
+page._CALM = 10**9
+main()
+"""
+
 #: Finds things behind the shadow roots that Bokeh puts them in, and measures from a key to the picture it changes.
 HELPERS = """
 window.deep = (node, selector) => {
@@ -62,9 +70,16 @@ def find_chromium() -> str | None:
 
 
 @contextmanager
-def running_explorer(case: str = "fig8a_original", *options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Address and process of an explorer; ended as Ctrl-C would."""
-    call = [sys.executable, "-m", "eppanalysis", "explore", case, "--port", "0", "--no-browser", *options]
+def running_explorer(
+    case: str = "fig8a_original", *options: str, slow_pictures: bool = True
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Address and process of an explorer; ended as Ctrl-C would.
+
+    Without its slow pictures a page leaves the processor to what a test is about: every new value asks for seconds of
+    work on exact cycles, branch and map.
+    """
+    program = ["-m", "eppanalysis"] if slow_pictures else ["-c", _FAST_ALONE]
+    call = [sys.executable, *program, "explore", case, "--port", "0", "--no-browser", *options]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=said, text=True, env=environment)

@@ -29,7 +29,7 @@ PASSWORDS = "etc/passwd"
 
 @pytest.fixture(scope="module")
 def address():
-    with running_explorer() as (address, _):
+    with running_explorer(slow_pictures=False) as (address, _):
         yield address
 
 
@@ -77,7 +77,14 @@ def test_what_is_shown_is_what_the_methods_say(page):
     assert f"{cycle.frequency:.4g} Hz" in verdict(page)
 
 
-def test_slow_pictures_arrive(page):
+def test_slow_pictures_arrive(browser):
+    with running_explorer() as (address, _):
+        page = open_page(browser, address)
+        slow_pictures_arrive(page)
+        page.close()
+
+
+def slow_pictures_arrive(page):
     wait(page, "model('map').title.text === 'Design map'", 240)
     codes = page.evaluate(
         "Array.from(model('map').renderers.find((r) => r.glyph.type === 'Image').data_source.data.image[0])"
@@ -272,7 +279,7 @@ def test_it_listens_on_the_loopback_only(address):
 
 
 def test_a_loop_has_its_own_sliders(browser):
-    with running_explorer("backlash_servo") as (address, _):
+    with running_explorer("backlash_servo", slow_pictures=False) as (address, _):
         page = open_page(browser, address)
         assert (
             page.evaluate(
