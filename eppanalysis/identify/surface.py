@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,5 +168,15 @@ def _scaled(places: Array, centre: Array, root: Array) -> Array:
 
 def _features(u: Array) -> Array:
     """One, the coordinates, and their products, shape (m, 1 + p + p (p + 1)/2)."""
-    i, j = np.triu_indices(u.shape[1])
-    return np.column_stack([np.ones(len(u)), u, u[:, i] * u[:, j]])
+    m, p = u.shape
+    i, j = _pairs(p)
+    features = np.empty((m, 1 + p + i.size))
+    features[:, 0], features[:, 1 : 1 + p] = 1.0, u
+    np.multiply(u[:, i], u[:, j], out=features[:, 1 + p :])
+    return features
+
+
+@cache
+def _pairs(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """All pairs of `p` coordinates; chains ask for them tens of thousands of times."""
+    return np.triu_indices(p)

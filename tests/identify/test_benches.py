@@ -36,9 +36,9 @@ def coverage(benches, tmp_path, test: str) -> dict[str, float]:
 
 
 def test_weight_tray_intervals_cover(tmp_path):
-    found = coverage([weight_tray(seed) for seed in range(100, 120)], tmp_path, "tray")
+    found = coverage([weight_tray(seed) for seed in range(100, 110)], tmp_path, "tray")
     assert set(found) == {"pulley.friction", "pulley.kinetic_ratio", "sensor.gain", "sensor.full_scale"}
-    assert min(found.values()) >= 0.8  # 95 % each; of 20 benches, 4 misses or more are one case in a hundred
+    assert min(found.values()) >= 0.8  # 95 % each; of 10 benches, 3 misses or more are one case in a hundred
 
 
 def test_backlash_intervals_cover(tmp_path):
@@ -48,15 +48,15 @@ def test_backlash_intervals_cover(tmp_path):
 
 
 def test_step_response_intervals_cover(monkeypatch):
-    """At 95 %, three misses or more of eight are one case in 170 for one parameter; at 80 %, one in five."""
+    """At 95 %, two misses or more of four are one case in 70 for one parameter; at 80 %, one in five."""
     monkeypatch.setitem(benches.MAKERS, "step", partial(step_response, t_end=1.0))
-    runs = list(run_all("step", range(300, 308), 1))
+    runs = list(run_all("step", range(300, 304), 1))
     assert not [r.refusal for r in runs if r.refusal]
     held: dict[str, list[bool]] = defaultdict(list)
     for outcome in (o for r in runs for o in r.outcomes):
         held[outcome.name].append(outcome.held)
     assert set(held) == {*DEFAULT, "lock_pin.backlash", "cable.stiffness"}
-    assert max(h.count(False) for h in held.values()) <= 2
+    assert max(h.count(False) for h in held.values()) <= 1
     assert all(r.limited_by in held for r in runs)
 
 

@@ -47,6 +47,8 @@ def test_simulate_identify_predict(tmp_path, seed):
     assert np.ptp(frequency) < 0.05 / true.period and np.ptp(swing) < 0.1 * true.peak_to_peak
 
     (exact,) = stable(run("cycles", found, "--json"))
+    assert exact["frequency"] == pytest.approx(1.0 / true.period, rel=0.01)
+    assert exact["peak_to_peak"]["theta"] == pytest.approx(true.peak_to_peak, rel=0.03)
     assert frequency.min() <= exact["frequency"] <= frequency.max()
     assert swing.min() <= exact["peak_to_peak"]["theta"] <= swing.max()
 

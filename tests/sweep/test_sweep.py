@@ -200,9 +200,9 @@ def test_fields_of_the_input_are_axes() -> None:
 
 @pytest.mark.slow
 def test_predictions_and_orbits_from_processes_have_the_same_bits() -> None:
-    axes = {"relay_dead_zone.threshold": "0.8:1.2:3"}
+    axes = {"relay_dead_zone.threshold": "0.8:1.2:2"}
     run = ("predict", "cycles", "knock")
-    here = sweep(RELAY, axes, run=run, chunk=3, progress=False)
+    here = sweep(RELAY, axes, run=run, chunk=2, progress=False)
     assert here.identical(sweep(RELAY, axes, run=run, chunk=1, scheduler="processes", workers=2, progress=False))
 
 
