@@ -111,12 +111,10 @@ def design_bounds(
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> case = epp.case("fig8a_original")
-    >>> found = epp.design_bounds(
-    ...     case, "bands.range", "lock_pin.backlash", start="2.5 lbf", points=1, verify=False
-    ... )
-    >>> case.text("lock_pin.backlash", found.cells[0].exact, 7)
-    '0.9785869 deg'
+    >>> case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    >>> found = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
+    >>> round(found[0].exact, 7), found[0].verified
+    (0.8462572, True)
     """
     check_verification(margin, starts)
     if points < 1 or workers < 1:

@@ -169,13 +169,11 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
         return np.where(ok, sign * X[:, -1], np.inf), X
 
     low, high = -np.ones(len(left)), np.ones(len(left))
-    f_low, f_high = sign * left[:, -1], sign * right[:, -1]
     c, d = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     (fc, Xc), (fd, Xd) = value(c), value(d)
     for _ in range(42):
         take = fc < fd
         low, high = np.where(take, low, c), np.where(take, d, high)
-        f_low, f_high = np.where(take, f_low, fc), np.where(take, fd, f_high)
         new = np.where(take, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
         f_new, X_new = value(new)
         c, d = np.where(take, new, d), np.where(take, c, new)
@@ -185,10 +183,7 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
             np.where(take[:, None], X_new, Xd),
             np.where(take[:, None], Xc, X_new),
         )
-        # What lies between can be lower by no more than a side falls towards it; twice that is allowed for.
-        lowest = np.minimum(fc, fd)
-        clear = lowest > 2.0 * np.maximum(f_low - fc, f_high - fd)
-        if np.all((lowest < 0) | clear | (high - low < 1e-9)):
+        if np.all((np.minimum(fc, fd) < 0) | (high - low < 1e-9)):
             break
     best = np.where((fc < fd)[:, None], Xc, Xd)
     turned = np.minimum(fc, fd) < 0
