@@ -89,11 +89,11 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
     results = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
-    results |= {"machine": machine(), "versions": versions(), "clock": given.clock}
+    setting = {"machine": machine(), "versions": versions(), "clock": given.clock}
     parts = jobs(given.quick, given.clock)
     for name in given.only:
         begin = time.perf_counter()
-        results[name] = parts[name]()
+        results[name] = parts[name]() | {"setting": setting}
         sys.stderr.write(f"{name}: {time.perf_counter() - begin:.0f} s\n")
         given.output.parent.mkdir(parents=True, exist_ok=True)
         given.output.write_text(json.dumps(_plain(results), indent=1) + "\n", encoding="utf-8")

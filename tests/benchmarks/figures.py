@@ -89,17 +89,10 @@ def growth(results: Results) -> Figure:
 PICTURES: dict[str, Callable[[Results], Figure]] = {"accuracy": accuracy, "growth": growth}
 
 
-def setting(results: Results) -> str:
-    """Where and with what the numbers were measured."""
-    m, versions = results["machine"], ", ".join(f"{k} {v}" for k, v in results["versions"].items())
-    clock = {"wall": "the wall clock", "cpu": "processor time, because the machine was shared"}[results["clock"]]
-    return f"Measured on {m['cores']} cores ({m['processor']}) by {clock}, with {versions}.\n"
-
-
 def make_all(folder: Path, result: Path = RESULT) -> None:
     """Write every table and picture."""
     results = json.loads(result.read_text(encoding="utf-8"))
-    (folder / "benchmarks_setting.md").write_text(setting(results), encoding="utf-8")
+    (folder / "benchmarks_setting.md").write_text(report.setting(results), encoding="utf-8")
     for name, table in report.tables(results).items():
         (folder / f"benchmarks_{name}.md").write_text(table, encoding="utf-8")
     for name, draw in PICTURES.items():

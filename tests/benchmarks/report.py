@@ -169,9 +169,22 @@ def tables(results: Results) -> dict[str, str]:
     return {name: make(results[part]) for name, (_, part, make) in TABLES.items() if part in results}
 
 
+def setting(results: Results) -> str:
+    """Where and with what the numbers were measured; parts may come from different runs."""
+    parts: dict[str, list[str]] = {}
+    for part, found in results.items():
+        parts.setdefault(_measured(found["setting"]), []).append(part.replace("_", " "))
+    if len(parts) == 1:
+        return f"Measured {next(iter(parts))}.\n"
+    return "".join(f"* {', '.join(names)}: measured {how}.\n" for how, names in parts.items())
+
+
+def _measured(how: dict[str, Any]) -> str:
+    m, versions = how["machine"], ", ".join(f"{k} {v}" for k, v in how["versions"].items())
+    clock = {"wall": "the wall clock", "cpu": "processor time, because the machine was shared"}[how["clock"]]
+    return f"on {m['cores']} cores ({m['processor']}, load {m['load']:.1f} at the begin) by {clock}, with {versions}"
+
+
 def text(results: Results) -> str:
     """Everything, to be printed."""
-    about = ", ".join(f"{k} {v}" for k, v in results["versions"].items())
-    m = results["machine"]
-    head = f"{m['processor']}, {m['cores']} cores, load {m['load']:.1f}, {results['clock']} clock\n{about}\n"
-    return head + "".join(f"\n{TABLES[name][0]}\n\n{table}" for name, table in tables(results).items())
+    return setting(results) + "".join(f"\n{TABLES[name][0]}\n\n{table}" for name, table in tables(results).items())

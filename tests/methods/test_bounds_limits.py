@@ -42,7 +42,6 @@ LIMITS = [
     ("bands.parking_width", 0.9956, -1.0, 0.02, 1.0395),
     ("cable.stiffness", 0.9209, 1.0, 0.01, 1.0400),
     ("forearm.prehensor_mass", 0.9757, 1.0, 0.05, 1.0415),
-    ("forearm.inertia", 0.97527, 1.0, 0.05, 1.0420),
     ("controller.delay", 0.97797, 1.0, 0.2, 1.0390),
     ("drive.inertia", 0.97518, 1.0, 0.05, 1.0382),
 ]
