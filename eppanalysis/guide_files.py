@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.export import PICTURES, atomic, check_target, csv_cell, write_figure
+from eppanalysis.guidelines import cut
 
 if TYPE_CHECKING:
     import pandas
@@ -52,14 +53,14 @@ def write_guide(guide: Guide, path: Path) -> None:
 
 
 def rounded(guide: Guide) -> pandas.DataFrame:
-    """The table with its numbers as texts of four significant digits; what is not known is a dash."""
+    """The table with its numbers as texts, cut to four significant digits; what is not known is a dash."""
     return guide.to_frame().map(_text)
 
 
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return value
-    return f"{value:.{_DIGITS}g}" if value == value else "-"
+    return f"{cut(value, _DIGITS):.{_DIGITS}g}" if value == value else "-"
 
 
 def title(guide: Guide) -> str:

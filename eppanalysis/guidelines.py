@@ -93,6 +93,15 @@ class GuideRow:
         }
 
 
+def cut(value: float, digits: int) -> float:
+    """A number cut to significant digits: what may be had, rounded to the safe side."""
+    if not (value > 0 and math.isfinite(value)):
+        return value
+    digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    # What is a whole number of digits but for rounding errors stays one.
+    return math.floor(value / digit + 1e-9) * digit
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Guide(Brief):
     """Guidelines of a case; see :func:`design_guide`.
@@ -167,11 +176,7 @@ class Guide(Brief):
     def _below(self, backlash: float) -> str:
         """A backlash in three digits, rounded to the safe side."""
         factor = self.case.readable(LIMIT)[1]
-        if not backlash > 0:
-            return self.case.text(LIMIT, backlash, 3)
-        digit = 10.0 ** (math.floor(math.log10(factor * backlash)) - 2)
-        # What is a whole number of digits but for rounding errors stays one.
-        return self.case.text(LIMIT, math.floor(factor * backlash / digit + 1e-9) * digit / factor, 3)
+        return self.case.text(LIMIT, cut(factor * backlash, 3) / factor, 3)
 
     def _sentence(self, row: GuideRow) -> str:
         text = self.case.text
@@ -180,8 +185,8 @@ class Guide(Brief):
             return f"At a {place}: {row.cell.message}"
         lbf = self.case.readable(GAIN)[1]
         out = (
-            f"At a {place} keep backlash under {self._below(row.allowed)} ({1e3 * row.pulley:.2g} mm at the pulley, "
-            f"{lbf * row.force:.2g} lbf or {row.force:.2g} N of cable force)"
+            f"At a {place} keep backlash under {self._below(row.allowed)} ({cut(1e3 * row.pulley, 2):.2g} mm at the "
+            f"pulley, {cut(lbf * row.force, 2):.2g} lbf or {cut(row.force, 2):.2g} N of cable force)"
         )
         if row.tolerance is not None:
             out += f"; under {self._below(row.tolerance.worst_case)} where every tolerance is used up"

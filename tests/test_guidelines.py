@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from hypothesis import given, strategies as st
 from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli import app
-from eppanalysis.guide_files import FILES
-from eppanalysis.guidelines import Guide, GuideRow
+from eppanalysis.guide_files import FILES, rounded
+from eppanalysis.guidelines import Guide, GuideRow, cut
 from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_harmonic import Question
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
@@ -72,7 +73,17 @@ def test_frame_has_units_and_numbers(guide: Guide) -> None:
 def test_sentences_round_to_the_safe_side(guide: Guide) -> None:
     """A bound of 0.45977 deg is not 0.46 deg."""
     row = dataclasses.replace(guide.rows[0], allowed=0.45977 * DEGREE)
-    assert "keep backlash under 0.459 deg" in dataclasses.replace(guide, rows=(row,)).sentences()[0]
+    changed = dataclasses.replace(guide, rows=(row,))
+    assert "keep backlash under 0.459 deg" in changed.sentences()[0]
+    assert rounded(changed)["largest backlash [deg]"].tolist() == ["0.4597"]
+
+
+@given(st.floats(1e-6, 1e6), st.integers(1, 6))
+def test_a_cut_is_never_above_and_less_than_a_digit_below(value: float, digits: int) -> None:
+    shown = float(f"{cut(value, digits):.{digits}g}")
+    assert shown <= value * (1.0 + 1e-8)
+    assert value - shown < 1.000001 * 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    assert cut(shown, digits) == pytest.approx(shown, rel=1e-12)
 
 
 def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
