@@ -100,3 +100,16 @@ def test_two_events_that_do_not_undo_each_other_are_left_alone(branch: epp.Branc
     p = len(modes)
     other = next(k for k in range(p) if not np.array_equal(modes[k - 1], modes[(k + 1) % p]))
     assert across(replace(point, arc=other), -1.0) == (None, False)
+
+
+def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
+    """A band is visited for ever shorter times before the drive stops; without the visit the cycle goes on."""
+    name, friction = "fig6a_original_pulley", "pulley.friction"
+    case = epp.case(name)
+    branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245)
+    assert branch.message.endswith("the other leaves the range.") and branch.points["stable"].all()
+    (change,) = [s for s in branch.special if "disappears: bands falls through 3" in s.note]
+    assert change.value == pytest.approx(0.0252124506, rel=1e-7)
+    run = epp.simulate(case.with_values({friction: 0.0245}).to_system(), case.input, t_end=12.0)
+    assert run.limit_cycle is not None
+    assert branch.points["period"][-1] == pytest.approx(run.limit_cycle.period, rel=1e-9)
