@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.export import PICTURES, atomic, check_target, csv_cell, write_figure
-from eppanalysis.guidelines import cut
+from eppanalysis.readable import cut
 
 if TYPE_CHECKING:
     import pandas

@@ -23,6 +23,7 @@ from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell
 from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
 from eppanalysis.provenance import provenance
+from eppanalysis.readable import cut
 from eppanalysis.results import Brief
 
 if TYPE_CHECKING:
@@ -91,15 +92,6 @@ class GuideRow:
             "knock": self.knock,
             "missing": self.missing,
         }
-
-
-def cut(value: float, digits: int) -> float:
-    """A number cut to significant digits: what may be had, rounded to the safe side."""
-    if not (value > 0 and math.isfinite(value)):
-        return value
-    digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    # What is a whole number of digits but for rounding errors stays one.
-    return math.floor(value / digit + 1e-9) * digit
 
 
 @dataclass(frozen=True, eq=False, repr=False)

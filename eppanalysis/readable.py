@@ -1,4 +1,4 @@
-"""Units in which people read tables and pictures; files and JSON stay in SI units."""
+"""Units and digits in which people read tables and pictures; files and JSON stay in SI units."""
 
 from __future__ import annotations
 
@@ -19,3 +19,12 @@ def readable(unit: str) -> tuple[str, float]:
     ('N·m', 1.0)
     """
     return READABLE.get(unit, (unit.replace("*", "·"), 1.0))
+
+
+def cut(value: float, digits: int) -> float:
+    """A number cut to significant digits: what may be had, rounded to the safe side."""
+    if not (value > 0 and math.isfinite(value)):
+        return value
+    digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    # What is a whole number of digits but for rounding errors stays one.
+    return math.floor(value / digit + 1e-9) * digit

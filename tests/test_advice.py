@@ -19,6 +19,7 @@ from eppanalysis.advice import (
 )
 from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_harmonic import Question
+from tests.made_bounds import bounds_of
 
 #: The original elbow with its original pulley at a profile range of 1.5 lbf.
 FRICTION, GAIN = 0.0526, "1.5 lbf"
@@ -44,10 +45,7 @@ def bounds(case: epp.Case, cycle: epp.LimitCycle) -> epp.DesignBounds:
     branch = epp.continue_branch(case, LIMIT, "0.5 deg", "0.3 deg", cycle=cycle, max_step=0.05)
     cell = bound_of_branch(Question(case, LIMIT, *WITHIN), case.value("bands.range"), branch, Settings(verify=False))
     assert cell is not None
-    names = ("bands.range", LIMIT)
-    own = {name: case.value(name) for name in names}
-    units, readable = ({name: f(name) for name in names} for f in (lambda n: case.unit(n)[0], case.readable))
-    return epp.DesignBounds(case.name, *names, units, readable, own, WITHIN, (cell,), {})
+    return bounds_of(case, "bands.range", LIMIT, cell)
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,14 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli import app
 from eppanalysis.guide_files import FILES, rounded
-from eppanalysis.guidelines import Guide, GuideRow, cut
+from eppanalysis.guidelines import Guide, GuideRow
 from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_harmonic import Question
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_tolerance import half_widths_of
 from eppanalysis.provenance import provenance
+from eppanalysis.readable import cut
+from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
 
 DEGREE = math.pi / 180.0
@@ -202,11 +204,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     )  # fmt: skip
 
     def fake(case: epp.Case, over: str, limit: str, **_: object) -> DesignBounds:
-        names = (over, limit)
-        return DesignBounds(
-            case.name, over, limit, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
-            {n: case.value(n) for n in names}, (0.001, 0.1), cells, provenance("bounds", {"margin": 0.01}),
-        )  # fmt: skip
+        return bounds_of(case, over, limit, *cells)
 
     monkeypatch.setattr("eppanalysis.methods.bounds.design_bounds", fake)
     base = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
@@ -235,12 +233,8 @@ def test_a_question_without_a_bound_gets_a_sentence_and_no_failure() -> None:
 def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """As with a soft cable, whose corners of the tolerances cannot all be reached."""
     case = epp.case("fig8a_original")
-    names = ("bands.range", "lock_pin.backlash")
     cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, harmonic=0.98 * DEGREE, verified=True)
-    found = DesignBounds(
-        case.name, *names, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
-        {n: case.value(n) for n in names}, (0.001, 0.1), (cell,), provenance("bounds", {"margin": 0.01}),
-    )  # fmt: skip
+    found = bounds_of(case, "bands.range", "lock_pin.backlash", cell)
 
     def fails(*_: object, **__: object) -> None:
         raise epp.EppError("the bound was not corrected.")

@@ -1,0 +1,24 @@
+"""What tests of bounds share: a small loop whose bound is known, and the result that holds given cells."""
+
+from __future__ import annotations
+
+import eppanalysis as epp
+from eppanalysis.methods.bounds_result import BoundCell
+from eppanalysis.provenance import provenance
+
+#: The fold in gain of the wheelchair with a gap of 12 mm, from a branch of exact orbits.
+GAIN = 0.8462572
+
+
+def wheelchair() -> epp.Case:
+    """The shipped case with a gap of 12 mm and a gain that may be bounded."""
+    return epp.case("wheelchair").with_values({"loop.gain": 1.0, "play.gap": 0.012})
+
+
+def bounds_of(case: epp.Case, over: str, limit: str, *cells: BoundCell) -> epp.DesignBounds:
+    """What `design_bounds` returns with these cells."""
+    names = (over, limit)
+    return epp.DesignBounds(
+        case.name, over, limit, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
+        {n: case.value(n) for n in names}, (0.001, 0.1), cells, provenance("bounds", {"margin": 0.01}),
+    )  # fmt: skip
