@@ -49,7 +49,8 @@ class Brief:
     """A dataclass whose repr fits the screen: its plain values, and how much there is of the others."""
 
     def __repr__(self) -> str:
-        shown = {f.name: _brief(getattr(self, f.name)) for f in fields(self) if f.name != "provenance"}  # type: ignore[arg-type]
+        named = fields(self)  # type: ignore[arg-type]  # only dataclasses inherit from it
+        shown = {f.name: _brief(getattr(self, f.name)) for f in named if f.name != "provenance"}
         return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in shown.items() if text)})"
 
 

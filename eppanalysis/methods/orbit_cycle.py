@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.orbit import PeriodShape, analyse_period
 from eppanalysis.methods.shooting import CONVERGED, Orbit, middle, restarted
-from eppanalysis.methods.simulate import run_hybrid
+from eppanalysis.methods.simulate import named_events, run_hybrid
 from eppanalysis.methods.stability import describe, is_stable
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.provenance import provenance
@@ -102,16 +102,9 @@ def sample_arcs(orbit: Orbit, times: Array) -> Array:
 def _events(orbit: Orbit) -> tuple[Event, ...]:
     """The events within the period, the one that closes it last."""
     hybrid, it = orbit.hybrid, orbit.arcs.itinerary
+    real = it.guards >= 0
     after = np.roll(it.modes, -1, axis=0)
-    out = []
-    for time, guard, modes in zip(np.cumsum(orbit.tau), it.guards, after, strict=True):
-        if guard < 0:
-            continue
-        e = int(hybrid.model.guard_element[guard])
-        name = hybrid.element_names[e]
-        if name != "observer":
-            out.append(Event(float(time), name, hybrid.guard_names[guard], hybrid.mode_names[e][int(modes[e])]))
-    return tuple(out)
+    return named_events(hybrid, np.cumsum(orbit.tau)[real], it.guards[real], after[real])
 
 
 def _memory(system: LureSystem, orbit: Orbit) -> tuple[float | None, ...]:

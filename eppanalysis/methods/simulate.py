@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from eppanalysis.kernels.rooms import Ring
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Codes of the kernel that end a run before its time.
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
@@ -284,11 +285,16 @@ def _statistics(run: Run) -> dict[str, Any]:
 def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
     """The held events from place `first` on, as sentences."""
     rows = run.order[first:]
-    elements = hybrid.model.guard_element[run.guard[rows]]
-    times, modes = run.time[rows] - origin, run.modes[rows, elements]
+    return named_events(hybrid, run.time[rows] - origin, run.guard[rows], run.modes[rows])
+
+
+def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
+    """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
+    elements = hybrid.model.guard_element[guards]
+    after = modes[np.arange(guards.size), elements]
     return tuple(
         Event(time, hybrid.element_names[e], hybrid.guard_names[g], hybrid.mode_names[e][mode])
-        for time, g, e, mode in zip(*(a.tolist() for a in (times, run.guard[rows], elements, modes)), strict=True)
+        for time, g, e, mode in zip(*(a.tolist() for a in (times, guards, elements, after)), strict=True)
         if hybrid.element_names[e] != "observer"
     )
 

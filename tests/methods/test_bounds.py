@@ -19,13 +19,12 @@ from eppanalysis.methods.bounds_verify import verify
 from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.harmonic import harmonic_balance
 from eppanalysis.methods.harmonic_loop import inputs_of
+from tests import made_bounds
 
 DEGREE = math.pi / 180.0
 WITHIN = ("0.1 deg", "5 deg")
 #: The fold in backlash at a profile range of 2.5 lbf, from a branch of exact orbits [rad].
 FOLD = 0.0170795626032
-#: The fold in gain of the wheelchair with a gap of 12 mm, likewise.
-GAIN = 0.8462572
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def case() -> epp.Case:
 
 @pytest.fixture(scope="module")
 def wheelchair() -> epp.Case:
-    return epp.case("wheelchair").with_values({"loop.gain": 1.0, "play.gap": 0.012})
+    return made_bounds.wheelchair()
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +234,7 @@ def test_tolerances(wheelchair: epp.Case) -> None:
     """The worst corner is where the branch of that corner turns back; no draw lies below it."""
     within, widths = (0.3, 1.3), {"play.gap": "6 %", "dead_zone.upper": "5 %"}
     result = tolerance_bound(wheelchair, "loop.gain", widths, within=within, samples=60, seed=5)
-    assert result.nominal == pytest.approx(GAIN, rel=1e-6)
+    assert result.nominal == pytest.approx(made_bounds.GAIN, rel=1e-6)
     assert result.worst_values["play.gap"] == pytest.approx(1.06 * wheelchair.value("play.gap"))
     # The worst corner once more, on its own.
     worst = wheelchair.with_values({**result.worst_values, "loop.gain": 1.0})

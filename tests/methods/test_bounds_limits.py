@@ -30,10 +30,9 @@ from eppanalysis.methods.exact import start_of, steady_hybrid
 from eppanalysis.methods.harmonic_loop import inputs_of
 from eppanalysis.methods.simulate import judge, run_hybrid
 from eppanalysis.results import LimitCycle, Status
+from tests import made_bounds
 
 BACKLASH = "lock_pin.backlash"
-#: The fold in gain of the wheelchair with a gap of 12 mm, from a branch of exact orbits.
-GAIN = 0.8462572
 #: Limit, backlash [deg], side that has cycles, distance of the tests (those that move the bound on backlash little are
 #: tested farther away: a cycle that is about to vanish takes long to fade), and the bound on it as a share of its own.
 LIMITS = [
@@ -54,7 +53,7 @@ def case() -> epp.Case:
 
 @pytest.fixture(scope="module")
 def wheelchair() -> epp.Case:
-    return epp.case("wheelchair").with_values({"loop.gain": 1.0, "play.gap": 0.012})
+    return made_bounds.wheelchair()
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +118,7 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
 def test_bound_from_exact_orbits_alone(wheelchair: epp.Case) -> None:
     """What is done where harmonic balance is of no help: the search, the branch, the fold."""
     found = searched(Question(wheelchair, "loop.gain", 0.6, 1.2), 0.6, 1.0)
-    assert found.kind == "fold" and found.value == pytest.approx(GAIN, rel=1e-6)
+    assert found.kind == "fold" and found.value == pytest.approx(made_bounds.GAIN, rel=1e-6)
     # Where no cycle exists none is found.
     none = searched(Question(wheelchair, "loop.gain", 0.6, 0.8), 0.8, 1.0)
     assert none.kind == "" and none.cycle is None and "no family" in none.message
@@ -134,7 +133,7 @@ def test_a_cell_without_harmonic_balance_is_bound_exactly(
     asked = (wheelchair, "play.gap", "loop.gain")
     (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.6, 1.2), starts=40)
     assert cell.finding == "bound" and cell.verified, cell.message
-    assert cell.exact == pytest.approx(GAIN, rel=1e-6)
+    assert cell.exact == pytest.approx(made_bounds.GAIN, rel=1e-6)
     assert np.isnan(cell.harmonic) and not cell.harmonic_elasticities
     # There really are cycles down to the end of this one.
     (cell,) = epp.design_bounds(*asked, at=[0.012], within=(0.95, 1.2), starts=40)

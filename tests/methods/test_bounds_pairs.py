@@ -5,14 +5,15 @@ from __future__ import annotations
 import pytest
 
 import eppanalysis as epp
+from tests import made_bounds
 
 
 def test_gain_of_a_generic_loop_over_its_free_play() -> None:
     """The bound parts runs from the case's own start; first order is on its unsafe side."""
-    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    case = made_bounds.wheelchair()
     (cell,) = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
     assert cell.verified and cell.sign == 1.0, cell.message
-    assert cell.exact == pytest.approx(0.8462572, rel=1e-6)
+    assert cell.exact == pytest.approx(made_bounds.GAIN, rel=1e-6)
     assert cell.first_order_unsafe and abs(cell.harmonic_error) < cell.error_estimate < 0.03
     # Its fold from the other side: the branch over the gap at that gain turns back at the gap.
     here = case.with_values({"loop.gain": cell.exact})
@@ -34,7 +35,7 @@ def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
 
 
 def test_two_processes_give_the_same_numbers() -> None:
-    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    case = made_bounds.wheelchair()
     one, two = (
         epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012, 0.013], starts=20, workers=n) for n in (1, 2)
     )
