@@ -27,7 +27,9 @@ from eppanalysis.methods.harmonic_loop import Equations, Loop
 from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, orders
 
 _MOST_PROGRAMMES, _MOST_HOPS = 40, 3
-_SHORTEST, _GENUINE = 1e-3, 1e-6
+_GENUINE = 1e-6
+#: Of the first trust region, the shortest one that is tried: from a true cycle, and from what may be near none.
+_SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.1
 _BEYOND = (1e-4, 1e-3, 5e-3)
 #: Switches of one element this close in phase may be about to merge.
 _CLOSE = 1e-2
@@ -149,7 +151,9 @@ def anchored(Z: ComplexArray) -> tuple[ComplexArray, int]:
     return Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), pivot
 
 
-def extreme(numbers: Numbers, programmes: Programmes, start: Cycle, sign: float, reach: float = 0.25) -> Fold | None:
+def extreme(
+    numbers: Numbers, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
+) -> Fold | None:
     """The least (sign 1) or largest (sign -1) parameter of the family of cycles that holds (or is near) `start`.
 
     Parameters
@@ -158,7 +162,8 @@ def extreme(numbers: Numbers, programmes: Programmes, start: Cycle, sign: float,
         The loop over the parameter's range.
     programmes : Programmes
         What has been written before.
-    start : Cycle
+    start : Cycle or Fold
+        A fold of a loop whose numbers were a little different is solved for again with the switches that it had.
     sign : {1, -1}
     reach : float
         First trust region of the parameter, relative to its value.
@@ -168,9 +173,12 @@ def extreme(numbers: Numbers, programmes: Programmes, start: Cycle, sign: float,
     Fold or None
         None where the programme has no solution near the start.
     """
-    path = _Path(start, reach)
+    known = start if isinstance(start, Fold) else None
+    shortest = _SHORTEST if known is None else _SHORTEST_KNOWN
+    path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
     for _ in range(_MOST_PROGRAMMES):
-        step = _Step.of(numbers, programmes, path.here, sign, path.width)
+        step = _Step.of(numbers, programmes, path.here, sign, path.width, known)
+        known = None
         found = None if step is None else step.solve()
         if found is None or step is None:
             path.back()
@@ -197,6 +205,7 @@ class _Path:
 
     base: Cycle
     width: float
+    shortest: float
     hops: int = 0
     iterations: int = 0
 
@@ -206,7 +215,7 @@ class _Path:
     @property
     def lost(self) -> bool:
         """Whether no reach is short enough."""
-        return self.width < _SHORTEST * self.longest
+        return self.width < self.shortest * self.longest
 
     def back(self) -> None:
         """The programme had no solution."""
@@ -251,16 +260,21 @@ class _Step:
     sign: float
 
     @classmethod
-    def of(cls, numbers: Numbers, programmes: Programmes, here: Cycle, sign: float, width: float) -> _Step | None:
+    def of(
+        cls, numbers: Numbers, programmes: Programmes, here: Cycle, sign: float, width: float, known: Fold | None
+    ) -> _Step | None:
         loop = numbers.loop(here.value)
         Z, pivot = anchored(here.Z)
         try:
-            plan, phases, held = plan_of(loop, Z, here.omega)
+            if known is None:
+                plan, phases, held = plan_of(loop, Z, here.omega)
+                start = _unknowns(loop, Z, here.omega, phases, held)
+            else:
+                plan, start = known.plan, known.unknowns
             dependence = numbers.dependence(plan, here.value)
             expressions = programmes.expressions(plan, loop, dependence, pivot)
         except (Unsettled, EppError):
             return None
-        start = _unknowns(loop, Z, here.omega, phases, held)
         scales = _scales(loop, expressions, start, Z)
         sizes = _sizes(expressions, dependence.at(here.value)[expressions.used], start, scales)
         low, high = dependence.low, dependence.high

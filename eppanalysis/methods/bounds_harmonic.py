@@ -33,6 +33,9 @@ from eppanalysis.results import LimitCycle
 ORDERS = (5, 7, 9, 13, 15)
 CHANGE = 0.03
 N_SCAN = 5
+#: Trust region of a search that comes from far; how far inside a lower order's bound a higher order begins.
+_FAR = 0.7
+_INSIDE = (0.05, 0.2, 0.5)
 _SCALED = (0.5, 2.0)
 
 
@@ -335,8 +338,8 @@ class HarmonicSweep:
 
     def _first(self, numbers: Numbers, sign: float) -> Fold | None:
         """First order: from the last fold, and from every carried cycle."""
-        known = extreme(numbers, self.programmes, self.folds[1].cycle, sign) if 1 in self.folds else None
-        found = [extreme(numbers, self.programmes, c, sign) for c in self.far]
+        known = extreme(numbers, self.programmes, self.folds[1], sign) if 1 in self.folds else None
+        found = [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
         # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
         led = [(c, f.cycle.value) for c, f in zip(self.far, found, strict=True) if f is not None]
         led.sort(key=lambda pair: (float(f"{sign * pair[1]:.6e}"), -float(np.abs(pair[0].Z[0, 1]))))
@@ -365,12 +368,13 @@ class HarmonicSweep:
         return found[-1], apart
 
     def _of_order(self, numbers: Numbers, sign: float, n: int, lower: Fold | None) -> Fold | None:
-        """The fold of an order: from the last one, else from that of the order below, else from the carried cycles."""
+        """The fold of an order: from the last one, else from near that of the order below, else from carried cycles."""
         if n in self.folds:
-            found = extreme(numbers, self.programmes, self.folds[n].cycle, sign, 0.1)
+            found = extreme(numbers, self.programmes, self.folds[n], sign, 0.1)
             if found is not None:
                 return found
-        starts = [] if lower is None else [_filled(numbers, lower.cycle, n)]
+        below = self.folds.get(1) if lower is None else lower
+        starts = [] if below is None else (_inside(numbers, below.cycle, n, sign * share) for share in _INSIDE)
         for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
             found = None if start is None else extreme(numbers, self.programmes, start, sign)
             if found is not None:
@@ -404,12 +408,20 @@ def _carried(numbers: Numbers, cycle: Cycle) -> Cycle | None:
     return None if true is None else Cycle(cycle.value, *true)
 
 
-def _filled(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
-    """A cycle with the further harmonics that its elements send through the loop."""
+def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle | None:
+    """A cycle of a higher order near one at its bound, away from the bound by a share of it; None if there is none.
+
+    At the bound itself the higher order may have no cycle at all.
+    """
+    value = cycle.value * (1.0 + share)
+    if not numbers.low <= value <= numbers.high:
+        return None
+    loop = numbers.loop(value)
     try:
-        return replace(cycle, Z=numbers.loop(cycle.value).continued(cycle.Z, cycle.omega, order))
+        true = settled(loop, loop.continued(cycle.Z, cycle.omega, order), cycle.omega)
     except Unsettled:
         return None
+    return None if true is None else Cycle(value, *true)
 
 
 def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:

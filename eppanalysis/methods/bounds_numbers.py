@@ -205,7 +205,7 @@ class Numbers:
     low: float
     high: float
     _loops: dict[float, Loop] = field(default_factory=dict)
-    _found: dict[tuple[Plan, tuple[float, float]], Dependence] = field(default_factory=dict)
+    _found: dict[tuple[Plan, tuple[float, float], tuple[int, ...]], Dependence | None] = field(default_factory=dict)
 
     def loop(self, value: float) -> Loop:
         """The loop at a value."""
@@ -214,7 +214,7 @@ class Numbers:
         return self._loops[value]
 
     def window(self, value: float) -> tuple[float, float]:
-        """The part of the range around a value over which the numbers are written as polynomials; windows overlap."""
+        """A part of the range around a value; windows overlap."""
         if not self.low > 0:
             return self.low, self.high
         k = np.floor(np.log(max(value, self.low) / self.low) / np.log(_WINDOW))
@@ -229,17 +229,24 @@ class Numbers:
         EppError
             If the numbers are no smooth function of the parameter there.
         """
-        shape = Plan(1, plan.sequences)
-        window = self.window(value)
-        if (shape, window) not in self._found:
-            self._found[shape, window] = self._fit(shape, *window)
-        return self._found[shape, window]
+        shape, whole, window = Plan(1, plan.sequences), (self.low, self.high), self.window(value)
+        # Most parameters enter so simply that no windows are needed.
+        found = self._known(shape, whole, _DEGREES[:1]) or self._known(shape, window, _DEGREES)
+        if found is None:
+            raise EppError("The loop is no smooth function of the parameter over this range; expected a narrower one.")
+        return found
 
-    def _fit(self, plan: Plan, low: float, high: float) -> Dependence:
+    def _known(self, plan: Plan, window: tuple[float, float], degrees: tuple[int, ...]) -> Dependence | None:
+        if (plan, window, degrees) not in self._found:
+            self._found[plan, window, degrees] = self._fit(plan, *window, degrees)
+        return self._found[plan, window, degrees]
+
+    def _fit(self, plan: Plan, low: float, high: float, degrees: tuple[int, ...]) -> Dependence | None:
+        """The polynomials of the least of these degrees that agrees; None where none does."""
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         checks = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in _CHECKED])
         size = np.abs(checks).max(0)
-        for degree in _DEGREES:
+        for degree in degrees:
             nodes = chebyshev.chebpts1(degree + 1)
             rows = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in nodes])
             to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / nodes.size)
@@ -253,7 +260,7 @@ class Numbers:
             at_checks = np.array([found.at(middle + half * u) for u in _CHECKED])
             if np.all(np.abs(at_checks - checks) <= _AGREEMENT * size):
                 return found
-        raise EppError("The loop is no smooth function of the parameter over this range; expected a narrower one.")
+        return None
 
 
 def plan_of(loop: Loop, Z: NDArray[np.complex128], omega: float) -> tuple[Plan, tuple[Array, ...], tuple[Array, ...]]:

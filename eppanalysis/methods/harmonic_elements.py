@@ -9,13 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, Monotone, extrema, orders, sampled
+from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, extrema, orders, rooms, sampled
 from eppanalysis.models.automaton import Automaton, Guard
 from eppanalysis.models.nonlinearities.base import Nonlinearity
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.periodic import Table
 
 _MOST_PERIODS = 6
 _EXCURSION = 4.0
@@ -119,6 +124,31 @@ class PeriodicElement:
                 raise ModelError(f"{self.name}: an output that grows with time has no Fourier series.")
         moving = [i for i, m in enumerate(a.modes) if not m.sticking]
         self.start_mode = a.start_mode if a.start_mode in moving else moving[0]
+        self.every_trigger = [t for group in self.triggers for t in group]
+        self.on_free = np.array([[s.on_free[0]] for s in self.series]).reshape(-1, 1)
+        self.on_rate = np.array([[s.on_rate[0]] for s in self.series]).reshape(-1, 1)
+
+    @cached_property
+    def table(self) -> Table:
+        """The triggers as the compiled run takes them."""
+        from eppanalysis.kernels.periodic import Table
+
+        every, a = self.every_trigger, self.automaton
+        counts = [len(group) for group in self.triggers]
+        n, h = len(every), a.n_held
+        return Table(
+            roles=np.array([("free", "rate", "clock").index(role) for role in self.roles], np.int64),
+            first=np.cumsum([0, *counts], dtype=np.int64),
+            series=np.array([t.series for t in every], np.int64),
+            factor=np.array([t.factor for t in every], float),
+            constant=np.array([t.constant for t in every], float),
+            on_held=np.array([t.on_held for t in every], float).reshape(n, h),
+            on_clock=np.array([t.row.on_clock for t in every], float),
+            target=np.array([t.target for t in every], np.int64),
+            from_input=np.array([t.guard.held_from_input for t in every], float).reshape(n, h, len(self.roles)),
+            from_held=np.array([t.guard.held_from_held for t in every], float).reshape(n, h, h),
+            held_constant=np.array([t.guard.held_constant for t in every], float).reshape(n, h),
+        )
 
     def row(self, on_input: Array) -> Row:
         """Inputs by their roles."""
@@ -186,11 +216,11 @@ class _Run:
 
     def __init__(self, owner: PeriodicElement, Z: ComplexArray, omega: float) -> None:
         self.owner, self.Z, self.omega = owner, Z, omega
-        jk = 1j * omega * orders(Z.shape[1] - 1)
-        rows = [(s.on_free[:, None] + s.on_rate[:, None] * jk) * Z for s in owner.series]
-        c = np.array([r.sum(0) for r in rows]).reshape(len(rows), Z.shape[1])
-        self.series = [Monotone(ci, *e) for ci, e in zip(c, extrema(c) if len(c) else [], strict=True)]
-        self.most = 200 + 40 * Z.shape[1]
+        self.series = owner.on_free * Z[0] + owner.on_rate * (1j * omega * orders(Z.shape[1] - 1) * Z[0])
+        self.phase, self.value, self.counts = rooms(self.series)
+        most = 200 + 40 * Z.shape[1]
+        self.at, self.fired = np.empty(most), np.empty(most, np.int64)
+        self.holds = np.empty((most, owner.automaton.n_held))
 
     def settle(self) -> Regime:
         """Run whole periods until mode and held values come back.
@@ -239,66 +269,17 @@ class _Run:
 
     def _advance(self, phi: float, end: float, mode: int, held: Array) -> tuple[int, Array, list[Switch]]:
         """All switches from `phi` to before `end` (those that are due at once if both are the same)."""
-        switches: list[Switch] = []
-        only_now = end == phi
-        while True:
-            found = self._next(phi, mode, held)
-            if found is None or (found[0] > phi if only_now else found[0] >= end):
-                return mode, held, switches
-            phi, trigger = found
-            guard = trigger.guard
-            held = guard.held_from_input @ self._inputs(phi) + guard.held_from_held @ held + guard.held_constant
-            mode = trigger.target
-            switches.append(Switch(phi, trigger, mode, held))
-            if len(switches) > self.most:
-                raise Unsettled(f"{self.owner.name} switches without end.")
+        from eppanalysis.kernels.periodic import advance
 
-    def _inputs(self, phi: float) -> Array:
-        owner = self.owner
-        waves = np.exp(1j * phi * orders(self.Z.shape[1] - 1))
-        out, free = np.zeros(len(owner.roles)), 0
-        for i, role in enumerate(owner.roles):
-            if role == "free":
-                out[i] = (self.Z[free] @ waves).real
-                free += 1
-            elif role == "rate":
-                out[i] = (self.Z[0] * 1j * self.omega * orders(self.Z.shape[1] - 1) @ waves).real
-            else:
-                out[i] = phi / self.omega
-        return out
-
-    def _next(self, phi: float, mode: int, held: Array) -> tuple[float, Trigger] | None:
-        """The next event in a mode: phase and trigger."""
-        here: dict[int, float] = {}
-        pieces: list[tuple[float, Trigger, tuple[float, float, float, float] | None, float, float]] = []
-        for trigger in self.owner.triggers[mode]:
-            offset = trigger.constant + (float(trigger.on_held @ held) if held.size else 0.0)
-            if trigger.series < 0:
-                when = self._timed(trigger, offset, phi)
-                if when is not None:
-                    pieces.append((when, trigger, None, 0.0, 1.0))
-                continue
-            series, level = self.series[trigger.series], -offset / trigger.factor
-            if trigger.series not in here:
-                here[trigger.series] = series.at(phi)[0]
-            sign = 1.0 if trigger.factor > 0 else -1.0
-            piece = series.segment(phi, here[trigger.series], level, sign)
-            if piece is not None:
-                pieces.append((max(phi, piece[0]), trigger, piece, level, sign))
-        best: tuple[float, Trigger] | None = None
-        for earliest, trigger, piece, level, sign in sorted(pieces, key=lambda p: p[0]):
-            if best is not None and earliest >= best[0]:
-                break
-            when = earliest if piece is None else self.series[trigger.series].root(phi, piece, level, sign)
-            if best is None or when < best[0]:
-                best = when, trigger
-        return best
-
-    def _timed(self, trigger: Trigger, offset: float, phi: float) -> float | None:
-        """Phase at which a guard on the clock alone (or on nothing) fires."""
-        if trigger.row.on_clock <= 0:
-            return phi if offset + trigger.row.on_clock * phi / self.omega > 0 else None
-        return max(phi, -offset / trigger.row.on_clock * self.omega)
+        table, held = self.owner.table, held.copy()
+        extrema_of = self.phase, self.value, self.counts
+        room = self.at, self.fired, self.holds
+        count, mode = advance(table, self.series, *extrema_of, self.Z[0], self.omega, phi, end, mode, held, *room)
+        if count < 0:
+            raise Unsettled(f"{self.owner.name} switches without end.")
+        found = zip(self.at[:count].tolist(), self.fired[:count].tolist(), self.holds[:count].copy(), strict=True)
+        every = self.owner.every_trigger
+        return mode, held, [Switch(at, every[i], every[i].target, h) for at, i, h in found]
 
 
 def rest_value(element: Nonlinearity, Z: ComplexArray, omega: float) -> float | None:

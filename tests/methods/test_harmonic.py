@@ -11,7 +11,6 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic import harmonic_balance
 from eppanalysis.methods.harmonic_coefficients import respond, stacked
 from eppanalysis.methods.harmonic_elements import PeriodicElement
-from eppanalysis.methods.harmonic_series import Monotone, extrema
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import (
     Cube,
@@ -33,6 +32,7 @@ from eppanalysis.models.nonlinearities import (
     Sine,
     StictionPulley,
 )
+from tests.fourier import series, turning_points, value
 
 LAW = FiveBandLaw(1.0, 2.0, 3.0, 4.0, 16.0, 0.5)
 
@@ -77,29 +77,8 @@ RATES = {
 }
 
 
-def series(n: int, mean: float, size: float, seed: int) -> np.ndarray:
-    """Random coefficients of order n that fall off slowly, shape (1, n + 1)."""
-    random = np.random.default_rng(seed)
-    c = size * random.normal(size=n + 1) * np.exp(2j * np.pi * random.uniform(size=n + 1)) / np.arange(1, n + 2)
-    c[0], c[1] = mean, size * np.exp(1j * np.angle(c[1]))
-    return c[None]
-
-
 def roles(element) -> list[str]:
     return ["free", "rate" if isinstance(element, LockPin) else "clock"][: element.n_inputs]
-
-
-def value(c: np.ndarray, phi: float) -> float:
-    return float((c @ np.exp(1j * phi * np.arange(c.size))).real)
-
-
-def turning_points(c: np.ndarray) -> np.ndarray:
-    """Extrema by the roots of a polynomial in exp(j phi) (not the way the package finds them)."""
-    k = np.arange(c.size)
-    slope = 1j * k * c
-    roots = np.roots(np.concatenate([slope[:0:-1], [0.0], np.conj(slope[1:])]))
-    on_circle = roots[np.abs(np.abs(roots) - 1.0) < 1e-6]
-    return np.sort(np.angle(on_circle) % (2 * np.pi))
 
 
 def adaptive(f, low: float, high: float, whole=None, depth: int = 44):
@@ -188,30 +167,6 @@ def test_derivatives_equal_central_differences(name):
         difference = (at(x + 1e-6 * unit) - at(x - 1e-6 * unit)) / 2e-6
         # Rounding of the coefficients over the step, and the third derivative near turning points.
         np.testing.assert_allclose(slopes[:, :, i], difference, rtol=0, atol=1e-6 * np.abs(slopes).max())
-
-
-@given(seed=st.integers(0, 10**6), n=st.integers(1, 12))
-def test_extrema_are_the_roots_of_the_slope(seed, n):
-    c = series(n, 0.3, 1.0, seed)
-    phase, level = extrema(c)[0]
-    np.testing.assert_allclose(phase, turning_points(c[0]), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(level, [value(c[0], p) for p in phase], rtol=0, atol=1e-13)
-
-
-@given(seed=st.integers(0, 10**6), share=st.floats(0.02, 0.98), start=st.floats(0.0, 6.28))
-def test_next_rise_through_a_level(seed, share, start):
-    c = series(5, 0.3, 1.0, seed)
-    phase, level = extrema(c)[0]
-    goal = level.min() + share * np.ptp(level)
-    run = Monotone(c[0], phase, level)
-    here = value(c[0], start)
-    found = run.root(start, run.segment(start, here, goal, 1.0), goal, 1.0)
-    grid = np.linspace(start, found, 400)[1:-1]
-    if here > goal:
-        assert found == start
-    else:
-        assert abs(value(c[0], found) - goal) < 1e-13 * np.abs(c).sum()
-        assert all(value(c[0], p) < goal + 1e-12 for p in grid)
 
 
 @pytest.mark.parametrize("name", epp.shipped_cases())

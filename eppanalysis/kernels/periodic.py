@@ -1,0 +1,295 @@
+"""Compiled: Fourier series and the automaton of an element whose input is one.
+
+A series is a row of complex coefficients c[0..n], real c[0], and stands for ``Re(sum c[k] exp(j k phi))``. Between its
+extrema it is monotone, so that its next rise through a level is found to rounding; guards are multiples of few series.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+TURN = 2.0 * math.pi
+#: Samples per wave of the highest harmonic (and at least so many in all) by which extrema are bracketed.
+_PER_WAVE, _LEAST = 8, 32
+ROUNDING = 1e-13
+_MOST_STEPS = 60
+
+_COMPILED = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+class Table(NamedTuple):
+    """Triggers of an automaton with m modes, s in all, as arrays; h held values, inputs z in their roles.
+
+    A trigger of a mode fires where ``factor * series + on_held @ h + on_clock * time + constant`` rises through zero
+    (`series` -1: it has none), writes ``from_input @ z + from_held @ h + held_constant`` into the held values, and
+    leads to the mode `target`.
+    """
+
+    roles: NDArray[np.int64]  # (inputs,): 0 the free series, 1 its rate, 2 the time
+    first: NDArray[np.int64]  # (m + 1,): first trigger of each mode
+    series: NDArray[np.int64]
+    factor: Array
+    constant: Array
+    on_held: Array  # (s, h)
+    on_clock: Array
+    target: NDArray[np.int64]
+    from_input: Array  # (s, h, inputs)
+    from_held: Array  # (s, h, h)
+    held_constant: Array  # (s, h)
+
+
+@njit(**_COMPILED)
+def series_at(c, phi):
+    """Value and slope of a series (n + 1,) at a phase."""
+    step = complex(math.cos(phi), math.sin(phi))
+    wave = complex(1.0, 0.0)
+    value, slope = c[0].real, 0.0
+    for k in range(1, c.size):
+        wave *= step
+        value += c[k].real * wave.real - c[k].imag * wave.imag
+        slope -= k * (c[k].real * wave.imag + c[k].imag * wave.real)
+    return value, slope
+
+
+@njit(**_COMPILED)
+def _slope_and_bend(c, step):
+    """First and second derivative of a series at the phase whose wave is `step`."""
+    wave = complex(1.0, 0.0)
+    slope, bend = 0.0, 0.0
+    for k in range(1, c.size):
+        wave *= step
+        slope -= k * (c[k].real * wave.imag + c[k].imag * wave.real)
+        bend -= k * k * (c[k].real * wave.real - c[k].imag * wave.imag)
+    return slope, bend
+
+
+@njit(**_COMPILED)
+def _turning_point(c, low, high, rising):
+    """The root of the slope in a bracket, by Newton's method kept inside it; `rising` tells its sign at the ends."""
+    phi = 0.5 * (low + high)
+    for _ in range(_MOST_STEPS):
+        slope, bend = _slope_and_bend(c, complex(math.cos(phi), math.sin(phi)))
+        if (slope > 0.0) == rising:
+            high = phi
+        else:
+            low = phi
+        new = phi - slope / bend
+        if not (low - 1e-14 <= new <= high + 1e-14):
+            new = 0.5 * (low + high)
+        move = abs(new - phi)
+        phi = new
+        if move <= 4e-15:
+            break
+    return phi
+
+
+@njit(**_COMPILED)
+def _where_it_turns(c, low, high, slope):
+    """A phase where the slope, which comes nearer to zero and goes again, has the other sign; 0 where it never has."""
+    for _ in range(_MOST_STEPS):
+        middle = 0.5 * (low + high)
+        here, bend = _slope_and_bend(c, complex(math.cos(middle), math.sin(middle)))
+        if (here > 0.0) != (slope > 0.0):
+            return middle
+        if here * bend <= 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.0
+
+
+@njit(**_COMPILED)
+def _put(phase, value, count, c, low, high, rising):
+    """Add the extremum in a bracket to those in order of phase; returns their number."""
+    phi = _turning_point(c, low, high, rising) % TURN
+    if count == phase.size:
+        return count
+    i = count
+    while i > 0 and phase[i - 1] > phi:
+        phase[i], value[i] = phase[i - 1], value[i - 1]
+        i -= 1
+    phase[i], value[i] = phi, series_at(c, phi)[0]
+    return count + 1
+
+
+@njit(**_COMPILED)
+def find_extrema(c, phase, value):
+    """All extrema of a series, in order of phase in [0, 2 pi); returns their number.
+
+    Brackets come from the slope on an even grid; where it comes near zero between two samples without a change of sign,
+    the point where it is nearest is sought, so that no close pair is missed.
+
+    Parameters
+    ----------
+    c : array, shape (n + 1,)
+    phase, value : array, shape (room,)
+        Are filled. A series of order n has at most 2 n extrema; what rounding makes of a flat one beyond the room is
+        left out.
+    """
+    n = c.size - 1
+    swing = 0.0
+    for k in range(1, n + 1):
+        swing += abs(c[k])
+    if not swing > 1e-2 * ROUNDING * abs(c[0]):
+        return 0
+    cells = max(_LEAST, _PER_WAVE * n)
+    h = TURN / cells
+    count = 0
+    slope, bend = _slope_and_bend(c, complex(1.0, 0.0))
+    for i in range(cells):
+        # The last cell ends on the very first sample: half a rounding off it the slope may have the other sign.
+        phi = (i + 1) % cells * h
+        after, bend_after = _slope_and_bend(c, complex(math.cos(phi), math.sin(phi)))
+        if (slope > 0.0) != (after > 0.0):
+            count = _put(phase, value, count, c, i * h, (i + 1) * h, after > 0.0)
+        elif (
+            slope * bend <= 0.0
+            and after * bend_after >= 0.0
+            and min(abs(slope), abs(after)) < h * max(abs(bend), abs(bend_after))
+        ):
+            split = _where_it_turns(c, i * h, (i + 1) * h, slope)
+            if split > 0.0:
+                count = _put(phase, value, count, c, i * h, split, slope <= 0.0)
+                count = _put(phase, value, count, c, split, (i + 1) * h, slope > 0.0)
+        slope, bend = after, bend_after
+    return count
+
+
+@njit(**_COMPILED)
+def next_rise(c, phase, value, count, phi, here, level, sign):
+    """Phase, not before `phi`, at which ``sign * series`` next exceeds ``sign * level``; infinite if it never does.
+
+    Parameters
+    ----------
+    c : array, shape (n + 1,)
+        The series; `phase`, `value` and `count` are its extrema from :func:`find_extrema`, `here` its value at `phi`.
+    """
+    size = 0.0
+    for k in range(c.size):
+        size += abs(c[k])
+    slack = ROUNDING * (size + abs(level))
+    goal = sign * level
+    if sign * here > goal + slack:
+        return phi
+    turns = math.floor(phi / TURN)
+    start = np.searchsorted(phase[:count], phi - turns * TURN, side="right")
+    for i in range(start, start + count):
+        top = sign * value[i % count]
+        if not top > goal + slack:
+            continue
+        if i == start and sign * here >= goal:
+            return phi
+        before = (i - 1) % count
+        # In Python's sense: the extremum before the first is the last one of the turn before.
+        low = phase[before] + TURN * (turns + (i - 1) // count)
+        high = phase[i % count] + TURN * (turns + i // count)
+        bottom = sign * value[before]
+        if high <= phi or bottom >= goal:
+            return max(phi, low)
+        return _root(c, max(low, phi), low, high, 1.0 - 2.0 * (goal - bottom) / (top - bottom), level, sign)
+    return math.inf
+
+
+@njit(**_COMPILED)
+def _root(c, low, begin, high, share, level, sign):
+    """Where a rising piece from `begin` to `high` meets a level, not before `low`: begun as on a cosine."""
+    x = begin + (high - begin) * math.acos(share) / math.pi
+    x = min(max(x, low), high)
+    for _ in range(_MOST_STEPS):
+        value, slope = series_at(c, x)
+        gap, slope = sign * (value - level), sign * slope
+        if gap > 0.0:
+            high = x
+        else:
+            low = x
+        new = x - gap / slope if slope > 0.0 else 0.5 * (low + high)
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        # Newton squares its error: after so small a step the next one would be below rounding.
+        if abs(new - x) <= 1e-9:
+            return new
+        x = new
+    return x
+
+
+@njit(**_COMPILED)
+def _due(table, trigger, offset, phi, omega):
+    """Phase at which a trigger on the clock alone (or on nothing) fires."""
+    clock = table.on_clock[trigger]
+    if clock <= 0.0:
+        return phi if offset + clock * phi / omega > 0.0 else math.inf
+    return max(phi, -offset / clock * omega)
+
+
+@njit(**_COMPILED)
+def advance(table, series, phase, value, counts, z, omega, phi, end, mode, held, at, fired, holds):
+    """Run an automaton over phases, from `phi` to before `end` (over what is due at once if both are the same).
+
+    Parameters
+    ----------
+    table : Table
+    series : array, shape (S, n + 1)
+    phase, value, counts : array, shapes (S, room), (S, room), (S,)
+        Their extrema.
+    z : array, shape (n + 1,)
+        The free input.
+    omega : float
+        [rad/s].
+    held : array, shape (h,)
+        Held values; left as they are at the end.
+    at, fired, holds : array, shapes (most,), (most,), (most, h)
+        Are filled with phase, trigger, and held values behind each switch.
+
+    Returns
+    -------
+    (int, int)
+        Number of switches, and the mode at the end; -1 switches where there are more than `most`.
+    """
+    only_now = end == phi
+    n_held = held.size
+    before = np.empty(n_held)
+    here = np.empty(series.shape[0])
+    number = 0
+    while True:
+        for s in range(series.shape[0]):
+            here[s] = series_at(series[s], phi)[0]
+        when, best = math.inf, -1
+        for t in range(table.first[mode], table.first[mode + 1]):
+            offset = table.constant[t]
+            for h in range(n_held):
+                offset += table.on_held[t, h] * held[h]
+            s = table.series[t]
+            if s < 0:
+                due = _due(table, t, offset, phi, omega)
+            else:
+                sign = 1.0 if table.factor[t] > 0.0 else -1.0
+                level = -offset / table.factor[t]
+                due = next_rise(series[s], phase[s], value[s], counts[s], phi, here[s], level, sign)
+            if due < when:
+                when, best = due, t
+        if best < 0 or (when > phi if only_now else when >= end):
+            return number, mode
+        if number == at.size:
+            return -1, mode
+        phi, mode = when, table.target[best]
+        level, slope = series_at(z, phi)
+        before[:] = held
+        for h in range(n_held):
+            new = table.held_constant[best, h]
+            for i in range(table.roles.size):
+                role = table.roles[i]
+                part = level if role == 0 else omega * slope if role == 1 else phi / omega
+                new += table.from_input[best, h, i] * part
+            for k in range(n_held):
+                new += table.from_held[best, h, k] * before[k]
+            held[h] = new
+            holds[number, h] = new
+        at[number], fired[number] = phi, best
+        number += 1
