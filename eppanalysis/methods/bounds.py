@@ -260,6 +260,8 @@ def _pool(workers: int) -> Iterator[Executor | None]:
     # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     try:
+        for _ in range(workers):
+            pool.submit(cores)  # any call: the processes start while the first bound is sought
         yield pool
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
