@@ -263,7 +263,7 @@ class Prediction(Brief):
     status: Status
     search: str
     curves: Mapping[str, Any] = field(default_factory=dict)
-    margins: dict[str, float] = field(default_factory=dict)
+    margins: Mapping[str, float] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:

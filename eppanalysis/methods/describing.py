@@ -7,8 +7,9 @@ picture needs in ``describing_picture``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from eppanalysis.methods.describing_balance import Array, Balance, make_balance,
 from eppanalysis.methods.describing_error import error_estimate
 from eppanalysis.methods.describing_margins import linear_margins
 from eppanalysis.methods.describing_multi import choose_pivot, search_several
-from eppanalysis.methods.describing_picture import Curves, loop_gain_curves, nyquist_curves
+from eppanalysis.methods.describing_picture import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing_quality import Point, point, stability
 from eppanalysis.methods.describing_search import search_one
 from eppanalysis.models.lure import LureSystem, require_system
@@ -26,6 +27,33 @@ from eppanalysis.results import LimitCycle, Prediction, Status
 __all__ = ["linear_margins", "predict_limit_cycles"]
 
 _METHOD = "describing function"
+
+
+class Deferred(Mapping[str, Any]):
+    """Values by name that are computed when they are first asked for.
+
+    Most predictions are never drawn and their margins never read, and the margins alone load all of python-control.
+    """
+
+    def __init__(self, make: Callable[[], Mapping[str, Any]]) -> None:
+        self._make = make
+
+    @cached_property
+    def _values(self) -> Mapping[str, Any]:
+        with np.errstate(all="ignore"):
+            return self._make()
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return repr(self._values)
 
 
 def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> Prediction:
@@ -68,15 +96,15 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
         cycles = tuple(_cycle(balance, p, value) for p in points)
         if single:
-            curves = Curves(partial(nyquist_curves, balance, points, cycles))
+            curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
-            curves = Curves(partial(loop_gain_curves, balance, found, points, cycles))
+            curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
     return Prediction(
         cycles=cycles,
         status=Status.CONVERGED,
         search=found.search,
         curves=curves,
-        margins=linear_margins(system),
+        margins=Deferred(partial(linear_margins, system)),
         provenance={"system": system.name, "input": dict(zip(system.input_names, value.tolist(), strict=True))},
     )
 

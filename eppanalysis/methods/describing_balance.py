@@ -31,12 +31,12 @@ _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Means (nb, nw), gains (nb, nw) and their derivatives by ln a, b and ln omega of the owning element."""
+    """Means (nb, nw), gains (nb, nw) and their derivatives by ln a, b and ln omega of the owning element (3, nb, nw)."""
 
     mean: Array
     gain: ComplexArray
-    d_mean: tuple[Array, ...]
-    d_gain: tuple[ComplexArray, ...]
+    d_mean: Array
+    d_gain: ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,20 +82,25 @@ class Balance:
         return np.array([i for i in range(self.m) if i != self.pivot], dtype=np.intp)
 
     @cached_property
-    def rate_dependent(self) -> NDArray[np.bool_]:
-        """Which elements have a describing function that depends on frequency."""
-        return np.array([e.n_inputs > 1 for e in self.system.elements])
+    def places(self) -> NDArray[np.intp]:
+        """Where the logarithms of all amplitudes stand in a vector of unknowns; the phases of the others come next."""
+        places = np.zeros(self.m, dtype=np.intp)
+        places[self.others] = 2 * np.arange(1, self.m)
+        return places
+
+    @cached_property
+    def first_outputs(self) -> NDArray[np.intp]:
+        """Place of each element's first output."""
+        return np.array([s.start for s in self.system.output_slices], dtype=np.intp)
 
     def linear(self, omega: Array) -> ComplexArray:
         """Response from all outputs to the first inputs, shape (nb, m, nw)."""
-        unique, inverse = np.unique(omega, return_inverse=True)
-        return self.system.frequency_response(unique)[:, self.rows, :][inverse.ravel()]
+        return self.system.frequency_response(omega)[:, self.rows]
 
     def linear_and_slope(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`linear` and its derivative by ln omega."""
-        h, n = 1e-5, len(omega)
-        all_three = self.linear(np.concatenate([omega, omega * (1.0 + h), omega * (1.0 - h)]))
-        return all_three[:n], (all_three[n : 2 * n] - all_three[2 * n :]) / (2.0 * h)
+        L, dL = self.system.frequency_response_and_slope(omega)
+        return L[:, self.rows], dL[:, self.rows] * omega[:, None, None]
 
     def evaluate(self, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
         """Mean outputs and gains of all elements, shapes (..., nw)."""
@@ -108,49 +113,44 @@ class Balance:
 
     def slopes(self, a: Array, b: Array, omega: Array, free_pivot: bool = True) -> Slopes:
         """Means, gains and derivatives at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
-        nw = self.owner.size
-        mean, gain = np.zeros((len(omega), nw)), np.zeros((len(omega), nw), complex)
-        d_mean = tuple(np.zeros_like(mean) for _ in range(3))
-        d_gain = tuple(np.zeros_like(gain) for _ in range(3))
+        m, n, nw = self.m, len(omega), self.owner.size
+        step_b = (b + (_STEP * a + 1e-12 * np.abs(b))) - b
+        # Along the second axis: as it is, then with its amplitude, its bias and the frequency shifted.
+        A, B, W = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n))
+        A[:], B[:], W[:] = a.T[:, None], b.T[:, None], omega
+        A[:, 1] *= 1.0 + _STEP
+        B[:, 2] += step_b.T
+        W[3] *= 1.0 + _STEP
+        mean, gain = np.empty((4, n, nw)), np.empty((4, n, nw), complex)
         for i, e in enumerate(self.system.elements):
-            out = self.system.output_slices[i]
-            ai, bi = a[:, i], b[:, i]
-            step_b = (bi + (_STEP * ai + 1e-12 * np.abs(bi))) - bi
-            shifts = [(1.0, 0.0 * bi, 1.0)]
-            wanted = [k for k in (0, 1, 2) if self._moves(i, k, free_pivot)]
-            for k in wanted:
-                shifts.append([(1.0 + _STEP, 0.0 * bi, 1.0), (1.0, step_b, 1.0), (1.0, 0.0 * bi, 1.0 + _STEP)][k])
-            stack_a = np.stack([ai * s[0] for s in shifts])
-            stack_b = np.stack([bi + s[1] for s in shifts])
-            stack_w = np.stack([omega * s[2] for s in shifts])
-            means, gains = describe(e, stack_a, stack_b, stack_w)
-            mean[:, out], gain[:, out] = means[0], gains[0]
-            for number, k in enumerate(wanted, start=1):
-                step = np.maximum(step_b, 1e-290)[:, None] if k == 1 else _STEP
-                d_mean[k][:, out] = (means[number] - means[0]) / step
-                d_gain[k][:, out] = (gains[number] - gains[0]) / step
-        return Slopes(mean, gain, d_mean, d_gain)
+            out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
+            means, gains = describe(e, A[i, used], B[i, used], W[used])
+            mean[:, :, out], gain[:, :, out] = means[0], gains[0]
+            mean[used, :, out], gain[used, :, out] = means, gains
+        step = np.full((3, n, nw), _STEP)
+        step[1] = np.maximum(step_b, 1e-290)[:, self.owner]
+        return Slopes(mean[0], gain[0], (mean[1:] - mean[0]) / step, (gain[1:] - gain[0]) / step)
 
-    def _moves(self, element: int, k: int, free_pivot: bool) -> bool:
-        if k == 0:
-            return free_pivot or element != self.pivot
-        return k == 1 or (free_pivot and bool(self.rate_dependent[element]))
+    def _shifts(self, element: int, free_pivot: bool) -> slice:
+        """Which of the shifts change the outputs of an element."""
+        if element == self.pivot and not free_pivot:
+            return slice(0, 4, 2)
+        return slice(0, 4 if free_pivot and self.system.elements[element].n_inputs > 1 else 3)
 
     def pack(self, a: Array, phase: Array, b: Array, omega: Array, gain: Array) -> Array:
         """Vector of unknowns, shape (nb, 3 m + 1)."""
-        inner = np.stack([np.log(a[:, self.others]), phase[:, self.others]], -1).reshape(len(omega), -1)
-        columns = [np.log(a[:, [self.pivot]]), np.log(omega)[:, None], inner, b, np.log(gain)[:, None]]
-        return np.concatenate(columns, -1)
+        m = self.m
+        X = np.empty((len(omega), 3 * m + 1))
+        X[:, self.places + 1] = phase
+        X[:, self.places] = np.log(a)
+        X[:, 1], X[:, 2 * m : 3 * m], X[:, -1] = np.log(omega), b, np.log(gain)
+        return X
 
     def unpack(self, X: Array) -> tuple[Array, Array, Array, Array]:
         """Amplitudes (nb, m), phases (nb, m), biases (nb, m) and omega (nb,)."""
-        m, n = self.m, len(X)
-        inner = X[:, 2 : 2 * m].reshape(n, m - 1, 2)
-        log_a, phase = np.zeros((n, m)), np.zeros((n, m))
-        log_a[:, self.pivot] = X[:, 0]
-        log_a[:, self.others] = inner[..., 0]
-        phase[:, self.others] = inner[..., 1]
-        return np.exp(log_a), phase, X[:, 2 * m : 3 * m], np.exp(X[:, 1])
+        phase = X[:, self.places + 1]
+        phase[:, self.pivot] = 0.0
+        return np.exp(X[:, self.places]), phase, X[:, 2 * self.m : 3 * self.m], np.exp(X[:, 1])
 
     def residual(self, X: Array) -> tuple[Array, Array]:
         """Residual (nb, 3 m), Jacobian (nb, 3 m, 3 m + 1); rows: real parts, imaginary parts, static balance."""
@@ -159,43 +159,43 @@ class Balance:
         return self.assemble(X, s, a * np.exp(1j * phase), b, *self.linear_and_slope(omega))
 
     def assemble(
-        self, X: Array, s: Slopes, Z: ComplexArray, b: Array, L: ComplexArray, dL: ComplexArray
+        self, X: Array, s: Slopes, Z: ComplexArray, b: Array, L: ComplexArray, dL: ComplexArray | None
     ) -> tuple[Array, Array]:
-        """Residual and Jacobian from what they are made of: slopes, inputs Z, biases, linear response and its slope."""
-        n, m = len(X), self.m
-        front = np.ones((n, m))
-        front[:, self.pivot] = np.exp(X[:, -1])
-        L = L * (front / Z)[:, :, None]
-        dL = dL * (front / Z)[:, :, None]
+        """Residual and Jacobian from what they are made of: slopes, inputs Z, biases, linear response and its slope.
+
+        Without the slope of the linear response, what belongs to omega is left out.
+        """
+        n, m, others, places = len(X), self.m, self.others, self.places
+        front = 1.0 / Z
+        front[:, self.pivot] *= np.exp(X[:, -1])
+        L = L * front[:, :, None]
         Zw = Z[:, self.owner]
-        G = self._by_element(L * (s.gain * Zw)[:, None, :])
+        outputs = (s.gain * Zw)[:, None, :]
+        G = self._by_element(L * outputs)
+        by_slope = self._by_element(L * (s.d_gain * Zw)[:, :, None, :])
         total = G.sum(-1)
-        eye = np.eye(m) * total[:, None, :]
-        by_log_a = G + self._by_element(L * (s.d_gain[0] * Zw)[:, None, :]) - eye
-        by_phase = 1j * (G - eye)
-        by_bias = self._by_element(L * (s.d_gain[1] * Zw)[:, None, :])
-        by_omega = (dL * (s.gain * Zw)[:, None, :] + L * (s.d_gain[2] * Zw)[:, None, :]).sum(-1)
+        rows = np.zeros((n, m, 3 * m + 1), complex)
+        diagonal = np.arange(m)
+        rows[:, :, places] = G + by_slope[0]
+        rows[:, diagonal, places] -= total
+        rows[:, :, places[others] + 1] = 1j * G[:, :, others]
+        rows[:, others, places[others] + 1] -= 1j * total[:, others]
+        rows[:, :, 2 * m : 3 * m] = by_slope[1]
+        rows[:, self.pivot, -1] = total[:, self.pivot]
+        static = self._by_element(self.on_mean * s.d_mean[:, :, None, :])
         J = np.zeros((n, 3 * m, 3 * m + 1))
-        complex_rows = np.zeros((n, m, 3 * m + 1), complex)
-        complex_rows[..., 0] = by_log_a[..., self.pivot]
-        complex_rows[..., 1] = by_omega
-        complex_rows[..., 2 : 2 * m : 2] = by_log_a[..., self.others]
-        complex_rows[..., 3 : 2 * m : 2] = by_phase[..., self.others]
-        complex_rows[..., 2 * m : 3 * m] = by_bias
-        complex_rows[:, self.pivot, -1] = total[:, self.pivot]
-        J[:, :m], J[:, m : 2 * m] = complex_rows.real, complex_rows.imag
-        static_by_log_a = self._by_element(self.on_mean * s.d_mean[0][:, None, :])
-        J[:, 2 * m :, 0] = static_by_log_a[..., self.pivot]
-        J[:, 2 * m :, 1] = (self.on_mean * s.d_mean[2][:, None, :]).sum(-1)
-        J[:, 2 * m :, 2 : 2 * m : 2] = static_by_log_a[..., self.others]
-        J[:, 2 * m :, 2 * m : 3 * m] = self.on_bias + self._by_element(self.on_mean * s.d_mean[1][:, None, :])
+        if dL is not None:
+            rows[:, :, 1] = by_slope[2].sum(-1) + (dL * front[:, :, None] * outputs).sum(-1)
+            J[:, 2 * m :, 1] = static[2].sum(-1)
+        J[:, :m], J[:, m : 2 * m] = rows.real, rows.imag
+        J[:, 2 * m :, places] = static[0]
+        J[:, 2 * m :, 2 * m : 3 * m] = self.on_bias + static[1]
         R = np.concatenate([total.real - 1.0, total.imag, self._static(b, s.mean)], -1)
         return R, J
 
     def _by_element(self, columns: NDArray) -> NDArray:
         """Sum over the outputs of each element: (..., nw) to (..., m)."""
-        starts = np.array([s.start for s in self.system.output_slices])
-        return np.add.reduceat(columns, starts, axis=-1)
+        return columns if self.owner.size == self.m else np.add.reduceat(columns, self.first_outputs, axis=-1)
 
     def _static(self, b: Array, mean: Array) -> Array:
         return b @ self.on_bias.T + mean @ self.on_mean.T - self.prescribed

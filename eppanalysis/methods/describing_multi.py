@@ -332,7 +332,7 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
         a, phase, b, omega = balance.unpack(X[todo])
         with np.errstate(all="ignore"):
             slopes = balance.slopes(a, b, omega, free_pivot=False)
-            R, J = balance.assemble(X[todo], slopes, a * np.exp(1j * phase), b, L[todo], np.zeros_like(L[todo]))
+            R, J = balance.assemble(X[todo], slopes, a * np.exp(1j * phase), b, L[todo], None)
         loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
         step, regular = solve_rows(J[:, rows[:, None], columns[None, :]], R[:, rows])
         scale = np.ones_like(step)

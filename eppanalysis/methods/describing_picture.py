@@ -7,9 +7,7 @@ where the loop gain is one, and the curve says how far the gain may change befor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,27 +25,6 @@ _REACH = np.log(12.0)
 _STEPS = 120
 _MOST_SEEDS = 40
 _MOST_THRESHOLDS = 20
-
-
-class Curves(Mapping[str, Any]):
-    """Curves that are computed when they are first asked for, since most predictions are never drawn."""
-
-    def __init__(self, make: Callable[[], dict[str, Any]]) -> None:
-        self._make = make
-
-    @cached_property
-    def _values(self) -> dict[str, Any]:
-        with np.errstate(all="ignore"):
-            return self._make()
-
-    def __getitem__(self, name: str) -> Any:
-        return self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
 
 
 def _intersections(points: list[Point], cycles: tuple[LimitCycle, ...], element: int, output: int) -> list[dict]:

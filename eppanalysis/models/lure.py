@@ -308,14 +308,32 @@ class LureSystem:
         n, nw = self.B.shape
         return self._response(omega, np.eye(n), np.zeros((n, nw)))
 
+    def frequency_response_and_slope(self, omega: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """:meth:`frequency_response` and its derivative by `omega`, both of shape (..., nz, nw).
+
+        The derivative of the resolvent is its square: a second solution with the first as its right side.
+        """
+        omega, s, resolvent = self._resolvent(omega)
+        ds = 1j * self.time_step * s if self.time_step else 1j
+        x = np.linalg.solve(resolvent, self.B + 0j)
+        dx = np.linalg.solve(resolvent, -np.asarray(ds)[..., None, None] * x)
+        if np.any(self.delays):
+            late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
+            x, dx = x * late, (dx - 1j * self.delays * x) * late
+        return self.C @ x + self.D, self.C @ dx
+
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
-        omega = np.asarray(omega)
-        s = np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega
-        shape = np.shape(s)
-        resolvent = np.asarray(s)[..., None, None] * np.eye(self.A.shape[0]) - self.A
-        x = np.linalg.solve(resolvent, np.broadcast_to(self.B + 0j, (*shape, *self.B.shape)))
-        x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
+        omega, _, resolvent = self._resolvent(omega)
+        x = np.linalg.solve(resolvent, self.B + 0j)
+        if np.any(self.delays):
+            x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
         return np.asarray(C @ x + D, complex)
+
+    def _resolvent(self, omega: ArrayLike) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
+        """Frequencies, their points s (z in discrete time) and the matrices ``s - A`` there."""
+        omega = np.asarray(omega, float)
+        s = np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega)
+        return omega, s, s[..., None, None] * np.eye(self.A.shape[0]) - self.A
 
     def with_elements(self, elements: Sequence[Nonlinearity]) -> LureSystem:
         """The same linear part closed by other elements, in the same places."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,11 @@ class Friction(Nonlinearity):
         """Greatest force at rest."""
         return self.coulomb if self.static is None else self.static
 
+    @cached_property
+    def _slipping(self) -> Coulomb:
+        """The force while slipping, without stiction."""
+        return Coulomb(self.coulomb)
+
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
         v = np.asarray(x, float)
@@ -95,7 +101,7 @@ class Friction(Nonlinearity):
             If an amplitude is negative.
         """
         if self.stribeck == 0:
-            return Coulomb(self.coulomb).describing_function(amplitude, bias, omega)
+            return self._slipping.describing_function(amplitude, bias, omega)
         a, b, _ = broadcast(amplitude, bias, omega)
         at_rest = (a == 0) & (b == 0)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
