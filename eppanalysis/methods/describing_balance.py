@@ -241,47 +241,46 @@ def newton(
     """
     X, done, m = X.copy(), np.zeros(len(X), bool), balance.m
     settled = np.zeros(len(X), bool)
-    alive = np.all(np.isfinite(X), -1)
-    for _ in range(iterations):
-        todo = np.flatnonzero(alive & ~done)
-        if not todo.size:
-            break
-        with np.errstate(all="ignore"):
-            R, J = balance.residual(X[todo])
-        J = np.concatenate([J, normal[todo][:, None, :]], 1)
-        R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
-        step, regular = solve_rows(J, R)
-        scale = scales(balance, X[todo])
-        size = np.abs(step) / scale
-        largest = size.max(-1)
-        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
-        X[todo] -= np.where(regular[:, None], step, 0.0)
-        alive[todo] &= regular & np.all(np.isfinite(X[todo]), -1) & (np.abs(X[todo][:, : 2 * m]).max(-1) < 300.0)
-        done[todo] = (largest < tolerance) & regular
-        # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
-        small = (largest < 1e-9) & regular
-        done[todo] |= small & settled[todo]
-        settled[todo] = small
+    alive = np.isfinite(X).all(-1)
+    with np.errstate(all="ignore"):
+        for _ in range(iterations):
+            todo = np.flatnonzero(alive & ~done)
+            if not todo.size:
+                break
+            x = X[todo]
+            R, J = balance.residual(x)
+            J = np.concatenate([J, normal[todo, None]], 1)
+            R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
+            step, regular = solve_rows(J, R)
+            largest = (np.abs(step) / scales(balance, x)).max(-1)
+            step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
+            X[todo] = x = x - step
+            alive[todo] = regular & np.isfinite(x).all(-1) & (np.abs(x[:, : 2 * m]).max(-1) < 300.0)
+            # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
+            small = (largest < 1e-9) & regular
+            done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])
+            settled[todo] = small
     return X, done & alive
 
 
 def scales(balance: Balance, X: Array) -> Array:
     """Sizes by which steps are judged: one for logarithms and phases, amplitude plus mean for biases."""
-    a, _, b, _ = balance.unpack(X)
+    biases = slice(2 * balance.m, 3 * balance.m)
     scale = np.ones_like(X)
-    scale[:, 2 * balance.m : 3 * balance.m] = a + 0.1 * np.abs(b)
+    scale[:, biases] = np.exp(X[:, balance.places]) + 0.1 * np.abs(X[:, biases])
     scale[:, -1] = 3.0
     return scale
 
 
 def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
     """Solve a batch of systems after scaling their rows; singular or non-finite ones give zero and False."""
-    size = np.abs(J).max(-1, keepdims=True)
-    ok = np.all(np.isfinite(J), (1, 2)) & np.all(np.isfinite(R), 1) & np.all(size[..., 0] > 0, 1)
-    safe = np.where(ok[:, None, None], J / np.where(size > 0, size, 1.0), np.eye(J.shape[-1]))
-    right = np.where(ok[:, None], R / np.where(size[..., 0] > 0, size[..., 0], 1.0), 0.0)
+    size = np.abs(J).max(-1)
+    ok = ((size > 0) & np.isfinite(size) & np.isfinite(R)).all(-1)
+    safe, right = J / size[..., None], R / size
+    if not ok.all():
+        safe[~ok], right[~ok] = np.eye(J.shape[-1]), 0.0
     try:
-        out = np.asarray(np.linalg.solve(safe, right[..., None])[..., 0], float)
+        out = np.linalg.solve(safe, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
         # One exactly singular matrix stops the whole batch; shifted, it gives a huge step that the caller rejects.
         # The shifts differ in size and order, or a shift would only move a matrix onto another singular one.
@@ -291,8 +290,9 @@ def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
         except np.linalg.LinAlgError:
             out = (np.linalg.pinv(safe) @ right[..., None])[..., 0]
             ok &= np.linalg.matrix_rank(safe) == J.shape[-1]
-    ok &= np.all(np.isfinite(out), -1)
-    return np.where(ok[:, None], out, 0.0), ok
+    ok &= np.isfinite(out).all(-1)
+    out[~ok] = 0.0
+    return out, ok
 
 
 def make_balance(system: LureSystem, pivot: int, value: Array) -> Balance:

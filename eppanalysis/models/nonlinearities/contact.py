@@ -108,7 +108,7 @@ class LockPin(Nonlinearity):
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         q = self.damping / self.stiffness * w
         side = _push if self.model == "unilateral" else _hold
-        (mean_up, gain_up), (mean_down, gain_down) = (side(a, s * b - self.gap / 2, q) for s in (1, -1))
+        (mean_up, mean_down), (gain_up, gain_down) = side(a, np.stack([b, -b]) - self.gap / 2, q)
         mean = self.stiffness / (2 * np.pi) * (mean_up - mean_down)
         return mean, self.stiffness / np.pi * (gain_up + gain_down)
 
@@ -124,7 +124,8 @@ class LockPin(Nonlinearity):
 def _hold(a: Array, inside: Array, q: Array) -> Answer:
     """Classical contact on one side: the cosine of the damper adds the spring's own integral, turned by 90 degrees.
 
-    Integrals over one cycle of the torque over the stiffness, for ``delta = edge + inside + a sin(phi)``.
+    Integrals over one cycle of the torque over the stiffness, for ``delta = edge + inside + a sin(phi)``; `inside` has
+    both sides of the gap along its first axis.
     """
     theta = angle(np.clip(a + inside, 0, 2 * a), np.clip(a - inside, 0, 2 * a))
     mean = np.where(inside >= a, 2 * np.pi * inside, np.where(inside > -a, 2 * a * lever(theta), 0.0))
@@ -142,16 +143,17 @@ def _push(a: Array, inside: Array, q: Array) -> Answer:
     passes = touches & ~always
     d = np.where(passes, a + inside, 1.0) / np.where(passes, a, 1.0)
     root = np.sqrt(np.maximum(q * q + d * (2 - d), 0))
-    end = 2 * np.arctan2(d, q + root)
     edge = d <= 2
-    begin = np.where(edge, angle(np.minimum(d, 2), np.maximum(2 - d, 0)), 2 * (np.pi - np.arctan2(d, q - root)))
-    sin_end, sin_begin = np.sin(end), np.sin(begin)
-    held = squared_sine(begin) + squared_sine(end)
-    begin_square = sin_begin**2
-    real = held + q / 2 * (sin_end**2 + np.where(edge, begin_square, -begin_square))
-    imaginary = q * held + q * q / 2 * (sin_end**2 - np.where(edge, 0.0, begin_square))
-    damper = q * end * sin_end + q * q * sin_end + np.where(edge, 0.0, q * sin_begin * (q - begin))
-    mean = a * (lever(begin) + lever(end) + damper)
+    at_edge = angle(np.minimum(d, 2), np.maximum(2 - d, 0))
+    begin = at_edge if edge.all() else np.where(edge, at_edge, 2 * (np.pi - np.arctan2(d, q - root)))
+    both = np.stack([begin, 2 * np.arctan2(d, q + root)])
+    sin_begin, sin_end = np.sin(both)
+    held = squared_sine(both).sum(0)
+    begin_square, end_square = sin_begin**2, sin_end**2
+    real = held + q / 2 * (end_square + np.where(edge, begin_square, -begin_square))
+    imaginary = q * (held + q / 2 * (end_square - np.where(edge, 0.0, begin_square)))
+    damper = q * sin_end * (both[1] + q) + np.where(edge, 0.0, q * sin_begin * (q - begin))
+    mean = a * (lever(both).sum(0) + damper)
     mean = np.where(always, 2 * np.pi * inside, np.where(touches, mean, 0.0))
     gain = np.where(always, np.pi * (1 + 1j * q), np.where(touches, real + 1j * imaginary, 0.0))
     undefined = np.isnan(a + inside + q)

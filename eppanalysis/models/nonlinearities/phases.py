@@ -55,8 +55,10 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
     ModelError
         If an amplitude is negative.
     """
-    a, b, w = np.broadcast_arrays(*(np.asarray(v, float) for v in (amplitude, bias, omega)))
-    if np.any(a < 0):
+    a, b, w = (np.asarray(v, float) for v in (amplitude, bias, omega))
+    if not a.shape == b.shape == w.shape:
+        a, b, w = np.broadcast_arrays(a, b, w)
+    if (a < 0).any():
         raise ModelError(f"The amplitude of a describing function is {float(np.nanmin(a))!r}; expected zero or more.")
     return a, b, w
 
