@@ -27,6 +27,8 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
+#: Last step of Newton's method for points of a curve that are only steps on the way to a limit cycle.
+ON_THE_WAY = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,12 +235,21 @@ def newton(
     X, normal : array, shape (nb, 3 m + 1)
     iterations : int, optional
     tolerance : float, optional
-        On the last step, in logarithms, phases and biases relative to amplitude.
+        On the last step, in logarithms, phases and biases relative to amplitude; what is left after it is of the order
+        of its square.
 
     Returns
     -------
     (X, converged) : array (nb, 3 m + 1), bool array (nb,)
     """
+    return newton_and_jacobian(balance, X, normal, iterations, tolerance)[:2]
+
+
+def newton_and_jacobian(
+    balance: Balance, X: Array, normal: Array, iterations: int, tolerance: float
+) -> tuple[Array, NDArray, Array]:
+    """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
+    jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
     X, done, m = X.copy(), np.zeros(len(X), bool), balance.m
     settled = np.zeros(len(X), bool)
     alive = np.isfinite(X).all(-1)
@@ -249,6 +260,7 @@ def newton(
                 break
             x = X[todo]
             R, J = balance.residual(x)
+            jacobian[todo] = J
             J = np.concatenate([J, normal[todo, None]], 1)
             R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
             step, regular = solve_rows(J, R)
@@ -260,7 +272,7 @@ def newton(
             small = (largest < 1e-9) & regular
             done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])
             settled[todo] = small
-    return X, done & alive
+    return X, done & alive, jacobian
 
 
 def scales(balance: Balance, X: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from eppanalysis.methods.describing_balance import Array, Balance, newton
+from eppanalysis.methods.describing_balance import ON_THE_WAY, Array, Balance, newton
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
@@ -92,18 +92,18 @@ def at_index(nodes: Array, index: Array) -> Array:
     return np.interp(index, np.arange(len(nodes)), nodes)
 
 
-def crossings(balance: Balance, curve: Array) -> Array:
-    """Limit cycles (n, 3 m + 1) along one curve of exact solutions (points in order, shape (n_curve, 3 m + 1))."""
-    if len(curve) < 2:
-        return curve[:0]
-    F = curve[:, -1]
-    near = _near(curve)
-    pairs = [(curve[i], curve[i + 1]) for i in np.flatnonzero(_changes(F) & near)]
-    dips = [i for i in _dips(F) if near[i - 1] and near[i] and abs(F[i]) < 1.0]
+def crossings(balance: Balance, curves: list[Array]) -> Array:
+    """Limit cycles (n, 3 m + 1) along curves of exact solutions (points in order, shape (n_curve, 3 m + 1))."""
+    pairs: list[tuple[Array, Array]] = []
+    dips: list[Array] = []
+    for curve in curves:
+        F, near = curve[:, -1], _near(curve)
+        pairs += [(curve[i], curve[i + 1]) for i in np.flatnonzero(_changes(F) & near)]
+        dips += [curve[i - 1 : i + 2] for i in _dips(F) if near[i - 1] and near[i] and abs(F[i]) < 1.0]
     if dips:
-        pairs += _split_at_extrema(balance, *(curve[np.array(dips) + k] for k in (-1, 0, 1)))
+        pairs += _split_at_extrema(balance, *np.stack(dips, axis=1))
     if not pairs:
-        return curve[:0]
+        return np.zeros((0, 3 * balance.m + 1))
     start, end = (np.array(side) for side in zip(*pairs, strict=True))
     return _close(balance, start, end)
 
@@ -155,39 +155,41 @@ def _weigh(balance: Balance, X: Array, chord: Array) -> Array:
 
 def _between(balance: Balance, points: list[Array], weights: list[Array], chord: Array) -> tuple[Array, NDArray]:
     guess = np.sum([w[:, None] * p for w, p in zip(weights, points, strict=True)], axis=0)
-    return newton(balance, guess, _weigh(balance, points[0], chord), 8)
+    return newton(balance, guess, _weigh(balance, points[0], chord), 8, ON_THE_WAY)
 
 
 def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array) -> list[tuple[Array, Array]]:
-    """Golden section for the extremum of ln lambda in [left, right]; brackets on both sides where the sign turns."""
+    """Golden section for the extremum of ln lambda in [left, right]; brackets on both sides where the sign turns.
+
+    It also ends where zero is out of reach: what is left of the way to the extremum, from the best point so far, is
+    taken to be less than twice the way from there up to the ends (of a smooth curve it soon is a small part of it).
+    """
     sign = np.where(middle[:, -1] < 0, -1.0, 1.0)
-    chord = right - left
-
-    def value(u: Array) -> tuple[Array, Array]:
-        weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
-        X, ok = _between(balance, [left, middle, right], weights, chord)
-        return np.where(ok, sign * X[:, -1], np.inf), X
-
     low, high = -np.ones(len(left)), np.ones(len(left))
-    c, d = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    (fc, Xc), (fd, Xd) = value(c), value(d)
-    for _ in range(42):
-        take = fc < fd
-        low, high = np.where(take, low, c), np.where(take, d, high)
-        new = np.where(take, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        f_new, X_new = value(new)
-        c, d = np.where(take, new, d), np.where(take, c, new)
-        fc, fd, Xc, Xd = (
-            np.where(take, f_new, fd),
-            np.where(take, fc, f_new),
-            np.where(take[:, None], X_new, Xd),
-            np.where(take[:, None], Xc, X_new),
-        )
-        if np.all((np.minimum(fc, fd) < 0) | (high - low < 1e-9)):
+    f_low, f_best, f_high = (sign * X[:, -1] for X in (left, middle, right))
+    best, X_best = np.zeros(len(left)), middle.copy()
+
+    def searched() -> NDArray[np.intp]:
+        rise = np.maximum(f_low, f_high) - f_best
+        return np.flatnonzero((f_best >= 0) & (f_best < 2.0 * rise) & (high - low > 1e-9))
+
+    for _ in range(60):
+        k = searched()
+        if not k.size:
             break
-    best = np.where((fc < fd)[:, None], Xc, Xd)
-    turned = np.minimum(fc, fd) < 0
-    return [pair for i in np.flatnonzero(turned) for pair in ((left[i], best[i]), (best[i], right[i]))]
+        after = high[k] - best[k] > best[k] - low[k]
+        u = best[k] + (1.0 - _GOLDEN) * np.where(after, high[k] - best[k], low[k] - best[k])
+        weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
+        X, ok = _between(balance, [left[k], middle[k], right[k]], weights, right[k] - left[k])
+        f = np.where(ok, sign[k] * X[:, -1], np.inf)
+        better = f < f_best[k]
+        # The better of the two points stays inside, the other one becomes the end on its side.
+        for end, f_end, side in ((low, f_low, after == better), (high, f_high, after != better)):
+            end[k[side]] = np.where(better, best[k], u)[side]
+            f_end[k[side]] = np.where(better, f_best[k], f)[side]
+        best[k[better]], f_best[k[better]], X_best[k[better]] = u[better], f[better], X[better]
+    turned = np.flatnonzero(f_best < 0)
+    return [pair for i in turned for pair in ((left[i], X_best[i]), (X_best[i], right[i]))]
 
 
 def _close(balance: Balance, start: Array, end: Array) -> Array:
@@ -195,17 +197,18 @@ def _close(balance: Balance, start: Array, end: Array) -> Array:
     chord = end - start
     low, high = np.zeros(len(start)), np.ones(len(start))
     f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
-    X = start.copy()
-    for k in range(30):
-        # Bisect now and then: false position alone stalls where lambda bends.
-        share = np.where(k % 3 == 2, 0.5, np.clip(f_low / (f_low - f_high), 0.02, 0.98))
-        u = low + share * (high - low)
+    X, before = start.copy(), np.zeros(len(start))
+    for _ in range(60):
+        u = low + np.clip(f_low / (f_low - f_high), 0.02, 0.98) * (high - low)
         X, ok = _between(balance, [start, end], [1.0 - u, u], chord)
         f = np.where(ok, X[:, -1], 0.0)
         left = (f < 0) == (f_low < 0)
-        low, f_low = np.where(left, u, low), np.where(left, f, f_low)
-        high, f_high = np.where(left, high, u), np.where(left, f_high, f)
-        if np.all((np.abs(f) < 1e-7 * np.abs(end[:, -1] - start[:, -1])) | (high - low < 1e-9)):
+        # An end that stays a second time counts half (the Illinois rule): else it stays for ever where lambda bends.
+        side = np.where(left, -1.0, 1.0)
+        weight = np.where(side == before, 0.5, 1.0)
+        low, f_low, f_high = np.where(left, u, low), np.where(left, f, weight * f_low), np.where(left, weight * f_high, f)
+        high, before = np.where(left, high, u), side
+        if np.all((np.abs(f) < 1e-7 * np.abs(chord[:, -1])) | (high - low < 1e-9)):
             break
     return polish(balance, X)
 

@@ -63,7 +63,7 @@ def search_several(balance: Balance) -> Found:
     seeds = _seeds(balance, sheets)
     curves += _grow(balance, _apart(seeds, curves), box)
     at_one = seeds[seeds[:, -1] == 0.0]
-    cycles = [at_one, *(crossings(balance, c) for c in curves)]
+    cycles = [at_one, crossings(balance, curves)]
     search = (
         f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
         f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "

@@ -286,8 +286,7 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
             for piece in _runs(N * gain > 0):
                 X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
                 curves += settle(balance, [X])
-    cycles += [crossings(balance, curve) for curve in curves]
-    return np.concatenate(cycles), curves
+    return np.concatenate([*cycles, crossings(balance, curves)]), curves
 
 
 def _symmetric_roots(balance: Balance, amplitude: Array, omega: float, gain: float) -> Array:
@@ -327,8 +326,7 @@ def _on_phase_curves(balance: Balance, lines: list[Array], omega: Array, L: Comp
         for path in contour_lines(line, omega, sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)
-    cycles = [np.zeros((0, 4)), *(crossings(balance, curve) for curve in curves)]
-    return polish(balance, np.concatenate(cycles)), curves
+    return polish(balance, crossings(balance, curves)), curves
 
 
 def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, path: Array) -> list[Array]:

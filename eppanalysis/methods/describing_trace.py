@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing_balance import Array, Balance, newton, scales, solve_rows
+from eppanalysis.methods.describing_balance import (
+    ON_THE_WAY,
+    Array,
+    Balance,
+    newton_and_jacobian,
+    scales,
+    solve_rows,
+)
 
 _FIRST, _LARGEST, _SMALLEST = 0.08, 0.3, 1e-4
 
@@ -54,7 +61,8 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
     size = scales(balance, X)
     heading = outward / size
     heading /= np.maximum(np.linalg.norm(heading, axis=-1, keepdims=True), 1e-300)
-    heading, alive = tangents(balance, X, heading)
+    with np.errstate(all="ignore"):
+        heading, alive = tangents(balance, balance.residual(X)[1], X, heading)
     h = np.full(k, _FIRST)
     for _ in range(steps):
         todo = np.flatnonzero(alive)
@@ -62,8 +70,8 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
             break
         size = scales(balance, X[todo])
         guess = X[todo] + h[todo, None] * size * heading[todo]
-        new, ok = newton(balance, guess, heading[todo] / size, 6, 1e-11)
-        turned, regular = tangents(balance, np.where(ok[:, None], new, X[todo]), heading[todo])
+        new, ok, J = newton_and_jacobian(balance, guess, heading[todo] / size, 6, ON_THE_WAY)
+        turned, regular = tangents(balance, J, new, heading[todo])
         # A kink, where an element enters another regime, turns the curve at once: only small steps may pass it.
         least = np.where(h[todo] > 5 * _SMALLEST, 0.85, -0.3)
         ok &= regular & ((turned * heading[todo]).sum(-1) > least)
@@ -79,13 +87,12 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
     return [np.array(path).reshape(-1, start.shape[1]) for path in paths]
 
 
-def tangents(balance: Balance, X: Array, heading: Array) -> tuple[Array, NDArray]:
-    """Unit tangents in scaled unknowns, on the side of `heading`."""
+def tangents(balance: Balance, J: Array, X: Array, heading: Array) -> tuple[Array, NDArray]:
+    """Unit tangents in scaled unknowns at points with the Jacobian J, on the side of `heading`."""
     with np.errstate(all="ignore"):
-        _, J = balance.residual(X)
-    bordered = np.concatenate([J * scales(balance, X)[:, None, :], heading[:, None, :]], 1)
-    right = np.zeros(bordered.shape[:2])
-    right[:, -1] = 1.0
-    tangent, ok = solve_rows(bordered, right)
+        bordered = np.concatenate([J * scales(balance, X)[:, None, :], heading[:, None, :]], 1)
+        right = np.zeros(bordered.shape[:2])
+        right[:, -1] = 1.0
+        tangent, ok = solve_rows(bordered, right)
     length = np.linalg.norm(tangent, axis=-1, keepdims=True)
     return np.where(length > 0, tangent / np.maximum(length, 1e-300), heading), ok
