@@ -197,19 +197,22 @@ def _close(balance: Balance, start: Array, end: Array) -> Array:
     chord = end - start
     low, high = np.zeros(len(start)), np.ones(len(start))
     f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
-    X, before = start.copy(), np.zeros(len(start))
+    X, before, done = start.copy(), np.zeros(len(start)), np.zeros(len(start), bool)
     for _ in range(60):
-        u = low + np.clip(f_low / (f_low - f_high), 0.02, 0.98) * (high - low)
-        X, ok = _between(balance, [start, end], [1.0 - u, u], chord)
-        f = np.where(ok, X[:, -1], 0.0)
-        left = (f < 0) == (f_low < 0)
+        k = np.flatnonzero(~done)
+        if not k.size:
+            break
+        u = low[k] + np.clip(f_low[k] / (f_low[k] - f_high[k]), 0.02, 0.98) * (high[k] - low[k])
+        X[k], ok = _between(balance, [start[k], end[k]], [1.0 - u, u], chord[k])
+        f = np.where(ok, X[k, -1], 0.0)
+        left = (f < 0) == (f_low[k] < 0)
         # An end that stays a second time counts half (the Illinois rule): else it stays for ever where lambda bends.
         side = np.where(left, -1.0, 1.0)
-        weight = np.where(side == before, 0.5, 1.0)
-        low, f_low, f_high = np.where(left, u, low), np.where(left, f, weight * f_low), np.where(left, weight * f_high, f)
-        high, before = np.where(left, high, u), side
-        if np.all((np.abs(f) < 1e-7 * np.abs(chord[:, -1])) | (high - low < 1e-9)):
-            break
+        weight = np.where(side == before[k], 0.5, 1.0)
+        low[k], high[k] = np.where(left, u, low[k]), np.where(left, high[k], u)
+        f_low[k], f_high[k] = np.where(left, f, weight * f_low[k]), np.where(left, weight * f_high[k], f)
+        before[k] = side
+        done[k] = (np.abs(f) < 1e-7 * np.abs(chord[k, -1])) | (high[k] - low[k] < 1e-9)
     return polish(balance, X)
 
 

@@ -11,8 +11,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray, make_balance, newton, solve_rows
-from eppanalysis.methods.describing_curves import contour_lines, crossings, distinct, settle
+from eppanalysis.methods.describing_balance import (
+    ON_THE_WAY,
+    Array,
+    Balance,
+    ComplexArray,
+    make_balance,
+    newton,
+    solve_rows,
+)
+from eppanalysis.methods.describing_curves import contour_lines, crossings, distinct, polish, settle
 from eppanalysis.methods.describing_search import Found, frequency_scales
 from eppanalysis.methods.describing_trace import Box, trace
 from eppanalysis.models.lure import LureSystem
@@ -62,8 +70,7 @@ def search_several(balance: Balance) -> Found:
     curves = _extend(balance, settle(balance, pieces), box)
     seeds = _seeds(balance, sheets)
     curves += _grow(balance, _apart(seeds, curves), box)
-    at_one = seeds[seeds[:, -1] == 0.0]
-    cycles = [at_one, crossings(balance, curves)]
+    cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
     search = (
         f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
         f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "
@@ -104,15 +111,15 @@ def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]]) -> Array:
         near = np.isfinite(loop) & (np.abs(np.angle(loop)) < 1.4) & (np.abs(np.log(np.abs(loop))) < 2.5)
         points = X[near]
         starts.append(points[:: max(1, len(points) // _MOST_SEEDS)])
-    start = np.concatenate(starts) if starts else np.zeros((0, 3 * balance.m + 1))
+    start = np.concatenate([np.zeros((0, 3 * balance.m + 1)), *starts])
+    levels = np.repeat(_LEVELS, len(start))
+    start = np.tile(start, (len(_LEVELS), 1))
+    start[:, -1] = levels
     normal = np.zeros_like(start)
     normal[:, -1] = 1.0
-    found = []
-    for level in _LEVELS:
-        start[:, -1] = level
-        X, ok = newton(balance, start, normal, 18)
-        found.append(distinct(balance, X[ok & (np.abs(X - start)[:, :2].max(-1, initial=0.0) < 4.0)]))
-    return np.concatenate(found)
+    X, ok = newton(balance, start, normal, 18, ON_THE_WAY, give_up=True)
+    ok &= np.abs(X - start)[:, :2].max(-1, initial=0.0) < 4.0
+    return np.concatenate([distinct(balance, X[ok & (levels == level)]) for level in _LEVELS])
 
 
 def _apart(seeds: Array, curves: list[Array]) -> Array:
@@ -324,25 +331,26 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     rows = np.array([r for r in range(3 * m) if r not in (p, m + p)])
     columns = np.arange(2, 3 * m)
     X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
-    alive = np.all(np.isfinite(X), -1)
-    for _ in range(_INNER_STEPS):
-        todo = np.flatnonzero(alive & ~done)
-        if not todo.size:
-            break
-        a, phase, b, omega = balance.unpack(X[todo])
-        with np.errstate(all="ignore"):
+    alive = np.isfinite(X).all(-1)
+    with np.errstate(all="ignore"):
+        for _ in range(_INNER_STEPS):
+            todo = np.flatnonzero(alive & ~done)
+            if not todo.size:
+                break
+            x = X[todo]
+            a, phase, b, omega = balance.unpack(x)
             slopes = balance.slopes(a, b, omega, free_pivot=False)
-            R, J = balance.assemble(X[todo], slopes, a * np.exp(1j * phase), b, L[todo], None)
-        loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
-        step, regular = solve_rows(J[:, rows[:, None], columns[None, :]], R[:, rows])
-        scale = np.ones_like(step)
-        scale[:, 2 * (m - 1) :] = a + 0.1 * np.abs(b)
-        size = (np.abs(step) / scale).max(-1)
-        step *= np.minimum(1.0, 1.0 / np.maximum(size, 1e-300))[:, None]
-        X[todo, 2 : 3 * m] -= np.where(regular[:, None], step, 0.0)
-        within = np.abs(X[todo, 2 : 2 * m]).max(-1, initial=0.0) < 300
-        alive[todo] &= regular & np.all(np.isfinite(X[todo]), -1) & within
-        done[todo] = (size < 1e-7) & regular
+            R, J = balance.assemble(x, slopes, a * np.exp(1j * phase), b, L[todo], None)
+            loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
+            step, regular = solve_rows(J[:, rows[:, None], columns], R[:, rows])
+            scale = np.ones_like(step)
+            scale[:, 2 * (m - 1) :] = a + 0.1 * np.abs(b)
+            size = (np.abs(step) / scale).max(-1)
+            x[:, 2 : 3 * m] -= step * np.minimum(1.0, 1.0 / np.maximum(size, 1e-300))[:, None]
+            X[todo] = x
+            within = np.abs(x[:, 2 : 2 * m]).max(-1, initial=0.0) < 300
+            alive[todo] = regular & np.isfinite(x).all(-1) & within
+            done[todo] = (size < 1e-7) & regular
     return X, loop, done & alive
 
 

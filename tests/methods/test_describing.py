@@ -249,8 +249,8 @@ def test_symmetric_loop_with_biased_cycles():
     found = answers(from_tf(([1, -2, 1], den), Cube(1.0), feedback=1))
     a = np.sqrt((3 - n) / 3.75)
     b = np.sqrt(1 - 1.5 * a**2)
-    want = sorted([(a, -b), (a, b), (np.sqrt(n / 0.75), 0.0)])
-    assert sorted((f[0], f[2]) for f in found) == [pytest.approx(x, rel=1e-9, abs=1e-9) for x in want]
+    want = [(-b, a), (0.0, np.sqrt(n / 0.75)), (b, a)]
+    assert sorted((f[2], f[0]) for f in found) == [pytest.approx(x, rel=1e-9, abs=1e-9) for x in want]
     assert [f[1] for f in found] == pytest.approx([w] * 3, rel=1e-9)
 
 
