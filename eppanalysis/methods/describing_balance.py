@@ -33,7 +33,7 @@ ON_THE_WAY = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Means (nb, nw), gains (nb, nw) and their derivatives by ln a, b and ln omega of the owning element (3, nb, nw)."""
+    """Means and gains (nb, nw), and their derivatives (3, nb, nw) by ln a, b and ln omega of the owning element."""
 
     mean: Array
     gain: ComplexArray
@@ -219,19 +219,16 @@ def describe(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[A
     with np.errstate(all="ignore"):
         mean, gain = element.describing_function(a, b, omega)
     mean, gain = np.asarray(mean, float), np.asarray(gain, complex)
-    if element.n_outputs == 1:
+    if element.n_outputs > 1:
+        return mean, gain
+    if not mean.shape == gain.shape == np.shape(a) == np.shape(b) == np.shape(omega):
         shape = np.broadcast_shapes(np.shape(a), np.shape(b), np.shape(omega))
-        return np.broadcast_to(mean, shape)[..., None], np.broadcast_to(gain, shape)[..., None]
-    return mean, gain
+        mean, gain = np.broadcast_to(mean, shape), np.broadcast_to(gain, shape)
+    return mean[..., None], gain[..., None]
 
 
 def newton(
-    balance: Balance,
-    X: Array,
-    normal: Array,
-    iterations: int = 12,
-    tolerance: float = 1e-12,
-    give_up: bool = False,
+    balance: Balance, X: Array, normal: Array, iterations: int = 12, tolerance: float = 1e-12
 ) -> tuple[Array, NDArray]:
     """Bring points onto the solution curves, each within the plane through itself with the given `normal`.
 
@@ -242,19 +239,16 @@ def newton(
     tolerance : float, optional
         On the last step, in logarithms, phases and biases relative to amplitude; what is left after it is of the order
         of its square.
-    give_up : bool, optional
-        Leave points alone that are, after two steps, twice as far from a solution as the steps left can take them:
-        quicker where most starts lead nowhere, at the price of a few that would have got there.
 
     Returns
     -------
     (X, converged) : array (nb, 3 m + 1), bool array (nb,)
     """
-    return newton_and_jacobian(balance, X, normal, iterations, tolerance, give_up)[:2]
+    return newton_and_jacobian(balance, X, normal, iterations, tolerance)[:2]
 
 
 def newton_and_jacobian(
-    balance: Balance, X: Array, normal: Array, iterations: int, tolerance: float, give_up: bool = False
+    balance: Balance, X: Array, normal: Array, iterations: int, tolerance: float
 ) -> tuple[Array, NDArray, Array]:
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
@@ -262,7 +256,7 @@ def newton_and_jacobian(
     settled = np.zeros(len(X), bool)
     alive = np.isfinite(X).all(-1)
     with np.errstate(all="ignore"):
-        for k in range(iterations):
+        for _ in range(iterations):
             todo = np.flatnonzero(alive & ~done)
             if not todo.size:
                 break
@@ -276,8 +270,6 @@ def newton_and_jacobian(
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
             X[todo] = x = x - step
             alive[todo] = regular & np.isfinite(x).all(-1) & (np.abs(x[:, : 2 * m]).max(-1) < 300.0)
-            if give_up and k > 1:
-                alive[todo] &= largest < 2.0 * _LARGEST_STEP * (iterations - k)
             # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
             small = (largest < 1e-9) & regular
             done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])

@@ -117,7 +117,7 @@ def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]]) -> Array:
     start[:, -1] = levels
     normal = np.zeros_like(start)
     normal[:, -1] = 1.0
-    X, ok = newton(balance, start, normal, 18, ON_THE_WAY, give_up=True)
+    X, ok = newton(balance, start, normal, 18, ON_THE_WAY)
     ok &= np.abs(X - start)[:, :2].max(-1, initial=0.0) < 4.0
     return np.concatenate([distinct(balance, X[ok & (levels == level)]) for level in _LEVELS])
 
