@@ -254,7 +254,7 @@ def newton_and_jacobian(
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
     X, done, m = X.copy(), np.zeros(len(X), bool), balance.m
     settled = np.zeros(len(X), bool)
-    alive = np.isfinite(X).all(-1)
+    alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
         for _ in range(iterations):
             todo = np.flatnonzero(alive & ~done)

@@ -331,7 +331,7 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     rows = np.array([r for r in range(3 * m) if r not in (p, m + p)])
     columns = np.arange(2, 3 * m)
     X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
-    alive = np.isfinite(X).all(-1)
+    alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
         for _ in range(_INNER_STEPS):
             todo = np.flatnonzero(alive & ~done)

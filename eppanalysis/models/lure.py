@@ -320,7 +320,7 @@ class LureSystem:
         if np.any(self.delays):
             late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
             x, dx = x * late, (dx - 1j * self.delays * x) * late
-        return self.C @ x + self.D, self.C @ dx
+        return np.asarray(self.C @ x + self.D, complex), np.asarray(self.C @ dx, complex)
 
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
         omega, _, resolvent = self._resolvent(omega)
@@ -332,8 +332,8 @@ class LureSystem:
     def _resolvent(self, omega: ArrayLike) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
         """Frequencies, their points s (z in discrete time) and the matrices ``s - A`` there."""
         omega = np.asarray(omega, float)
-        s = np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega)
-        return omega, s, s[..., None, None] * np.eye(self.A.shape[0]) - self.A
+        s = np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega, complex)
+        return omega, s, np.asarray(s[..., None, None] * np.eye(self.A.shape[0]) - self.A, complex)
 
     def with_elements(self, elements: Sequence[Nonlinearity]) -> LureSystem:
         """The same linear part closed by other elements, in the same places."""
