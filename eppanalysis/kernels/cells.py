@@ -13,12 +13,13 @@ from numba import njit
 
 from eppanalysis.kernels.hybrid import run
 from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.modes import Model
+from eppanalysis.kernels.tuples import rows, by_address
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
 SAMPLES = 512
 
 
+@by_address
 class Outcome(NamedTuple):
     """Results of cells (leading axis: cell)."""
 
@@ -48,7 +49,7 @@ def run_cells(
     rate, stats, found = np.zeros(padded(n)), np.empty(8), np.empty(4)
     times, signals = period_samples.times, period_samples.out
     for c in range(first, last):
-        model = _cell(stack, c)
+        model = rows(stack, c)
         x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
         step = base_step[c]
@@ -106,19 +107,3 @@ def _refined(signals, n, i, j):
         return b
     shift = 0.5 * (a - c) / bend
     return b - 0.25 * (a - c) * shift if abs(shift) < 1.0 else b
-
-
-@njit(cache=True, nogil=True)
-def _cell(stack, c):
-    """The model of one cell, as views into the stack."""
-    return Model(
-        stack.A[c], stack.B[c], stack.S[c], stack.K[c], stack.C[c], stack.D[c], stack.Kz[c],
-        stack.first[c], stack.mode_first[c], stack.mode_wz[c], stack.mode_wh[c], stack.mode_ws[c], stack.mode_w0[c],
-        stack.mode_stick[c], stack.mode_level[c], stack.guard_first[c], stack.guard_element[c], stack.guard_target[c],
-        stack.guard_bypass[c],
-        stack.guard_z[c], stack.guard_rate[c], stack.guard_h[c], stack.guard_w[c], stack.guard_0[c],
-        stack.reset_z[c], stack.reset_h[c], stack.reset_0[c], stack.smooth_kind[c], stack.smooth_x[c],
-        stack.smooth_H[c], stack.smooth_scale[c], stack.smooth_w[c], stack.smooth_delay[c],
-        stack.Yx[c], stack.Yw[c], stack.YH[c],
-        stack.knot_time[c], stack.knot_state[c], stack.knot_value[c], stack.knot_held[c], stack.knot_slope[c],
-    )  # fmt: skip

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from eppanalysis.kernels.lanes import add, add_sizes, any_above, dot, padded, row_sum, take, take_sizes
+from eppanalysis.kernels.tuples import by_address
 
 #: Hot functions: they allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
 #: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
@@ -26,6 +27,7 @@ INLINE = {**HOT, "inline": "always"}
 LONG_DOUBLINGS, LONGS = 4, 2
 
 
+@by_address
 class Model(NamedTuple):
     """Flat arrays of a hybrid system: n states, w outputs, z inputs, H held values (the last is 1), s smooth ones."""
 
@@ -72,6 +74,7 @@ class Model(NamedTuple):
     knot_slope: np.ndarray  # (k,)
 
 
+@by_address
 class Slots(NamedTuple):
     """Compiled mode combinations (leading axis: slot).
 
@@ -123,6 +126,7 @@ class Slots(NamedTuple):
     reach: np.ndarray  # (q, lengths, n+, G+): bound on how far a guard moves on the way, from the rate at the start
 
 
+@by_address
 class Work(NamedTuple):
     """Scratch room for compiling a slot."""
 

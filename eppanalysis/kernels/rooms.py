@@ -14,8 +14,10 @@ from eppanalysis.kernels.delays import LINE_CAPACITY
 from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.modes import Model, Slots, Work, make_slots, make_work, most_guards
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
+from eppanalysis.kernels.tuples import by_address
 
 
+@by_address
 class Ring(NamedTuple):
     """The last events of a run (leading axis: place)."""
 
@@ -27,6 +29,7 @@ class Ring(NamedTuple):
     modes: np.ndarray  # (keep, E) int
 
 
+@by_address
 class Room(NamedTuple):
     """Scratch room of a run (lengths with a + are padded as in `Slots`)."""
 
@@ -52,6 +55,7 @@ class Room(NamedTuple):
     once: np.ndarray  # (events,)
 
 
+@by_address
 class Samples(NamedTuple):
     """Times at which signals are wanted, where the signals go, and room to sort times."""
 

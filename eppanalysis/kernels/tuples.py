@@ -1,0 +1,149 @@
+"""Named tuples of arrays that kernels take by address.
+
+Numba hands a named tuple over by value: some four hundred words for the tables of a model, written out in every function
+and at every call, which took most of the time to compile the engine. A class marked with `by_address` is handed over as
+the address of a frame instead, in which each array is its own address and its shape; reading a field makes the array
+from these. All arrays must be contiguous, of floats or whole numbers of 64 bits.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+from numba.np.arrayobj import populate_array
+
+Tuple = TypeVar("Tuple", bound=type)
+
+_WORD = ir.IntType(64)
+_ADDRESS = _WORD.as_pointer()
+_NUMBERS = {"f": types.float64, "i": types.int64}
+
+
+class Arrays(types.Type):
+    """Numba's type of such a tuple: for each field its name, the letter of its numbers, its dimensions."""
+
+    def __init__(self, title: str, fields: tuple[tuple[str, str, int], ...]) -> None:
+        self.title, self.fields = title, fields
+        super().__init__(f"{title}({''.join(f'{letter}{ndim}' for _, letter, ndim in fields)})")
+
+    def __reduce__(self) -> Any:
+        return Arrays, (self.title, self.fields)
+
+    @property
+    def kinds(self) -> list[types.Array]:
+        """Types of the arrays."""
+        return [types.Array(_NUMBERS[letter], ndim, "C") for _, letter, ndim in self.fields]
+
+    @property
+    def places(self) -> list[int]:
+        """Where each array begins in the frame, and the frame's length."""
+        return [0, *np.cumsum([1 + ndim for _, _, ndim in self.fields]).tolist()]
+
+    def of_rows(self) -> Arrays:
+        """Type of the tuple of the arrays' rows."""
+        return Arrays(self.title, tuple((name, letter, ndim - 1) for name, letter, ndim in self.fields))
+
+
+def by_address(cls: Tuple) -> Tuple:
+    """Mark a named tuple of arrays: kernels take it by address."""
+
+    @typeof_impl.register(cls)
+    def kind(value: Any, context: Any) -> Arrays:
+        for name, a in zip(cls._fields, value, strict=True):
+            if a.dtype.kind not in _NUMBERS or a.dtype.itemsize != _WORD.width // 8 or not a.flags.c_contiguous:
+                raise TypeError(f"{cls.__name__}.{name} is no contiguous array of 64-bit numbers.")
+        fields = tuple((name, a.dtype.kind, a.ndim) for name, a in zip(cls._fields, value, strict=True))
+        return Arrays(cls.__name__, fields)
+
+    return cls
+
+
+@register_model(Arrays)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, _ADDRESS)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = Arrays
+
+    def generic_resolve(self, kind, name):
+        return dict(zip((field for field, _, _ in kind.fields), kind.kinds, strict=True)).get(name)
+
+
+def _word(builder, frame, place):
+    return builder.gep(frame, [_WORD(place)], inbounds=True)
+
+
+@lower_getattr_generic(Arrays)
+def _read(context, builder, kind, frame, name):
+    """The array from its words."""
+    k = [field for field, _, _ in kind.fields].index(name)
+    array_kind, first = kind.kinds[k], kind.places[k]
+    array = context.make_array(array_kind)(context, builder)
+    address, *shape = (builder.load(_word(builder, frame, first + i)) for i in range(1 + array_kind.ndim))
+    strides = [_WORD(_WORD.width // 8)]
+    for length in shape[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], length))
+    populate_array(
+        array,
+        data=builder.inttoptr(address, array.data.type),
+        shape=shape,
+        strides=strides[: len(shape)],
+        itemsize=_WORD.width // 8,
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+@unbox(Arrays)
+def _unbox(kind, value, c):
+    """The frame of a named tuple, on the stack of the call from Python; the tuple keeps the arrays."""
+    builder = c.builder
+    frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.places[-1]))
+    failed = cgutils.alloca_once_value(builder, cgutils.false_bit)
+    for k, (array_kind, first) in enumerate(zip(kind.kinds, kind.places[:-1], strict=True)):
+        native = c.unbox(array_kind, c.pyapi.tuple_getitem(value, k))
+        array = c.context.make_array(array_kind)(c.context, builder, native.value)
+        words = builder.ptrtoint(array.data, _WORD), *cgutils.unpack_tuple(builder, array.shape)
+        for i, word in enumerate(words):
+            builder.store(word, _word(builder, frame, first + i))
+        builder.store(builder.or_(builder.load(failed), native.is_error), failed)
+        if c.context.enable_nrt:
+            c.context.nrt.decref(builder, array_kind, native.value)
+    return NativeValue(frame, is_error=builder.load(failed))
+
+
+@intrinsic
+def rows(typingctx, stack, k):
+    """The tuple of the rows k of all arrays; where it is written, one at a time is there."""
+    kind = stack.of_rows()
+
+    def write(context, builder, signature, args):
+        frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.places[-1]))
+        for (_, _, ndim), whole, first in zip(kind.fields, stack.places, kind.places, strict=False):
+            shape = [builder.load(_word(builder, args[0], whole + 2 + i)) for i in range(ndim)]
+            skipped = builder.mul(args[1], _WORD(_WORD.width // 8))
+            for length in shape:
+                skipped = builder.mul(skipped, length)
+            address = builder.add(builder.load(_word(builder, args[0], whole)), skipped)
+            for i, word in enumerate((address, *shape)):
+                builder.store(word, _word(builder, frame, first + i))
+        return frame
+
+    return kind(stack, types.intp), write
