@@ -33,6 +33,33 @@ KINDS: dict[str, tuple[str, str]] = {
     "kg*m^2": ("a moment of inertia", "0.03 kg*m^2"),
 }
 
+#: Factor and base units of the units above and of those in the shipped cases, as pint gives them (a test compares):
+#: pint takes as long to start as everything else that a first simulation needs.
+_COMMON = {
+    "": (1.0, "dimensionless"),
+    "rad": (1.0, "radian"),
+    "deg": (0.017453292519943295, "radian"),
+    "rad/s": (1.0, "radian / second"),
+    "deg/s": (0.017453292519943295, "radian / second"),
+    "m": (1.0, "meter"),
+    "mm": (0.001, "meter"),
+    "m/s": (1.0, "meter / second"),
+    "s": (1.0, "second"),
+    "ms": (0.001, "second"),
+    "Hz": (1.0, "1 / second"),
+    "kg": (1.0, "kilogram"),
+    "N": (1.0, "kilogram * meter / second ** 2"),
+    "lbf": (4.4482216152605005, "kilogram * meter / second ** 2"),
+    "V": (1.0, "kilogram * meter ** 2 / ampere / second ** 3"),
+    "V/N": (1.0, "meter / ampere / second"),
+    "V/lbf": (0.22480894309971053, "meter / ampere / second"),
+    "N/m": (1.0, "kilogram / second ** 2"),
+    "N*m": (1.0, "kilogram * meter ** 2 / second ** 2"),
+    "N*m/rad": (1.0, "kilogram * meter ** 2 / radian / second ** 2"),
+    "N*m*s/rad": (1.0, "kilogram * meter ** 2 / radian / second"),
+    "kg*m^2": (1.0, "kilogram * meter ** 2"),
+}
+
 _LONGEST = 80
 #: What pint raises for text that is no unit; its own errors derive from these.
 _PINT_FAILURES = (AttributeError, ValueError, TypeError, KeyError, OverflowError, AssertionError)
@@ -60,7 +87,6 @@ def _registry() -> pint.UnitRegistry:
     return pint.UnitRegistry()
 
 
-@cache
 def _factor_and_base(unit: str) -> tuple[float, str]:
     """Factor to base units, and those units; angles keep their radian.
 
@@ -69,9 +95,18 @@ def _factor_and_base(unit: str) -> tuple[float, str]:
     QuantityError
         If there is no such unit.
     """
-    if not unit:
-        return 1.0, "dimensionless"
+    return _COMMON.get(unit) or _as_pint_has_it(unit)
 
+
+@cache
+def _as_pint_has_it(unit: str) -> tuple[float, str]:
+    """As :func:`_factor_and_base`, for any unit.
+
+    Raises
+    ------
+    QuantityError
+        If there is no such unit.
+    """
     try:
         registry = _registry()
         parsed = registry.parse_units(unit)

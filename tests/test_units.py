@@ -9,6 +9,7 @@ import sys
 import pytest
 from hypothesis import given, strategies as st
 
+from eppanalysis import units
 from eppanalysis.units import KINDS, QuantityError, format_si, parse_any, parse_quantity, write_si
 
 POUND_FORCE = 4.4482216152605  # N, exact by definition
@@ -99,13 +100,13 @@ def test_refusals(text: object, unit: str, expected: str) -> None:
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(FRIENDLY))
-def test_written_text_gives_the_same_number(value: float, units: tuple[str, str]) -> None:
-    assert parse_quantity(write_si(value, *units), units[0]) == value
+def test_written_text_gives_the_same_number(value: float, pair: tuple[str, str]) -> None:
+    assert parse_quantity(write_si(value, *pair), pair[0]) == value
 
 
 @given(st.floats(-1e6, 1e6), st.sampled_from(FRIENDLY))
-def test_shown_text_gives_the_number_to_its_digits(value: float, units: tuple[str, str]) -> None:
-    assert parse_quantity(format_si(value, *units), units[0]) == pytest.approx(value, rel=5.1e-6)
+def test_shown_text_gives_the_number_to_its_digits(value: float, pair: tuple[str, str]) -> None:
+    assert parse_quantity(format_si(value, *pair), pair[0]) == pytest.approx(value, rel=5.1e-6)
 
 
 @given(st.text(max_size=100), st.sampled_from(list(KINDS)))
@@ -136,6 +137,18 @@ def test_a_dimension_without_a_name_of_its_own() -> None:
     assert number == pytest.approx(0.003) and parse_quantity(f"1 {unit}", "m/s^2") == 1.0
 
 
+@pytest.mark.parametrize("unit", units._COMMON)
+def test_common_units_are_what_pint_says(unit: str) -> None:
+    assert units._as_pint_has_it(unit) == units._COMMON[unit]
+
+
 def test_pint_is_imported_when_it_is_used() -> None:
-    code = "import sys, eppanalysis, eppanalysis.units; sys.exit('pint' in sys.modules)"
+    """And not for the units of the shipped cases."""
+    code = """
+import sys
+import eppanalysis as epp
+for name in epp.shipped_cases():
+    epp.case(name)
+sys.exit("pint" in sys.modules)
+"""
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -13,7 +13,7 @@ from numba import njit
 
 from eppanalysis.kernels.hybrid import run
 from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.tuples import rows, by_address
+from eppanalysis.kernels.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
 SAMPLES = 512

@@ -28,6 +28,7 @@ from eppanalysis.kernels.lanes import (
     take_sizes,
 )
 from eppanalysis.kernels.modes import (
+    ENTRY,
     HOT,
     INLINE,
     LONG_DOUBLINGS,
@@ -50,7 +51,7 @@ from eppanalysis.kernels.switches import beyond_level, reset, rise_from_start, s
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
 
 
-@njit(**HOT)
+@njit(**ENTRY)
 def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_events, ring, rate, stats, watched):
     """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
 
@@ -98,6 +99,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     t, until, count, i_sample, n_samples = 0.0, t_end, 0, 0, all_samples
     i_knot = 0 if watched else n_knots
     origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, 0.0, 0, 0, False, False
+    # Whether the constant parts are those of the mode; whether what a fast step carries on is that of the state.
+    entered, renewed = False, False
     aside, t_behind, i_behind = False, 0.0, 0
     limit_same = 2 * model.mode_first[-1] + 16
     watch, keep = room.watch, ring.t.size
@@ -113,27 +116,25 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     if q < 0:
         return SINGULAR
     start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
-    _enter(slots, q, H, f, constant, lift, still)
     while True:
         # External inputs that jump or bend now.
         while i_knot < n_knots and model.knot_time[i_knot] <= t:
             x[model.knot_state[i_knot]] = model.knot_value[i_knot]
             H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
             i_knot += 1
-            armed = False
+            armed, entered = False, False
+        if not entered:
             _enter(slots, q, H, f, constant, lift, still)
+            entered = True
         if t >= until:
             if not aside:
                 break
             # Back from the period that served the samples of all periods to come, to the time behind them.
-            while i_sample < n_samples:
-                _write(slots, q, x, still, Sg[0], out[rows[i_sample]])
-                i_sample += 1
+            _write_rest(slots, q, x, still, Sg[0], rows, i_sample, n_samples, out)
             _copy_start(room.x, room.modes, room.H, x, modes, H)
             aside, t, until, i_sample, n_samples = False, t_behind, t_end, i_behind, all_samples
-            origin, last_t, same_instant, quiet, armed = 0.0, t, 0, 0, False
+            origin, last_t, same_instant, quiet, armed, entered = 0.0, t, 0, 0, False, False
             q = find_slot(model, slots, work, modes, base_step)
-            _enter(slots, q, H, f, constant, lift, still)
             continue
         h = slots.step[q]
         t_stop = until
@@ -144,8 +145,11 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             which = _violated(slots, q, x, recent, constant, wide)
             if which < 0 and i_sample == n_samples:
                 # No sample holds the run to its grid any more: it begins anew here.
-                origin, j_grid, armed = t, 0, True
-                _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
+                origin, j_grid, armed, renewed = t, 0, True, False
+        if armed and not renewed:
+            _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
+            renewed = True
+        moved = 0
         # Long step, where nothing has happened for a while and nothing is to be sampled.
         if quiet >= 16 and armed:
             level = min(quiet // 32, LONGS - 1)
@@ -155,30 +159,28 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 while slots.longs[q] <= level:
                     compile_long(slots, work, q)
                 if _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
-                    _move(x, xd, speed, g0, g1, end)
-                    j_grid += steps
-                    t = t1
+                    moved = steps
                     quiet += 4
-                    stats[3] += 1
-                    continue
-                quiet = 0
+                else:
+                    quiet = 0
         # Fast step: proven free of events from the values at its ends.
         tried = False
-        if armed:
+        if armed and moved == 0:
             if i_sample < n_samples and times[i_sample] <= t + 1e-9 * h:
                 _write(slots, q, x, still, Sg[0], out[rows[i_sample]])
                 i_sample += 1
             t1 = origin + (j_grid + 1) * h
             inside = i_sample < n_samples and times[i_sample] < t1 - 1e-9 * h
             tried = t1 <= t_stop and not inside
-            if tried:
-                if _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
-                    _move(x, xd, speed, g0, g1, end)
-                    j_grid += 1
-                    t = t1
-                    quiet += 1
-                    stats[3] += 1
-                    continue
+            if tried and _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
+                moved = 1
+                quiet += 1
+        if moved > 0:
+            _move(x, xd, speed, g0, g1, end)
+            j_grid += moved
+            t = origin + j_grid * h
+            stats[3] += 1
+            continue
         quiet = 0
         # Series step, at most to the next point of the grid.
         j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
@@ -252,9 +254,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if which < 0:
             polynomial(X, last, 1.0, x)
             t = t1 if on_grid or t1 - t == d else t + d
-            armed = bool(slots.linear[q]) and on_grid
-            if armed:
-                _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
+            armed, renewed = bool(slots.linear[q]) and on_grid, False
         else:
             if best > 0.0:
                 polynomial(X, last, best, x)
@@ -296,7 +296,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                     slots.next[q, which] = q1
             q = q1
             settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
-            _enter(slots, q, H, f, constant, lift, still)
+            entered = False
             if not aside:
                 r = count % keep
                 ring.t[r], ring.guard[r] = t, k
@@ -329,10 +329,13 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if code != DONE:
             break
     if code == DONE:
+        first = i_sample
         while i_sample < n_samples and times[i_sample] <= t * (1.0 + 1e-12):
-            _write(slots, q, x, still, Sg[0], out[rows[i_sample]])
             i_sample += 1
+        _write_rest(slots, q, x, still, Sg[0], rows, first, i_sample, out)
     if code != SINGULAR:
+        if not entered:
+            _enter(slots, q, H, f, constant, lift, still)
         take(X[0], x)
         for j in range(n_s):
             if model.smooth_kind[j] != DELAY_LINE:
@@ -513,6 +516,13 @@ def _write(slots, q, x, still, sigma, row):
     for j in range(sigma.size):
         for i in range(slots.Ys.shape[1]):
             row[i] += slots.Ys[q, i, j] * sigma[j]
+
+
+@njit(**HOT)
+def _write_rest(slots, q, x, still, sigma, rows, first, stop, out):
+    """Signals at state x at the samples first..stop."""
+    for k in range(first, stop):
+        _write(slots, q, x, still, sigma, out[rows[k]])
 
 
 @njit(**HOT)

@@ -4,32 +4,28 @@ from __future__ import annotations
 
 from numba import njit
 
-from eppanalysis.kernels.modes import INLINE
+from eppanalysis.kernels.modes import HOT, INLINE
 from eppanalysis.kernels.series import first_rise, guard_noise, term_sizes
 
 
 @njit(**INLINE)
 def rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced):
     """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
-    noise = guard_noise(slots, q, g, 0, Sg, H, d, Y)
-    if p[0] < -noise:
-        return first_rise(p, noise)
-    if forced:
-        return 2.0
-    if p[0] > noise:
-        return 0.0
     terms = min(6, last - 1)
-    for k in range(1, terms):
+    for k in range(max(1, terms)):
         if k == 2:
             # Two terms decide nearly always; more are wanted only where the guard touches.
             term_sizes(slots, q, X, Sg, H, d, recent, 3, terms + 1, Y, wide)
         noise = guard_noise(slots, q, g, k, Sg, H, d, Y)
+        if p[k] < -noise:
+            if k > 0:
+                for i in range(last + 1):
+                    p[i] = p[i + k]
+            return first_rise(p, noise if k == 0 else 0.0)
+        if forced:
+            return 2.0
         if p[k] > noise:
             return 0.0
-        if p[k] < -noise:
-            for i in range(last + 1):
-                p[i] = p[i + k]
-            return first_rise(p, 0.0)
     return 2.0
 
 
@@ -53,7 +49,7 @@ def reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
     modes[e] = model.guard_target[k]
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _input(slots, q, row, x, H, Sg, last, u):
     v = 0.0
     for i in range(slots.Zx.shape[2]):

@@ -1,9 +1,9 @@
 """Named tuples of arrays that kernels take by address.
 
-Numba hands a named tuple over by value: some four hundred words for the tables of a model, written out in every function
-and at every call, which took most of the time to compile the engine. A class marked with `by_address` is handed over as
-the address of a frame instead, in which each array is its own address and its shape; reading a field makes the array
-from these. All arrays must be contiguous, of floats or whole numbers of 64 bits.
+Numba hands a named tuple over by value: some four hundred words for the tables of a model, written out in every
+function and at every call, which took most of the time to compile the engine. A class marked with `by_address` is
+handed over as the address of a frame instead, in which each array is its own address and its shape; reading a field
+makes the array from these. All arrays must be contiguous, of floats or whole numbers of 64 bits.
 """
 
 from __future__ import annotations
