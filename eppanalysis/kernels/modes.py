@@ -622,7 +622,7 @@ def compile_step(slots, work, q):
     _multiply(M, P, 1.0, Q)
     _multiply(M, Q, 1.0, P)
     _multiply(half, P, 1.0, Q)
-    _sizes_of_powers(M, 0.5 * h, 0, Q, P, slots.bound[q])
+    _sizes_of_powers(M, 0.5 * h, 0.0, Q, P, slots.bound[q])
 
 
 @njit(**HOT)
@@ -659,7 +659,7 @@ def compile_long(slots, work, q):
         for i in range(power.shape[0]):
             for g in range(P.shape[1]):
                 P[i, g] = 1.001 * h * slots.all_gf[q, i, g]
-        _sizes_of_powers(slots.M[q], h, 1, P, Q, reach)
+        _sizes_of_powers(slots.M[q], h, 1.0, P, Q, reach)
     else:
         _copy(reach, slots.reach[q, level - 1])
     for _ in range(LONG_DOUBLINGS):
