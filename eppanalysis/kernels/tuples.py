@@ -8,9 +8,9 @@ makes the array from these. All arrays must be contiguous, of floats or whole nu
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any, TypeVar
 
-import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AttributeTemplate
@@ -29,7 +29,7 @@ from numba.np.arrayobj import populate_array
 Tuple = TypeVar("Tuple", bound=type)
 
 _WORD = ir.IntType(64)
-_ADDRESS = _WORD.as_pointer()
+_BYTES = 8
 _NUMBERS = {"f": types.float64, "i": types.int64}
 
 
@@ -38,20 +38,13 @@ class Arrays(types.Type):
 
     def __init__(self, title: str, fields: tuple[tuple[str, str, int], ...]) -> None:
         self.title, self.fields = title, fields
+        self.arrays = {name: types.Array(_NUMBERS[letter], ndim, "C") for name, letter, ndim in fields}
+        #: Where each array begins in the frame, and the frame's length.
+        *self.places, self.words = accumulate((1 + ndim for _, _, ndim in fields), initial=0)
         super().__init__(f"{title}({''.join(f'{letter}{ndim}' for _, letter, ndim in fields)})")
 
     def __reduce__(self) -> Any:
         return Arrays, (self.title, self.fields)
-
-    @property
-    def kinds(self) -> list[types.Array]:
-        """Types of the arrays."""
-        return [types.Array(_NUMBERS[letter], ndim, "C") for _, letter, ndim in self.fields]
-
-    @property
-    def places(self) -> list[int]:
-        """Where each array begins in the frame, and the frame's length."""
-        return [0, *np.cumsum([1 + ndim for _, _, ndim in self.fields]).tolist()]
 
     def of_rows(self) -> Arrays:
         """Type of the tuple of the arrays' rows."""
@@ -64,8 +57,8 @@ def by_address(cls: Tuple) -> Tuple:
     @typeof_impl.register(cls)
     def kind(value: Any, context: Any) -> Arrays:
         for name, a in zip(cls._fields, value, strict=True):
-            if a.dtype.kind not in _NUMBERS or a.dtype.itemsize != _WORD.width // 8 or not a.flags.c_contiguous:
-                raise TypeError(f"{cls.__name__}.{name} is no contiguous array of 64-bit numbers.")
+            if a.dtype not in ("f8", "i8") or not a.flags.c_contiguous:
+                raise TypeError(f"{cls.__name__}.{name} is no contiguous array of floats or whole numbers of 64 bits.")
         fields = tuple((name, a.dtype.kind, a.ndim) for name, a in zip(cls._fields, value, strict=True))
         return Arrays(cls.__name__, fields)
 
@@ -75,7 +68,7 @@ def by_address(cls: Tuple) -> Tuple:
 @register_model(Arrays)
 class _Address(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        super().__init__(manager, kind, _ADDRESS)
+        super().__init__(manager, kind, _WORD.as_pointer())
 
 
 @infer_getattr
@@ -83,7 +76,7 @@ class _Fields(AttributeTemplate):
     key = Arrays
 
     def generic_resolve(self, kind, name):
-        return dict(zip((field for field, _, _ in kind.fields), kind.kinds, strict=True)).get(name)
+        return kind.arrays.get(name)
 
 
 def _word(builder, frame, place):
@@ -92,22 +85,15 @@ def _word(builder, frame, place):
 
 @lower_getattr_generic(Arrays)
 def _read(context, builder, kind, frame, name):
-    """The array from its words."""
-    k = [field for field, _, _ in kind.fields].index(name)
-    array_kind, first = kind.kinds[k], kind.places[k]
+    """The array of a field, from its words."""
+    array_kind, first = kind.arrays[name], kind.places[list(kind.arrays).index(name)]
     array = context.make_array(array_kind)(context, builder)
     address, *shape = (builder.load(_word(builder, frame, first + i)) for i in range(1 + array_kind.ndim))
-    strides = [_WORD(_WORD.width // 8)]
+    strides = [_WORD(_BYTES)]
     for length in shape[:0:-1]:
         strides.insert(0, builder.mul(strides[0], length))
-    populate_array(
-        array,
-        data=builder.inttoptr(address, array.data.type),
-        shape=shape,
-        strides=strides[: len(shape)],
-        itemsize=_WORD.width // 8,
-        meminfo=None,
-    )
+    data = builder.inttoptr(address, array.data.type)
+    populate_array(array, data=data, shape=shape, strides=strides[: len(shape)], itemsize=_BYTES, meminfo=None)
     return array._getvalue()
 
 
@@ -115,30 +101,30 @@ def _read(context, builder, kind, frame, name):
 def _unbox(kind, value, c):
     """The frame of a named tuple, on the stack of the call from Python; the tuple keeps the arrays."""
     builder = c.builder
-    frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.places[-1]))
-    failed = cgutils.alloca_once_value(builder, cgutils.false_bit)
-    for k, (array_kind, first) in enumerate(zip(kind.kinds, kind.places[:-1], strict=True)):
+    frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.words))
+    failed = cgutils.false_bit
+    for k, array_kind in enumerate(kind.arrays.values()):
         native = c.unbox(array_kind, c.pyapi.tuple_getitem(value, k))
         array = c.context.make_array(array_kind)(c.context, builder, native.value)
         words = builder.ptrtoint(array.data, _WORD), *cgutils.unpack_tuple(builder, array.shape)
         for i, word in enumerate(words):
-            builder.store(word, _word(builder, frame, first + i))
-        builder.store(builder.or_(builder.load(failed), native.is_error), failed)
+            builder.store(word, _word(builder, frame, kind.places[k] + i))
+        failed = builder.or_(failed, native.is_error)
         if c.context.enable_nrt:
             c.context.nrt.decref(builder, array_kind, native.value)
-    return NativeValue(frame, is_error=builder.load(failed))
+    return NativeValue(frame, is_error=failed)
 
 
 @intrinsic
 def rows(typingctx, stack, k):
-    """The tuple of the rows k of all arrays; where it is written, one at a time is there."""
+    """The tuple of the rows k of all arrays, in one frame for each place in a kernel where this is written."""
     kind = stack.of_rows()
 
     def write(context, builder, signature, args):
-        frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.places[-1]))
-        for (_, _, ndim), whole, first in zip(kind.fields, stack.places, kind.places, strict=False):
+        frame = cgutils.alloca_once(builder, _WORD, size=_WORD(kind.words))
+        for (_, _, ndim), whole, first in zip(kind.fields, stack.places, kind.places, strict=True):
             shape = [builder.load(_word(builder, args[0], whole + 2 + i)) for i in range(ndim)]
-            skipped = builder.mul(args[1], _WORD(_WORD.width // 8))
+            skipped = builder.mul(args[1], _WORD(_BYTES))
             for length in shape:
                 skipped = builder.mul(skipped, length)
             address = builder.add(builder.load(_word(builder, args[0], whole)), skipped)
