@@ -99,8 +99,9 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     t, until, count, i_sample, n_samples = 0.0, t_end, 0, 0, all_samples
     i_knot = 0 if watched else n_knots
     origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, 0.0, 0, 0, False, False
-    # Whether the constant parts are those of the mode; whether what a fast step carries on is that of the state.
-    entered, renewed = False, False
+    # Whether the constant parts are those of the mode; whether what a fast step carries on is that of the state; whether
+    # the state comes from a series step.
+    entered, renewed, stepped = False, False, False
     aside, t_behind, i_behind = False, 0.0, 0
     limit_same = 2 * model.mode_first[-1] + 16
     watch, keep = room.watch, ring.t.size
@@ -126,6 +127,13 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if not entered:
             _enter(slots, q, H, f, constant, lift, still)
             entered = True
+        if stepped:
+            stepped = False
+            for i in range(n):
+                if not abs(x[i]) < 1e100:
+                    code = DIVERGED
+            if code != DONE:
+                break
         if t >= until:
             if not aside:
                 break
@@ -323,19 +331,13 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                         else:
                             t, i_sample = t_behind, i_behind
                         origin, last_t, same_instant = 0.0, t, 0
-        for i in range(n):
-            if not abs(x[i]) < 1e100:
-                code = DIVERGED
-        if code != DONE:
-            break
+        stepped = True
     if code == DONE:
         first = i_sample
         while i_sample < n_samples and times[i_sample] <= t * (1.0 + 1e-12):
             i_sample += 1
         _write_rest(slots, q, x, still, Sg[0], rows, first, i_sample, out)
     if code != SINGULAR:
-        if not entered:
-            _enter(slots, q, H, f, constant, lift, still)
         take(X[0], x)
         for j in range(n_s):
             if model.smooth_kind[j] != DELAY_LINE:
