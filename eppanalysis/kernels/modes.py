@@ -251,7 +251,7 @@ def find_slot(model, slots, work, modes, base_step):
     return q
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _solve(E, F):
     """Solve E X = F in place by elimination with pivoting; False when E is singular."""
     n, m = E.shape[0], F.shape[1]
@@ -287,7 +287,7 @@ def _solve(E, F):
     return True
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _output_equations(model, modes, E, F):
     """E w = F [x, H, sigma]: each output's mode equation, or for a sticking mode the vanishing rate of its input."""
     n, n_w = model.B.shape
@@ -336,7 +336,7 @@ def _output_equations(model, modes, E, F):
                 F[row, n + n_H + j] += model.mode_ws[m, a, j]
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _compile(model, slots, work, q, modes):
     """Affine system of the combination `modes` into slot q."""
     n, n_w = model.B.shape
@@ -441,7 +441,7 @@ def _hold_input(rate, c, B, w):
             rate[i, j] -= B[i, w] * left / scale
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _compile_guards(model, slots, work, q, modes):
     """Guard rows of the combination, on state, rate, held values and smooth channels."""
     n, n_H, n_s = model.A.shape[0], model.K.shape[1], model.S.shape[1]
@@ -595,7 +595,7 @@ def _copy(out, source):
         take(out[i], source[i])
 
 
-@njit(**INLINE)
+@njit(**HOT)
 def _choose_step(slots, work, q, base_step):
     """Step of slot q: the base step, halved until the mode's motion is resolved; its matrices wait for their use."""
     rate = growth_rate(slots.M[q], work.square[0], work.square[1])
