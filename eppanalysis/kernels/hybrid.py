@@ -99,8 +99,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     t, until, count, i_sample, n_samples = 0.0, t_end, 0, 0, all_samples
     i_knot = 0 if watched else n_knots
     origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, 0.0, 0, 0, False, False
-    # Whether the constant parts are those of the mode; whether what a fast step carries on is that of the state; whether
-    # the state comes from a series step.
+    # Whether the constant parts are those of the mode; what fast steps carry along, that of the state; and whether the
+    # state comes from a series step.
     entered, renewed, stepped = False, False, False
     aside, t_behind, i_behind = False, 0.0, 0
     limit_same = 2 * model.mode_first[-1] + 16

@@ -16,10 +16,10 @@ from numba import njit
 from eppanalysis.kernels.lanes import add, add_sizes, any_above, dot, padded, row_sum, take, take_sizes
 from eppanalysis.kernels.tuples import by_address
 
-#: Hot functions: they allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
+#: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
 #: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
 ENTRY = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
-#: Those that only kernels call.
+#: Those that only kernels call: no way in from Python is compiled.
 HOT = {**ENTRY, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
 #: most of them compute.
