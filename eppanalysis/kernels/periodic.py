@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from eppanalysis.kernels.tuples import by_address
+
 Array = NDArray[np.float64]
 
 TURN = 2.0 * math.pi
@@ -22,8 +24,11 @@ ROUNDING = 1e-13
 _MOST_STEPS = 60
 
 _COMPILED = {"cache": True, "nogil": True, "error_model": "numpy"}
+#: Those that only kernels call.
+_INNER = {**_COMPILED, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
+@by_address
 class Table(NamedTuple):
     """Triggers of an automaton with m modes, s in all, as arrays; h held values, inputs z in their roles.
 
@@ -45,7 +50,7 @@ class Table(NamedTuple):
     held_constant: Array  # (s, h)
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def series_at(c, phi):
     """Value and slope of a series (n + 1,) at a phase."""
     step = complex(math.cos(phi), math.sin(phi))
@@ -58,7 +63,7 @@ def series_at(c, phi):
     return value, slope
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _slope_and_bend(c, step):
     """First and second derivative of a series at the phase whose wave is `step`."""
     wave = complex(1.0, 0.0)
@@ -70,7 +75,7 @@ def _slope_and_bend(c, step):
     return slope, bend
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _turning_point(c, low, high, rising):
     """The root of the slope in a bracket, by Newton's method kept inside it; `rising` tells its sign at the ends."""
     phi = 0.5 * (low + high)
@@ -90,7 +95,7 @@ def _turning_point(c, low, high, rising):
     return phi
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _where_it_turns(c, low, high, slope):
     """A phase where the slope, which comes nearer to zero and goes again, has the other sign; 0 where it never has."""
     for _ in range(_MOST_STEPS):
@@ -105,7 +110,7 @@ def _where_it_turns(c, low, high, slope):
     return 0.0
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _put(phase, value, count, c, low, high, rising):
     """Add the extremum in a bracket to those in order of phase; returns their number."""
     phi = _turning_point(c, low, high, rising) % TURN
@@ -197,7 +202,7 @@ def next_rise(c, phase, value, count, phi, here, level, sign):
     return math.inf
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _root(c, low, begin, high, share, level, sign):
     """Where a rising piece from `begin` to `high` meets a level, not before `low`: begun as on a cosine."""
     x = begin + (high - begin) * math.acos(share) / math.pi
@@ -219,7 +224,7 @@ def _root(c, low, begin, high, share, level, sign):
     return x
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def _due(table, trigger, offset, phi, omega):
     """Phase at which a trigger on the clock alone (or on nothing) fires."""
     clock = table.on_clock[trigger]
