@@ -158,8 +158,8 @@ def make_work(model: Model) -> Work:
 
 def most_guards(model: Model) -> int:
     """Guards that a mode combination can have."""
-    of_mode = np.diff(model.guard_first)
-    return sum(int(np.max(of_mode[a:b], initial=0)) for a, b in pairwise(model.mode_first))
+    of_mode = np.diff(model.guard_first).tolist()
+    return sum(max(of_mode[a:b], default=0) for a, b in pairwise(model.mode_first.tolist()))
 
 
 def make_slots(model: Model, capacity: int) -> Slots:

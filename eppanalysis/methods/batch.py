@@ -236,15 +236,21 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     )  # fmt: skip
     base = 2.0 * stack.time_scale
 
+    one = type(stack.model)(*(a[0] for a in stack.model))
+    spare: list[tuple[Any, ...]] = []
+
     def work(first: int) -> None:
-        one = type(stack.model)(*(a[first] for a in stack.model))
-        slots, room_to_compile, room = make_rooms(one)
-        none, period = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
-        ring = make_ring(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])
+        try:
+            rooms = spare.pop()
+        except IndexError:
+            ring = make_ring(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])
+            samples = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
+            rooms = *make_rooms(one), *samples, ring
         run_cells(
-            stack.model, slots, room_to_compile, room, none, period, ring, stack.x0, stack.modes0, stack.H0,
+            stack.model, *rooms, stack.x0, stack.modes0, stack.H0,
             stack.compared, float(t_end), base, max_events, first, min(first + CHUNK, n), out,
         )  # fmt: skip
+        spare.append(rooms)
 
     starts = range(0, n, CHUNK)
     if threads == 1:

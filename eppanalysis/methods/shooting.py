@@ -31,6 +31,10 @@ CONVERGED = 1e-9
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_ITERATIONS = 40
+#: Shares of Newton's step that are tried, longest first; from which on a share is small, and how many small ones in a
+#: row are enough: where there is an orbit to be found, Newton's method crawls towards it with longer steps.
+_SHARES = tuple(0.4**k for k in range(8))
+_SMALL, _ENOUGH = 6, 6
 _MOST_SEQUENCES = 10
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
@@ -171,6 +175,7 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
 def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
     orbit = evaluate(hybrid, arcs or Arcs.build(hybrid, guess.itinerary), guess.y, guess.tau)
+    k, small = 0, 0
     for _ in range(_MOST_ITERATIONS):
         if not np.isfinite(orbit.residual):
             break
@@ -178,22 +183,41 @@ def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit
         size = float(np.max(np.abs(step) / orbit.column_scale))
         if not np.isfinite(size):
             break
-        new = _search(orbit, step, min(1.0, 0.5 / size) if size > 0 else 1.0)
+        new, k = _search(orbit, step, min(1.0, 0.5 / size) if size > 0 else 1.0, k)
         if new is None or (new.residual < 1e-11 and new.residual > 0.3 * orbit.residual):
             return orbit if new is None or orbit.residual <= new.residual else new
-        orbit = new
+        orbit, small = new, small + 1 if k >= _SMALL else 0
+        if small == _ENOUGH:
+            break
     return orbit
 
 
-def _search(orbit: Orbit, step: Array, factor: float) -> Orbit | None:
-    """Backtracking: the first of a few shorter steps that lowers the residual; near rounding any step will do."""
-    for _ in range(8):
-        new = evaluate(orbit.hybrid, orbit.arcs, *orbit.moved(factor * step))
-        size = float(np.max(np.abs(new.r) / orbit.row_scale))
-        if size < orbit.residual * (1.0 - 0.1 * factor) or (size < 1e-11 and orbit.residual < 1e-11):
-            return new
-        factor *= 0.4
-    return None
+def _search(orbit: Orbit, step: Array, most: float, k: int) -> tuple[Orbit | None, int]:
+    """The orbit after the longest share of a step that lowers the residual, and the number of the share.
+
+    It is looked for from share `k` on, that of the step before, which is a neighbour as a rule.
+    """
+    new = _lower(orbit, step, most * _SHARES[k])
+    if new is None:
+        for other in (*range(k + 1, len(_SHARES)), *range(k)):
+            new = _lower(orbit, step, most * _SHARES[other])
+            if new is not None:
+                return new, other
+        return None, k
+    while k > 0:
+        longer = _lower(orbit, step, most * _SHARES[k - 1])
+        if longer is None:
+            break
+        new, k = longer, k - 1
+    return new, k
+
+
+def _lower(orbit: Orbit, step: Array, share: float) -> Orbit | None:
+    """The orbit after a share of a step; None where that does not lower the residual (near rounding any step will)."""
+    new = evaluate(orbit.hybrid, orbit.arcs, *orbit.moved(share * step))
+    size = float(np.max(np.abs(new.r) / orbit.row_scale))
+    lower = size < orbit.residual * (1.0 - 0.1 * share) or (size < 1e-11 and orbit.residual < 1e-11)
+    return new if lower else None
 
 
 def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
@@ -226,7 +250,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
                 return None
         else:
             found = follow(hybrid, guess)
-            if found is None or found.itinerary.key in seen:
+            # From a guess that the engine's own return map does not better, Newton's method fails as it has just done.
+            if found is None or found is guess or found.itinerary.key in seen:
                 return None
         seen.add(found.itinerary.key)
         guess = found
