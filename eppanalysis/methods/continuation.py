@@ -338,7 +338,7 @@ class Walk:
                 if end is not None:
                     points.append(end)
                 return points, "leaves the range"
-            if self._watch(points[-1], new, ds, len(points)):
+            if self._watch(points[-1], new, len(points)):
                 return points, "joins the branch of half its period"
             points.append(new)
             if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
@@ -362,9 +362,9 @@ class Walk:
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
-        way, inside, outside = last_admissible(points[-1], ds)
+        inside, outside = last_admissible(points[-1], ds)
         # One step may hold both a fold and, behind it, the change.
-        if self._watch(points[-1], inside, way, len(points)):
+        if self._watch(points[-1], inside, len(points)):
             return None, "joins the branch of half its period"
         new, back = other_sequence(inside, outside)
         if new is None:  # the old sequence, no longer true, may lead back to where it came from
@@ -381,10 +381,10 @@ class Walk:
         self._note(kind, inside, note, len(points))
         return new
 
-    def _watch(self, old: Point, new: Point, ds: float, index: int) -> bool:
+    def _watch(self, old: Point, new: Point, index: int) -> bool:
         """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
         if old.turn * new.turn < 0:
-            found = locate(old, ds, lambda p: p.turn, 1e-11)
+            found = locate(old, new, lambda p: p.turn, 1e-11)
             if found is not None and half_alike(found.orbit):
                 self._note("period doubling", found, "the cycle of half the period, which this branch leaves", index)
                 return True
@@ -393,7 +393,7 @@ class Walk:
             return False
         if is_stable(old.multipliers) != is_stable(new.multipliers):
             kind, test = crossing(old, new)
-            found = locate(old, ds, test, 1e-9)
+            found = locate(old, new, test, 1e-9)
             if found is not None:
                 self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
         return False

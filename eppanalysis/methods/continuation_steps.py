@@ -21,6 +21,12 @@ Array = NDArray[np.float64]
 #: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
 TOLERANCE = 1e-11
 _MOST_ITERATIONS = 9
+#: Change of the unknowns that is rounding.
+_STILL = 1e-11
+#: Relative change of a slope over a corrector that may be believed.
+_ALIKE = 0.5
+#: A test this far below where it began may be held up by rounding.
+_NOISE = 1e-6
 #: Share of a step that its foretold bend may have.
 _GENTLE = 0.1
 
@@ -170,7 +176,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
     family, like = point.family, point.orbit.arcs
     m = like.free.size
-    best = np.inf
+    best, last = np.inf, None
     for i in range(_MOST_ITERATIONS):
         y = point.orbit.y.copy()
         y[like.free] = u[:m]
@@ -180,16 +186,30 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             return None
         if not orbit.residual < 1e3:
             return None
+        if last is not None:
+            slope = _seen_slope(*last, orbit, slope)
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)
         size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
-        if (orbit.residual < TOLERANCE and size < 1e-9) or (orbit.residual < CONVERGED and size > 0.5 * best):
+        still = (orbit.residual < TOLERANCE and size < 1e-9) or size < _STILL
+        if orbit.residual < CONVERGED and (still or size > 0.5 * best):
             return _Found(float(u[-1]), orbit, u)
         if i > 3 and size > best:
             return None
-        best = min(best, size)
+        best, last = min(best, size), (orbit, change)
         u = u + change
     return None
+
+
+def _seen_slope(old: Orbit, change: Array, new: Orbit, slope: Array) -> Array:
+    """Slope by what the residual has done over a step, beyond what the derivatives at both ends account for.
+
+    Where the step is hardly one of the parameter it says nothing, and the slope stays what it was.
+    """
+    with np.errstate(all="ignore"):
+        seen = (new.r - old.r - 0.5 * (old.A + new.A) @ change[:-1]) / change[-1]
+        apart = np.max(np.abs(seen - slope) / new.row_scale)
+        return seen if apart < _ALIKE * np.max(np.abs(slope) / new.row_scale) else slope
 
 
 def point_at(old: Point, new: Point, value: float) -> Point | None:
@@ -231,35 +251,53 @@ def _true(orbit: Orbit) -> bool:
     return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and next_guess(orbit) is None
 
 
-def locate(point: Point, ds: float, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
-    """Where `test` changes its sign between `point` and a step ds, by regula falsi (Illinois)."""
-    a, f_a = 0.0, test(point)
-    far = step(point, ds)
-    if far is None:
+def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
+    """Where `test` changes its sign between a point and a later one of its sequence, by regula falsi (Illinois).
+
+    It ends at the tolerance, or where rounding keeps the test from becoming smaller.
+    """
+    row = _along(point)
+    ends = [(0.0, point, test(point)), (float(row @ (far.unknowns - point.unknowns)), far, test(far))]
+    if ends[0][2] * ends[1][2] > 0:
         return None
-    b, f_b = ds, test(far)
-    if f_a * f_b > 0:
-        return None
-    best = point if abs(f_a) < abs(f_b) else far
+    best, least = min(((p, abs(f)) for _, p, f in ends), key=lambda pair: pair[1])
+    size, moved, in_vain = max(abs(f) for _, _, f in ends), -1, 0
     for _ in range(40):
+        (a, _, f_a), (b, _, f_b) = ends
         c = (a * f_b - b * f_a) / (f_b - f_a)
-        found = step(point, c)
+        found = _between(point, row, ends[0][:2], ends[1][:2], c) or step(point, c)
         if found is None:
             return best
         f_c = test(found)
-        if abs(f_c) < abs(test(best)):
-            best = found
-        if abs(f_c) < tolerance or abs(b - a) < 1e-14 * abs(ds):
+        in_vain = 0 if abs(f_c) < least else in_vain + 1
+        if in_vain == 0:
+            best, least = found, abs(f_c)
+        if least < tolerance or (in_vain > 1 and least < _NOISE * size):
             break
-        if f_c * f_b > 0:
-            b, f_b, f_a = c, f_c, 0.5 * f_a
-        else:
-            a, f_a, f_b = c, f_c, 0.5 * f_b
+        side = int(f_c * f_b > 0)
+        ends[side] = c, found, f_c
+        if side == moved:  # an end that stays counts half, or it might stay for ever
+            s, p, f = ends[1 - side]
+            ends[1 - side] = s, p, 0.5 * f
+        moved = side
     return best
 
 
-def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[float, Point, Point]:
-    """Distance at which the sequence of events ceases to be true, with the points on both sides."""
+def _between(
+    point: Point, row: Array, one: tuple[float, Point], other: tuple[float, Point], distance: float
+) -> Point | None:
+    """The point at a distance from `point`, between two known ones: the cubic through both with their tangents."""
+    (a, first), (b, last) = one, other
+    share, whole = (distance - a) / (b - a), last.unknowns - first.unknowns
+    begin, end = ((b - a) / float(row @ p.tangent) * p.tangent for p in (first, last))
+    bent = (3.0 - 2.0 * share) * whole - (2.0 - share) * begin - (1.0 - share) * end
+    u = first.unknowns + share * (begin + share * bent)
+    found = _corrected(point, row, distance, u, first.slope + share * (last.slope - first.slope))
+    return None if found is None else _arrived(point, distance, found)
+
+
+def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
+    """Points on both sides of where the sequence of events ceases to be true."""
     a, inside, at_a = 0.0, None, point.unknowns
     row = _along(point)
     far = _corrected(point, row, ds, *point.ahead(ds))
@@ -276,7 +314,7 @@ def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[floa
         else:
             a, inside, at_a = c, found, found.unknowns
     first = point if inside is None else _arrived(point, a, inside)
-    return 0.5 * (a + b), first, first if outside is None else _arrived(point, b, outside)
+    return first, first if outside is None else _arrived(point, b, outside)
 
 
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
