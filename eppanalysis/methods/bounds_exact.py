@@ -172,20 +172,27 @@ def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> 
 
 
 def _cycles_inside(question: Question, near: Cycle, value: float) -> Iterator[LimitCycle]:
-    """Cycles of harmonic balance at a value inside the bound, carried there from the bound in steps."""
+    """Cycles of harmonic balance at a value inside the bound, carried there from the bound at once, else in steps."""
     numbers: Numbers = question.numbers()
-    here = near
-    for v in np.geomspace(near.value, value, 4)[1:]:
-        try:
-            true = settled(numbers.loop(float(v)), here.Z, here.omega)
-        except Unsettled:
-            true = None
-        if true is not None:
-            here = Cycle(float(v), *true)
-    if here is near or here.value != value:
+    here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
+    if here is None or here.value != value:
         # What does not balance may still be near enough to the exact orbit.
-        here = Cycle(value, here.Z, here.omega)
+        here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
     try:
         yield cycle_of(steady_loop(question.case_at(value)), here.Z, here.omega)
     except Unsettled:
         return
+
+
+def _carried(numbers: Numbers, near: Cycle, values: Iterable[float]) -> Cycle | None:
+    """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
+    here = None
+    for v in values:
+        last = here or near
+        try:
+            true = settled(numbers.loop(v), last.Z, last.omega)
+        except Unsettled:
+            true = None
+        if true is not None:
+            here = Cycle(v, *true)
+    return here

@@ -156,7 +156,7 @@ def settled(loop: Loop, Z: ComplexArray, omega: float) -> tuple[ComplexArray, fl
     """
     with np.errstate(all="ignore"):
         start = _anchored(Z, omega)
-        found = _solve(loop, start, start.order)
+        found = _solve(loop, start, start.order, estimate=False)
     return (found.Z, found.omega) if found.converged else None
 
 
@@ -251,8 +251,13 @@ def _reach(loop: Loop, start: _Point, order: int) -> _Point:
     return found
 
 
-def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int = 0) -> _Point:
-    """Damped Newton at an order; harmonics above `kept` pass the linear part with the factor `share`."""
+def _solve(
+    loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int = 0, estimate: bool = True
+) -> _Point:
+    """Damped Newton at an order; harmonics above `kept` pass the linear part with the factor `share`.
+
+    Without `estimate` the point does not say how good it is.
+    """
     weight = np.where(orders(order)[1:] > kept, share, 1.0) if share < 1.0 else np.ones(order)
     equations = Equations(loop, order, start.pivot, weight)
     try:
@@ -263,7 +268,7 @@ def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int 
             count += more
         Z, omega = equations.unpack(last.X)
         ok &= bool(np.abs(Z[start.pivot, 1]) > 1e-6 * np.abs(start.Z[start.pivot, 1]) and omega > 0)
-        error = _error(loop, equations, last) if ok and share == 1.0 else float("nan")
+        error = _error(loop, equations, last) if ok and share == 1.0 and estimate else float("nan")
     except Unsettled:
         Z = _padded(start.Z, order)
         return _Point(Z, start.omega, start.pivot, False)
