@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import difflib
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -218,7 +218,7 @@ class Case:
         >>> str(changed.parameters["lock_pin.backlash"])
         '0.5 deg'
         """
-        data = copy.deepcopy(self._raw.data)
+        data = _copied(self._raw.data)
         if any(str(name) not in _NO_CHANGE_OF_SYSTEM for name in values):
             data = without_answers(data)
         origins = dict(self._raw.origins)
@@ -265,7 +265,7 @@ class Case:
         motion = INPUTS[given["kind"]].model_fields if "kind" in given else {}
         run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in _NOT_A_NUMBER)]
         if self.kind == "elbow":
-            return [*section_fields(ElbowFile, SECTIONS), *run]
+            return [*_elbow_names(), *run]
         return list(dict.fromkeys([*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]))
 
     def _check_known(self, name: str, source: str, shown: object = None) -> None:
@@ -300,6 +300,18 @@ class Case:
         if first in elements:
             return ["loop", *elements[first], rest]
         return list(name.split("."))
+
+
+@cache
+def _elbow_names() -> tuple[str, ...]:
+    return tuple(section_fields(ElbowFile, SECTIONS))
+
+
+def _copied(data: Any) -> Any:
+    """Tables and lists of a file once more; what they hold never changes."""
+    if isinstance(data, dict):
+        return {name: _copied(value) for name, value in data.items()}
+    return [_copied(value) for value in data] if isinstance(data, list) else data
 
 
 def load(raw: RawCase) -> Case:

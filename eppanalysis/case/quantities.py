@@ -62,7 +62,7 @@ def plain_text(text: str) -> str:
     PydanticCustomError
         If it has.
     """
-    if any(not c.isprintable() and c not in "\n\t" for c in text):
+    if not text.isprintable() and any(not c.isprintable() and c not in "\n\t" for c in text):
         raise _fail("a text without control characters", text)
     return text
 

@@ -251,9 +251,7 @@ def _reach(loop: Loop, start: _Point, order: int) -> _Point:
     return found
 
 
-def _solve(
-    loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int = 0, estimate: bool = True
-) -> _Point:
+def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int = 0, estimate: bool = True) -> _Point:
     """Damped Newton at an order; harmonics above `kept` pass the linear part with the factor `share`.
 
     Without `estimate` the point does not say how good it is.

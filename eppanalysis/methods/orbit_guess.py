@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,36 @@ from eppanalysis.methods.simulate import Run
 from eppanalysis.models.arcs import Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 
+if TYPE_CHECKING:
+    from eppanalysis.kernels.modes import Model
+
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """An orbit before it is closed: sequence of events, start ``y`` behind the last of them, dwell times [s]."""
+    """An orbit before it is closed: sequence of events, start ``y`` behind the last of them, dwell times [s].
+
+    `origin` are the arcs, with their model, from which the sequence has been marked: a loop of the same model has them.
+    """
 
     itinerary: Itinerary
     y: Array
     tau: Array
+    origin: tuple[Model, Arcs] | None = None
+
+    def arcs(self, hybrid: HybridSystem) -> Arcs:
+        """The arcs of its sequence in a system.
+
+        Raises
+        ------
+        ModelError
+            As :meth:`Arcs.build`.
+        """
+        if self.origin is not None and self.origin[0] is hybrid.model:
+            return replace(self.origin[1], itinerary=self.itinerary)
+        return Arcs.build(hybrid, self.itinerary)
 
     @property
     def period(self) -> float:
@@ -84,21 +104,20 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
             return _delayed_guess(hybrid, it, starts[0], tau)
         except ModelError:
             return None
-    full = _mark(hybrid, it, starts, tau)
-    return None if full is None else Guess(full, starts[0].copy(), tau)
-
-
-def _mark(hybrid: HybridSystem, it: Itinerary, starts: Array, tau: Array) -> Itinerary | None:
-    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero."""
     try:
         arcs = Arcs.build(hybrid, it)
     except ModelError:
         return None
+    return Guess(_marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))
+
+
+def _marked(arcs: Arcs, starts: Array, tau: Array) -> Itinerary:
+    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero."""
     parts = arcs.g * starts
     value, size = parts.sum(axis=1), np.abs(parts).sum(axis=1)
     short = tau <= 1e-12 * tau.sum()
     at_once = np.where(short & (value > 1e-9 * size), 1, np.where(~short & (np.abs(value) <= 1e-12 * size), 2, 0))
-    return replace(it, at_once=at_once)
+    return replace(arcs.itinerary, at_once=at_once)
 
 
 def _delayed_guess(hybrid: HybridSystem, it: Itinerary, y: Array, tau: Array) -> Guess:

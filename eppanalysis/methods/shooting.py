@@ -174,7 +174,7 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
 
 def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
-    orbit = evaluate(hybrid, arcs or Arcs.build(hybrid, guess.itinerary), guess.y, guess.tau)
+    orbit = evaluate(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau)
     k, small = 0, 0
     for _ in range(_MOST_ITERATIONS):
         if not np.isfinite(orbit.residual):
@@ -358,7 +358,7 @@ def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
     best_size = np.inf
     for _ in range(15):
         try:
-            arcs = Arcs.build(hybrid, guess.itinerary)
+            arcs = guess.arcs(hybrid)
         except ModelError:
             break
         orbit = evaluate(hybrid, arcs, guess.y, guess.tau)

@@ -26,6 +26,9 @@ SMOOTH_KINDS = {"sine": 0, "cube": 1, "reciprocal_abs": 2}
 
 def _vector(values: ArrayLike, size: int) -> Array:
     out = np.zeros(size)
+    if isinstance(values, int | float):  # as nearly all are
+        out[:1] = values
+        return out
     given = np.atleast_1d(np.asarray(values, float))
     out[: given.size] = given
     return out
