@@ -246,8 +246,9 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
             ring = make_ring(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])
             samples = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
             rooms = *make_rooms(one), *samples, ring
+        slots, room_to_compile, room, none, period, ring = rooms
         run_cells(
-            stack.model, *rooms, stack.x0, stack.modes0, stack.H0,
+            stack.model, slots, room_to_compile, room, none, period, ring, stack.x0, stack.modes0, stack.H0,
             stack.compared, float(t_end), base, max_events, first, min(first + CHUNK, n), out,
         )  # fmt: skip
         spare.append(rooms)
