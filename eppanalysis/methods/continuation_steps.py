@@ -23,8 +23,6 @@ TOLERANCE = 1e-11
 _MOST_ITERATIONS = 9
 #: Change of the unknowns that is rounding.
 _STILL = 1e-11
-#: Relative change of a slope over a corrector that may be believed.
-_ALIKE = 0.5
 #: A test this far below where it began may be held up by rounding.
 _NOISE = 1e-6
 #: Share of a step that its foretold bend may have.
@@ -176,7 +174,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
     """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
     family, like = point.family, point.orbit.arcs
     m = like.free.size
-    best, last = np.inf, None
+    best = np.inf
     for i in range(_MOST_ITERATIONS):
         y = point.orbit.y.copy()
         y[like.free] = u[:m]
@@ -186,8 +184,6 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             return None
         if not orbit.residual < 1e3:
             return None
-        if last is not None:
-            slope = _seen_slope(*last, orbit, slope)
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)
         size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
@@ -196,20 +192,9 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             return _Found(float(u[-1]), orbit, u)
         if i > 3 and size > best:
             return None
-        best, last = min(best, size), (orbit, change)
+        best = min(best, size)
         u = u + change
     return None
-
-
-def _seen_slope(old: Orbit, change: Array, new: Orbit, slope: Array) -> Array:
-    """Slope by what the residual has done over a step, beyond what the derivatives at both ends account for.
-
-    Where the step is hardly one of the parameter it says nothing, and the slope stays what it was.
-    """
-    with np.errstate(all="ignore"):
-        seen = (new.r - old.r - 0.5 * (old.A + new.A) @ change[:-1]) / change[-1]
-        apart = np.max(np.abs(seen - slope) / new.row_scale)
-        return seen if apart < _ALIKE * np.max(np.abs(slope) / new.row_scale) else slope
 
 
 def point_at(old: Point, new: Point, value: float) -> Point | None:
@@ -261,9 +246,11 @@ def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: 
     if ends[0][2] * ends[1][2] > 0:
         return None
     best, least = min(((p, abs(f)) for _, p, f in ends), key=lambda pair: pair[1])
-    size, moved, in_vain = max(abs(f) for _, _, f in ends), -1, 0
+    reach, size, moved, in_vain = abs(ends[1][0]), max(abs(f) for _, _, f in ends), -1, 0
     for _ in range(40):
         (a, _, f_a), (b, _, f_b) = ends
+        if abs(b - a) < 1e-14 * reach:
+            break
         c = (a * f_b - b * f_a) / (f_b - f_a)
         found = _between(point, row, ends[0][:2], ends[1][:2], c) or step(point, c)
         if found is None:
