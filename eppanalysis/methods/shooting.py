@@ -31,10 +31,8 @@ CONVERGED = 1e-9
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_ITERATIONS = 40
-#: Shares of Newton's step that are tried, longest first; from which on a share is small, and how many small ones in a
-#: row are enough: where there is an orbit to be found, Newton's method crawls towards it with longer steps.
+#: Shares of Newton's step that are tried, longest first.
 _SHARES = tuple(0.4**k for k in range(8))
-_SMALL, _ENOUGH = 6, 6
 _MOST_SEQUENCES = 10
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
@@ -175,7 +173,7 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
 def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
     orbit = evaluate(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau)
-    k, small = 0, 0
+    k = 0
     for _ in range(_MOST_ITERATIONS):
         if not np.isfinite(orbit.residual):
             break
@@ -186,9 +184,7 @@ def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit
         new, k = _search(orbit, step, min(1.0, 0.5 / size) if size > 0 else 1.0, k)
         if new is None or (new.residual < 1e-11 and new.residual > 0.3 * orbit.residual):
             return orbit if new is None or orbit.residual <= new.residual else new
-        orbit, small = new, small + 1 if k >= _SMALL else 0
-        if small == _ENOUGH:
-            break
+        orbit = new
     return orbit
 
 
