@@ -52,8 +52,6 @@ class Balance:
         Element whose input is in sine phase and carries the artificial gain.
     on_bias, on_mean, prescribed : array, shapes (m, m), (m, nw), (m,)
         Static balance ``on_bias @ b + on_mean @ mean = prescribed``, from which the state has been eliminated.
-    operating_bias : array, shape (m,)
-        Inputs of the elements in the start state of the system: where a search for biases begins.
     """
 
     system: LureSystem
@@ -61,7 +59,6 @@ class Balance:
     on_bias: Array
     on_mean: Array
     prescribed: Array
-    operating_bias: Array
 
     @property
     def m(self) -> int:
@@ -72,6 +69,11 @@ class Balance:
     def rows(self) -> NDArray[np.intp]:
         """Places of the first inputs in ``z``."""
         return np.array([s.start for s in self.system.input_slices], dtype=np.intp)
+
+    @cached_property
+    def operating_bias(self) -> Array:
+        """Inputs of the elements in the start state of the system, shape (m,): where a search for biases begins."""
+        return _start_inputs(self.system, self.rows)
 
     @cached_property
     def owner(self) -> NDArray[np.intp]:
@@ -331,7 +333,7 @@ def make_balance(system: LureSystem, pivot: int, value: Array) -> Balance:
     )
     prescribed = left @ forced
     on_bias = np.where(np.abs(on_bias) > 1e-13 * np.abs(on_bias).max(initial=0.0), on_bias, 0.0)
-    return Balance(system, pivot, on_bias, on_mean, prescribed, _start_inputs(system, rows))
+    return Balance(system, pivot, on_bias, on_mean, prescribed)
 
 
 def _left_null(state: Array, A: Array, C: Array) -> Array:

@@ -65,7 +65,7 @@ class Loop:
         """The loop of a first-order balance (`value` is only needed to go from named signals to inputs)."""
         system = balance.system
         elements = tuple(
-            PeriodicElement(e, [_role(system, z.start, i) for i in range(z.start, z.stop)])
+            PeriodicElement.of(e, tuple(_role(system, z.start, i) for i in range(z.start, z.stop)))
             for e, z in zip(system.elements, system.input_slices, strict=True)
         )
         given = np.array(system.v0, float) if value is None else value
