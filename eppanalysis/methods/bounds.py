@@ -214,7 +214,6 @@ def _cells(
     question: Question, values: Sequence[float], settings: Settings, workers: int, report: Report | None
 ) -> list[BoundCell]:
     """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
-    sweep = HarmonicSweep(question)
     cells: list[BoundCell | None] = [None] * len(values)
     waiting: dict[int, tuple[BoundCell, Future[_Checked]]] = {}
     done = 0
@@ -227,6 +226,7 @@ def _cells(
             report(done, len(values))
 
     with _pool(workers) as pool:
+        sweep = HarmonicSweep(question, each=map if pool is None else pool.map)
         for i, value in enumerate(values):
             here, bound = sweep.bound(value)
             cell = _from_harmonic(value, bound)

@@ -12,6 +12,8 @@ import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +38,12 @@ N_SCAN = 5
 #: Trust region of a search that comes from far; how far inside a lower order's bound a higher order begins.
 _FAR = 0.7
 _INSIDE = (0.05, 0.2, 0.5)
+#: Every so many values the families of first order are sought from far away again.
+_AFRESH = 4
 _SCALED = (0.5, 2.0)
+
+
+Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
 
 
 class Finding(Enum):
@@ -147,7 +154,7 @@ class Outlook:
     note: str = ""
 
 
-def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
+def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     """Scan the range of the limiting parameter for cycles.
 
     Parameters
@@ -156,20 +163,22 @@ def look(question: Question, n_scan: int = N_SCAN) -> Outlook:
         At one value of the parameter that runs.
     n_scan : int
         Number of values.
+    each : callable
+        How one function is called with many values: ``map``, or that of a pool of processes.
     """
     spread = np.geomspace if question.low > 0 else np.linspace
     values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
     if idle(question, values):
         return Outlook(Finding.IDLE)
-    found = [_cycles_at(question, v, predict_limit_cycles) for v in values]
+    found = list(each(partial(_cycles_at, question, predict_limit_cycles), values))
     # What first order says of every value is put to the exact search before it is believed.
     if not any(found):
         for i in {0, n_scan // 2, n_scan - 1}:
-            found[i] = _cycles_at(question, values[i], find_limit_cycles)
+            found[i] = _cycles_at(question, find_limit_cycles, values[i])
     elif all(found):
         own = value_of(question.case, question.limit)
         values = sorted({*values, own} if own is not None and question.low < own < question.high else values)
-        found = [_cycles_at(question, v, find_limit_cycles) for v in values]
+        found = list(each(partial(_cycles_at, question, find_limit_cycles), values))
     there = [bool(f) for f in found]
     if not any(there):
         return Outlook(Finding.NONE)
@@ -199,7 +208,7 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     return True
 
 
-def _cycles_at(question: Question, value: float, search: Callable[..., Iterable[LimitCycle]]) -> list[Cycle]:
+def _cycles_at(question: Question, search: Callable[..., Iterable[LimitCycle]], value: float) -> list[Cycle]:
     """Cycles at a value, as inputs of the elements, smallest first."""
     case = question.case_at(value)
     system = case.to_system()
@@ -286,15 +295,22 @@ class HarmonicSweep:
         Of the first value.
     folds : dict of int to Fold
         The last fold of each order.
+    families : tuple of Fold
+        The last folds of first order, of all families that were met.
+    each : callable
+        See :func:`look`.
     """
 
     question: Question
+    each: Each = map
     programmes: Programmes = field(default_factory=Programmes)
     outlook: Outlook | None = None
     far: tuple[Cycle, ...] = ()
     leading: tuple[Cycle, ...] = ()
     folds: dict[int, Fold] = field(default_factory=dict)
+    families: tuple[Fold, ...] = ()
     last_order: int = 0
+    done: int = 0
 
     def bound(self, value: float) -> tuple[Question, HarmonicBound]:
         """The question and the bound at a value of the parameter that runs."""
@@ -332,22 +348,28 @@ class HarmonicSweep:
         if carried and self.outlook is not None:
             self.far = carried
             return True
-        self.outlook = look(question)
+        # A pool that is at work already is asked for nothing more.
+        self.outlook = look(question, each=self.each if self.outlook is None else map)
         self.far = self.outlook.cycles
         return self.outlook.finding is Finding.BOUND and bool(self.far)
 
     def _first(self, numbers: Numbers, sign: float) -> Fold | None:
-        """First order: from the last fold, and from every carried cycle."""
-        known = extreme(numbers, self.programmes, self.folds[1], sign) if 1 in self.folds else None
+        """First order: from the last folds of all families; where one is lost, and now and then, from far away too."""
+        found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
+        if self.done % _AFRESH == 0 or not found or None in found:
+            found += self._from_far(numbers, sign)
+        self.done += 1
+        self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
+        return _farthest(found, sign)
+
+    def _from_far(self, numbers: Numbers, sign: float) -> list[Fold | None]:
+        """The folds of first order to which the carried cycles lead."""
         found = [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
         # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
         led = [(c, f.cycle.value) for c, f in zip(self.far, found, strict=True) if f is not None]
         led.sort(key=lambda pair: (float(f"{sign * pair[1]:.6e}"), -float(np.abs(pair[0].Z[0, 1]))))
         self.leading = tuple(c for c, _ in led) or self.far
-        best = _farthest([known, *found], sign)
-        if best is not None:
-            self.folds[1] = best
-        return best
+        return found
 
     def _chosen(self, numbers: Numbers, sign: float) -> tuple[Fold | None, float]:
         """The order at which the bound ceases to change, and how far the orders from half of it on are apart."""
@@ -373,7 +395,7 @@ class HarmonicSweep:
             found = extreme(numbers, self.programmes, self.folds[n], sign, 0.1)
             if found is not None:
                 return found
-        below = self.folds.get(1) if lower is None else lower
+        below = _farthest(self.families, sign) if lower is None else lower
         starts = [] if below is None else (_inside(numbers, below.cycle, n, sign * share) for share in _INSIDE)
         for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
             found = None if start is None else extreme(numbers, self.programmes, start, sign)
