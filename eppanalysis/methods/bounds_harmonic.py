@@ -2,8 +2,9 @@
 
 The search begins where cycles exist. They are found once, by describing functions (or, where these see none, as exact
 orbits), at some values of the limiting parameter; from value to value of the other parameter they are carried over by
-Newton's method. Each bound is sought from the last one (a warm start) and from the carried cycles (several starts), in
-first order and in the order at which the bound ceases to change.
+Newton's method. Each bound is sought from the last one with its switches (a warm start), in first order and in the
+order at which the bound ceases to change; at every few values all families are sought from the carried cycles again
+(several starts).
 """
 
 from __future__ import annotations
