@@ -14,8 +14,10 @@ from eppanalysis.methods.continuation_borders import across, borders, corner
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
 from eppanalysis.methods.continuation_labels import crossing, difference
 from eppanalysis.methods.continuation_steps import (
+    LEAST_STEP,
     Point,
     admissible,
+    astray,
     bend,
     beyond,
     last_admissible,
@@ -322,8 +324,8 @@ class Walk:
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
             new = step(points[-1], ds)
-            lost = new is None or bend(points[-1], new) > 0.4
-            if lost and ds > 1e-6:
+            lost = astray(points[-1], new)
+            if lost and ds > LEAST_STEP:
                 ds *= 0.3
                 continue
             if new is None or lost or not admissible(new):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -27,6 +27,8 @@ _STILL = 1e-11
 _NOISE = 1e-6
 #: Share of a step that its foretold bend may have.
 _GENTLE = 0.1
+#: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost.
+LEAST_STEP, _MOST_BEND = 1e-6, 0.4
 
 
 def evaluate_at(
@@ -210,7 +212,7 @@ def point_at(old: Point, new: Point, value: float) -> Point | None:
     if not orbit.residual < CONVERGED:
         return None
     found = make_point(family, value, orbit, old.tangent)
-    return found if bend(old, found) < 0.4 else None
+    return found if bend(old, found) < _MOST_BEND else None
 
 
 def point_across(point: Point, u: Array, row: Array | None = None) -> Point | None:
@@ -307,6 +309,26 @@ def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Poin
 def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
     """Beyond a change of the sequence: the orbit with the new one, and whether the branch turns back there.
 
+    Just beyond a grazing contact the new visit grows like a root, and no step that the branch can take leads on from
+    there: then the new sequence is taken up a little further on.
+    """
+    first: tuple[Point, bool] | None = None
+    for new, turns_back in _others(inside, outside):
+        first = first or (new, turns_back)
+        same = turns_back == first[1] and _same_sequence(new.orbit, first[0].orbit)
+        if same and not astray(new, step(new, LEAST_STEP)):
+            return new, turns_back
+    return first or (None, False)
+
+
+def astray(point: Point, new: Point | None) -> bool:
+    """Whether a step from a point has lost the branch."""
+    return new is None or bend(point, new) > _MOST_BEND
+
+
+def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
+    """Orbits beyond a change of the sequence, ever further on, and whether the branch turns back to them.
+
     At a grazing contact Newton's range shrinks to nothing, so the old sequence, though no longer true, is followed a
     little further until the new one can be closed from what the engine makes of it.
     """
@@ -324,8 +346,7 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
                 continue
             if turns_back and found.arcs.itinerary.guards.size == inside.orbit.arcs.itinerary.guards.size:
                 continue
-            return make_point(family, value, found, None, -way if turns_back else way), turns_back
-    return None, False
+            yield make_point(family, value, found, None, -way if turns_back else way), turns_back
 
 
 def beyond(point: Point) -> tuple[Point | None, bool]:

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation import steady_case
+from eppanalysis.methods.continuation_steps import bend, last_admissible, other_sequence, step
 from eppanalysis.methods.families import Family, interpolate
 
 POUND = 4.4482216152605
@@ -205,3 +206,20 @@ def test_nothing_branches_off_at_a_fold(original):
     branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", cycle=found[1])
     with pytest.raises(EppError, match="expected a period doubling"):
         epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", origin=branch.folds[0])
+
+
+def test_steps_lead_on_from_a_grazing_contact_however_closely_it_is_located() -> None:
+    """The new visit grows like a root there: from too close beside it no step arrives, and the branch would be lost."""
+    case = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", "pulley.friction": 0.0252})
+    branch = epp.continue_branch(case, "lock_pin.backlash", "0.53 deg", "0.38 deg", n_points=20, max_step=0.05)
+    graze = branch.special[0]
+    assert "makes contact" in graze.note and graze.value == pytest.approx(np.radians(0.52704), rel=1e-5)
+    before = step(graze.point, -1e-3)
+    assert before is not None
+    for n_halvings in range(12, 31):
+        new, back = other_sequence(*last_admissible(before, 2e-3, n_halvings))
+        assert new is not None and not back
+        assert new.orbit.arcs.n_arcs == graze.point.orbit.arcs.n_arcs + 1
+        assert new.value == pytest.approx(graze.value, rel=1e-6)
+        ahead = step(new, 1e-6)
+        assert ahead is not None and bend(new, ahead) < 0.1, n_halvings
