@@ -38,7 +38,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.sb": "yes",
     "print_time": False,
     "error_on_fail": False,
-    "ipopt.max_iter": 60,
+    "ipopt.max_iter": 35,
     "ipopt.tol": 1e-9,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.mu_strategy": "adaptive",
