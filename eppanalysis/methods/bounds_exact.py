@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds_fold import Cycle
+from eppanalysis.methods.bounds_fold import Cycle, balanced
 from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers
 from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_branch
 from eppanalysis.methods.continuation_steps import Point
 from eppanalysis.methods.cycles import find_limit_cycles
-from eppanalysis.methods.harmonic import cycle_of, settled
+from eppanalysis.methods.harmonic import cycle_of
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.results import LimitCycle
 
@@ -188,11 +188,5 @@ def _carried(numbers: Numbers, near: Cycle, values: Iterable[float]) -> Cycle | 
     """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
     here = None
     for v in values:
-        last = here or near
-        try:
-            true = settled(numbers.loop(v), last.Z, last.omega)
-        except Unsettled:
-            true = None
-        if true is not None:
-            here = Cycle(v, *true)
+        here = balanced(numbers, v, here or near) or here
     return here

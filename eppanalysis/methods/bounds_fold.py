@@ -144,6 +144,12 @@ def _dwells(phi: Any) -> Any:
     return ca.vertcat(phi[1:] - phi[:-1], phi[0] + TURN - phi[-1])
 
 
+def balanced(numbers: Numbers, value: float, near: Cycle) -> Cycle | None:
+    """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
+    true = settled(numbers.loop(value), near.Z, near.omega)
+    return None if true is None else Cycle(value, *true)
+
+
 def anchored(Z: ComplexArray) -> tuple[ComplexArray, int]:
     """The motion begun where the fundamental of the first input that moves is a rising sine, and that input."""
     pivot = int(np.argmax(np.abs(Z[:, 1]) > 0))
@@ -390,10 +396,8 @@ class _Step:
         return None
 
     def _at(self, value: float, near: Cycle) -> Cycle | None:
-        true = settled(self.numbers.loop(value), near.Z, near.omega)
-        if true is None or abs(true[1] / near.omega - 1.0) > 0.1:
-            return None
-        return Cycle(value, *true)
+        true = balanced(self.numbers, value, near)
+        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
 
     def same_switches(self, found: Fold) -> bool:
         """Whether the elements make just these switches at the solution."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, extreme
+from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds_numbers import Numbers, loop_of
 from eppanalysis.methods.continuation import CaseLike
 from eppanalysis.methods.cycles import find_limit_cycles, steady_hybrid
@@ -345,7 +345,7 @@ class HarmonicSweep:
 
     def _ready(self, question: Question, numbers: Numbers) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
-        carried = tuple(c for c in (_carried(numbers, c) for c in self.far) if c is not None)
+        carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
         if carried and self.outlook is not None:
             self.far = carried
             return True
@@ -425,12 +425,6 @@ def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
     return min(there, key=lambda f: sign * f.cycle.value) if there else None
 
 
-def _carried(numbers: Numbers, cycle: Cycle) -> Cycle | None:
-    """The same cycle of a loop whose other parameter has changed a little."""
-    true = settled(numbers.loop(cycle.value), cycle.Z, cycle.omega)
-    return None if true is None else Cycle(cycle.value, *true)
-
-
 def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle | None:
     """A cycle of a higher order near one at its bound, away from the bound by a share of it; None if there is none.
 
@@ -439,12 +433,11 @@ def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle |
     value = cycle.value * (1.0 + share)
     if not numbers.low <= value <= numbers.high:
         return None
-    loop = numbers.loop(value)
     try:
-        true = settled(loop, loop.continued(cycle.Z, cycle.omega, order), cycle.omega)
+        Z = numbers.loop(value).continued(cycle.Z, cycle.omega, order)
     except Unsettled:
         return None
-    return None if true is None else Cycle(value, *true)
+    return balanced(numbers, value, Cycle(value, Z, cycle.omega))
 
 
 def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
