@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT, INLINE
+from eppanalysis.kernels.tables import HOT, INLINE
 
 #: Longest period looked for, in events, and how many periods a contraction is looked back for.
 MOST_EVENTS, MOST_TURNS = 128, 64

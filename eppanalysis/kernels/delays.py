@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
+from eppanalysis.kernels.tables import HOT
 
 #: Segments that are remembered.
 LINE_CAPACITY = 8192

@@ -15,6 +15,7 @@ from numba import njit
 
 from eppanalysis.kernels.closure import closing, ring_on, sort_into
 from eppanalysis.kernels.delays import extend_lines, line_room, read_line, start_lines
+from eppanalysis.kernels.flow import compile_long, compile_step
 from eppanalysis.kernels.lanes import (
     add,
     cubics_below,
@@ -27,16 +28,7 @@ from eppanalysis.kernels.lanes import (
     take_larger,
     take_sizes,
 )
-from eppanalysis.kernels.modes import (
-    ENTRY,
-    HOT,
-    INLINE,
-    LONG_DOUBLINGS,
-    LONGS,
-    compile_long,
-    compile_step,
-    find_slot,
-)
+from eppanalysis.kernels.modes import find_slot
 from eppanalysis.kernels.series import (
     DELAY_LINE,
     EPS,
@@ -47,8 +39,13 @@ from eppanalysis.kernels.series import (
     term_sizes,
 )
 from eppanalysis.kernels.switches import beyond_level, reset, rise_from_start, settle_on_level, smooth_at
+from eppanalysis.kernels.tables import ENTRY, HOT, INLINE, LONG_DOUBLINGS, LONGS
 
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
+#: Why fast steps end.
+OFF_GRID, EVENT_AHEAD, LONG_AHEAD = 0, 1, 2
+#: Steps without a switch before a long one (of as many) is tried.
+LONG_QUIET = 16
 
 
 @njit(**ENTRY)
@@ -157,9 +154,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if armed and not renewed:
             _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
             renewed = True
-        moved = 0
         # Long step, where nothing has happened for a while and nothing is to be sampled.
-        if quiet >= 16 and armed:
+        if quiet >= LONG_QUIET and armed:
             level = min(quiet // 32, LONGS - 1)
             steps = 1 << (LONG_DOUBLINGS * (level + 1))
             t1 = origin + (j_grid + steps) * h
@@ -167,28 +163,27 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 while slots.longs[q] <= level:
                     compile_long(slots, work, q)
                 if _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
-                    moved = steps
+                    _move(x, xd, speed, g0, g1, end)
+                    j_grid += steps
+                    t = origin + j_grid * h
                     quiet += 4
-                else:
-                    quiet = 0
-        # Fast step: proven free of events from the values at its ends.
-        tried = False
-        if armed and moved == 0:
-            if i_sample < n_samples and times[i_sample] <= t + 1e-9 * h:
-                _write(slots, q, x, still, Sg[0], out[rows[i_sample]])
-                i_sample += 1
-            t1 = origin + (j_grid + 1) * h
-            inside = i_sample < n_samples and times[i_sample] < t1 - 1e-9 * h
-            tried = t1 <= t_stop and not inside
-            if tried and _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
-                moved = 1
-                quiet += 1
-        if moved > 0:
-            _move(x, xd, speed, g0, g1, end)
-            j_grid += moved
-            t = origin + j_grid * h
-            stats[3] += 1
-            continue
+                    stats[3] += 1
+                    continue
+                quiet = 0
+        # Fast steps: proven free of events from the values at their ends.
+        why = OFF_GRID
+        if armed:
+            before = j_grid
+            j_grid, i_sample, why = _fast_steps(
+                slots.T[q], slots.bound[q], slots.Y[q], slots.Ys[q], x, xd, speed, g0, g1, tol, stray, end, still,
+                Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet,
+            )  # fmt: skip
+            if j_grid > before:
+                t = origin + j_grid * h
+                quiet += j_grid - before
+                stats[3] += j_grid - before
+                if why != EVENT_AHEAD:
+                    continue
         quiet = 0
         # Series step, at most to the next point of the grid.
         j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
@@ -198,7 +193,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             t1, on_grid = t_stop, False
         take_larger(largest, x, largest)
         d = t1 - t
-        if tried:
+        if why == EVENT_AHEAD:
             u = _predicted(slots, q, g0, g1, tol, h, end)
             if u < 0.9:
                 d, on_grid = min(d, u * h), False
@@ -214,7 +209,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                     d, on_grid = d1, False
         if code != DONE:
             break
-        best, sized, last = 0.0 if which >= 0 else 2.0, False, -1
+        best, last = 0.0 if which >= 0 else 2.0, -1
         while last < 0 and which < 0:
             for j in range(n_s):
                 if model.smooth_kind[j] == DELAY_LINE:
@@ -229,21 +224,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if code != DONE:
             break
         if last >= 0:
-            size_sum(X, last, D)
-            row_sum_from(lift, slots.all_gf[q], X[0], 1.0, top)
-            row_sum_from(top, slots.reach_gf[q], D, 1.0, top)
-            for g in range(slots.n_guards[q]):
-                if top[g] < 0.0 and (n_s == 0 or not (slots.on_rate[q, g] or slots.smooth_guard[q, g])):
-                    continue
-                guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
-                if p[0] < 0.0 and not may_rise(p):
-                    continue
-                if not sized:
-                    term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y, wide)
-                    sized = True
-                u = rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced)
-                if u < best:
-                    best, which = u, g
+            which, best = _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift, D, top, forced)
         forced = False
         if last >= 0:
             for i in range(n):
@@ -283,27 +264,10 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 code = EVENT_LIMIT
                 break
             k = slots.guard[q, which]
-            jumped = beyond_level(model, slots, q, k, x, recent, H, Sg, last, best)
-            reset(model, slots, q, k, x, H, Sg, last, best, modes, held)
-            q1 = slots.next[q, which]
-            if jumped:
-                modes[model.guard_element[k]] = model.guard_bypass[k]
-                q1 = -1
-            if q1 < 0:
-                before = slots.count[0]
-                q1 = find_slot(model, slots, work, modes, base_step)
-                if q1 < 0 and model.guard_bypass[k] >= 0 and not jumped:
-                    # Sliding along two surfaces at once is not determined here: the newcomer crosses its own.
-                    jumped = True
-                    modes[model.guard_element[k]] = model.guard_bypass[k]
-                    q1 = find_slot(model, slots, work, modes, base_step)
-                if q1 < 0:
-                    code = SINGULAR
-                    break
-                if slots.count[0] >= before and not jumped:
-                    slots.next[q, which] = q1
-            q = q1
-            settle_on_level(model, slots, q, model.guard_element[k], modes, x, H)
+            q = _switch(model, slots, work, q, which, x, recent, H, Sg, last, best, modes, held, base_step)
+            if q < 0:
+                code = SINGULAR
+                break
             entered = False
             if not aside:
                 r = count % keep
@@ -316,13 +280,12 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 if p_events > 0:
                     # From here on the run repeats itself: it is carried through all whole periods to come.
                     watched = False
-                    period = _period(ring, count, p_events)
-                    turns = _turns(t, t_end, period, (max_events - count) // p_events)
+                    turns, period, n_aside = _carry_on(
+                        ring, room, samples, i_sample, t, t_end, count, p_events, max_events
+                    )
                     stats[6] = turns
                     if turns > 0:
-                        ring_on(turns, p_events, period, count, room.once, ring)
                         count += turns * p_events
-                        n_aside = _sort_samples(samples, i_sample, t, period, turns)
                         t_behind, i_behind = t + turns * period, i_sample + n_aside
                         if n_aside > 0:
                             # Their samples are taken in one more period, in the order of their phases.
@@ -338,19 +301,57 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             i_sample += 1
         _write_rest(slots, q, x, still, Sg[0], rows, first, i_sample, out)
     if code != SINGULAR:
-        take(X[0], x)
-        for j in range(n_s):
-            if model.smooth_kind[j] != DELAY_LINE:
-                _smooth_term(model, j, 0, X, H, Sg, arg, aux)
-        _rates(slots, q, x, f, Sg, 0, 0.0, rate)
-        take_sizes(wide, x)
-        row_sum(slots.M_size[q], wide, 1.0, small)
-        for i in range(n):
-            # A rate that is rounding of what it was added up from is none: a run at rest is known by it.
-            if n_s == 0 and not abs(rate[i]) > 64.0 * EPS * (abs(f[i]) + small[i]):
-                rate[i] = 0.0
+        _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate)
     stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
     return code
+
+
+@njit(**INLINE)
+def _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift, D, top, forced):
+    """The guard that rises first on the series, and where in [0, 1]; -1 and 2.0 when none does."""
+    which, best, sized = -1, 2.0, False
+    size_sum(X, last, D)
+    row_sum_from(lift, slots.all_gf[q], X[0], 1.0, top)
+    row_sum_from(top, slots.reach_gf[q], D, 1.0, top)
+    for g in range(slots.n_guards[q]):
+        if top[g] < 0.0 and (Sg.shape[1] == 0 or not (slots.on_rate[q, g] or slots.smooth_guard[q, g])):
+            continue
+        guard_series(slots, q, g, X, last, Sg, constant[g], d, p)
+        if p[0] < 0.0 and not may_rise(p):
+            continue
+        if not sized:
+            term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y, wide)
+            sized = True
+        u = rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced)
+        if u < best:
+            best, which = u, g
+    return which, best
+
+
+@njit(**INLINE)
+def _switch(model, slots, work, q, which, x, recent, H, Sg, last, u, modes, held, base_step):
+    """Let the element of a guard that fired take its next mode; returns the new slot, -1 when none has a solution."""
+    k = slots.guard[q, which]
+    jumped = beyond_level(model, slots, q, k, x, recent, H, Sg, last, u)
+    reset(model, slots, q, k, x, H, Sg, last, u, modes, held)
+    new = slots.next[q, which]
+    if jumped:
+        modes[model.guard_element[k]] = model.guard_bypass[k]
+        new = -1
+    if new < 0:
+        before = slots.count[0]
+        new = find_slot(model, slots, work, modes, base_step)
+        if new < 0 and model.guard_bypass[k] >= 0 and not jumped:
+            # Sliding along two surfaces at once is not determined here: the newcomer crosses its own.
+            jumped = True
+            modes[model.guard_element[k]] = model.guard_bypass[k]
+            new = find_slot(model, slots, work, modes, base_step)
+        if new < 0:
+            return -1
+        if slots.count[0] >= before and not jumped:
+            slots.next[q, which] = new
+    settle_on_level(model, slots, new, model.guard_element[k], modes, x, H)
+    return new
 
 
 @njit(**HOT)
@@ -364,16 +365,21 @@ def _copy_start(x, modes, H, to_x, to_modes, to_H):
 
 
 @njit(**HOT)
-def _period(ring, count, p):
-    """Period of a run that has closed, from the last two of p events each."""
+def _carry_on(ring, room, samples, first, t, t_end, count, p, max_events):
+    """Enter the events of all whole periods (of p events) to come into the ring, and sort their samples by phase.
+
+    Returns how many periods, their length, and how many samples from `first` on fall into them.
+    """
     keep = ring.t.size
-    return 0.5 * (ring.t[(count - 1) % keep] - ring.t[(count - 1 - 2 * p) % keep])
-
-
-@njit(**HOT)
-def _turns(t, t_end, period, most):
-    """Whole periods to come; none where switches pile up at one instant, which have no period."""
-    return max(0, min(int((t_end - t) / period), most)) if period > 1e-12 * t else 0
+    period = 0.5 * (ring.t[(count - 1) % keep] - ring.t[(count - 1 - 2 * p) % keep])
+    turns = 0
+    # Switches that pile up at one instant have no period.
+    if period > 1e-12 * t:
+        turns = max(0, min(int((t_end - t) / period), (max_events - count) // p))
+    if turns == 0:
+        return 0, period, 0
+    ring_on(turns, p, period, count, room.once, ring)
+    return turns, period, _sort_samples(samples, first, t, period, turns)
 
 
 @njit(**HOT)
@@ -393,13 +399,35 @@ def _sort_samples(samples, first, t, period, turns):
 
 
 @njit(**INLINE)
-def _fast_step(slots, q, xd, speed, g0, g1, tol, stray, h, end):
-    """Increments over one grid step into `end`; False when an event inside cannot be excluded."""
-    wide, half = xd.size, g0.size
-    row_sum(slots.T[q], xd, 1.0, end)
-    row_sum(slots.bound[q], speed, 1.0, stray)
-    increments, rates = end[2 * wide : 2 * wide + half], end[2 * wide + half :]
-    return cubics_below(g0, g1, increments, rates, h / 3.0, tol, stray)
+def _fast_steps(
+    T, bound, Y, Ys, x, xd, speed, g0, g1, tol, stray, end, still, sigma, times, rows, out,
+    origin, j, h, t, t_stop, i_sample, n_samples, quiet,
+):  # fmt: skip
+    """Steps of the grid from its point j on, with the samples on it; returns the point, the next sample, why there.
+
+    EVENT_AHEAD: a switch within the next step can't be excluded, and what the step would add is in `end`. OFF_GRID: the
+    next step would go beyond `t_stop` or a sample. LONG_AHEAD: so much has passed without a switch that a long step may
+    be tried.
+    """
+    wide, half, slack = x.size, g0.size, 1e-9 * h
+    after = 2 * wide + half
+    while True:
+        if i_sample < n_samples and times[i_sample] <= t + slack:
+            _write(Y, Ys, x, still, sigma, out[rows[i_sample]])
+            i_sample += 1
+        t1 = origin + (j + 1) * h
+        if t1 > t_stop or (i_sample < n_samples and times[i_sample] < t1 - slack):
+            return j, i_sample, OFF_GRID
+        row_sum(T, xd, 1.0, end)
+        row_sum(bound, speed, 1.0, stray)
+        if not cubics_below(g0, g1, end[2 * wide : after], end[after:], h / 3.0, tol, stray):
+            return j, i_sample, EVENT_AHEAD
+        _move(x, xd, speed, g0, g1, end)
+        j += 1
+        t = t1
+        quiet += 1
+        if t >= t_stop or quiet >= LONG_QUIET and (i_sample == n_samples or times[i_sample] >= t + LONG_QUIET * h):
+            return j, i_sample, LONG_AHEAD
 
 
 @njit(**INLINE)
@@ -493,6 +521,23 @@ def _rates(slots, q, x, f, Sg, last, u, rate):
 
 
 @njit(**INLINE)
+def _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate):
+    """Rate of the state where a run stands; one that is rounding of what it was added up from is none."""
+    n_s = Sg.shape[1]
+    take(X[0], x)
+    for j in range(n_s):
+        if model.smooth_kind[j] != DELAY_LINE:
+            _smooth_term(model, j, 0, X, H, Sg, arg, aux)
+    _rates(slots, q, x, f, Sg, 0, 0.0, rate)
+    take_sizes(wide, x)
+    row_sum(slots.M_size[q], wide, 1.0, small)
+    for i in range(slots.S.shape[1]):
+        # A run at rest is known by it.
+        if n_s == 0 and not abs(rate[i]) > 64.0 * EPS * (abs(f[i]) + small[i]):
+            rate[i] = 0.0
+
+
+@njit(**INLINE)
 def _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol):
     """Matrices, rates and guards of a linear slot, for the fast steps that follow."""
     if not slots.ready[q]:
@@ -512,19 +557,19 @@ def _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol):
 
 
 @njit(**INLINE)
-def _write(slots, q, x, still, sigma, row):
+def _write(Y, Ys, x, still, sigma, row):
     """Signals at state x."""
-    row_sum_from(still, slots.Y[q], x, 1.0, row)
+    row_sum_from(still, Y, x, 1.0, row)
     for j in range(sigma.size):
-        for i in range(slots.Ys.shape[1]):
-            row[i] += slots.Ys[q, i, j] * sigma[j]
+        for i in range(Ys.shape[0]):
+            row[i] += Ys[i, j] * sigma[j]
 
 
 @njit(**HOT)
 def _write_rest(slots, q, x, still, sigma, rows, first, stop, out):
     """Signals at state x at the samples first..stop."""
     for k in range(first, stop):
-        _write(slots, q, x, still, sigma, out[rows[k]])
+        _write(slots.Y[q], slots.Ys[q], x, still, sigma, out[rows[k]])
 
 
 @njit(**HOT)

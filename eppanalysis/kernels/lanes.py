@@ -7,11 +7,14 @@ ones halves). All rows that come here have a length that is a multiple of eight 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, register_jitable
+from numpy.typing import NDArray
 
 LANES = 8
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -24,6 +27,14 @@ _FUSED = ("contract",)
 def padded(n):
     """Length of a row that holds n numbers."""
     return (n + LANES - 1) // LANES * LANES
+
+
+def aligned(*shape: int) -> NDArray[np.float64]:
+    """Zeros that begin where eight numbers do: to fetch eight across such a border takes twice as long."""
+    size = math.prod(shape)
+    wide = np.zeros(size + LANES)
+    first = -wide.ctypes.data % (wide.itemsize * LANES) // wide.itemsize
+    return wide[first : first + size].reshape(shape)
 
 
 class _Code:

@@ -1,227 +1,11 @@
-"""Compiled: the affine system of one combination of element modes, and its exact step with bounds for the guards.
-
-A hybrid system comes as flat arrays (`Model`). The combination of modes that a run visits is compiled on first visit
-into a slot of `Slots`: state matrix, guard rows, and for one step h the matrices that carry state, rate and guards from
-the start of the step to its end, with a bound on how far a guard can stray from the cubic through its end values.
-"""
+"""Compiled: the affine system of one combination of element modes, with its guards."""
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import NamedTuple
-
-import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.lanes import add, add_sizes, any_above, dot, padded, row_sum, take, take_sizes
-from eppanalysis.kernels.tuples import by_address
-
-#: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
-#: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
-ENTRY = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
-#: Those that only kernels call: no way in from Python is compiled.
-HOT = {**ENTRY, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-#: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
-#: most of them compute.
-INLINE = {**HOT, "inline": "always"}
-
-#: A long step is 2**4 steps of the grid, the longest 2**8.
-LONG_DOUBLINGS, LONGS = 4, 2
-
-
-@by_address
-class Model(NamedTuple):
-    """Flat arrays of a hybrid system: n states, w outputs, z inputs, H held values (the last is 1), s smooth ones."""
-
-    A: np.ndarray  # (n, n)
-    B: np.ndarray  # (n, w), without delayed outputs
-    S: np.ndarray  # (n, s)
-    K: np.ndarray  # (n, H)
-    C: np.ndarray  # (z, n)
-    D: np.ndarray  # (z, w)
-    Kz: np.ndarray  # (z, H)
-    first: np.ndarray  # (E + 1, 3) int: where each element's inputs, outputs, held values begin
-    mode_first: np.ndarray  # (E + 1,) int
-    mode_wz: np.ndarray  # (m, w_max, z_max)
-    mode_wh: np.ndarray  # (m, w_max, h_max)
-    mode_ws: np.ndarray  # (m, w_max, s)
-    mode_w0: np.ndarray  # (m, w_max)
-    mode_stick: np.ndarray  # (m,) int
-    mode_level: np.ndarray  # (m,)
-    guard_first: np.ndarray  # (m + 1,) int
-    guard_element: np.ndarray  # (g,) int
-    guard_target: np.ndarray  # (g,) int, mode number within the element
-    guard_bypass: np.ndarray  # (g,) int, the mode beyond a sticking target, for an input that jumped over its level
-    guard_z: np.ndarray  # (g, z_max)
-    guard_rate: np.ndarray  # (g, z_max)
-    guard_h: np.ndarray  # (g, h_max)
-    guard_w: np.ndarray  # (g, w_max)
-    guard_0: np.ndarray  # (g,)
-    reset_z: np.ndarray  # (g, h_max, z_max)
-    reset_h: np.ndarray  # (g, h_max, h_max)
-    reset_0: np.ndarray  # (g, h_max)
-    smooth_kind: np.ndarray  # (s,) int
-    smooth_x: np.ndarray  # (s, n)
-    smooth_H: np.ndarray  # (s, H)
-    smooth_scale: np.ndarray  # (s,)
-    smooth_w: np.ndarray  # (s,) int, the delayed output of a delay channel
-    smooth_delay: np.ndarray  # (s,)
-    Yx: np.ndarray  # (y, n)
-    Yw: np.ndarray  # (y, w)
-    YH: np.ndarray  # (y, H)
-    knot_time: np.ndarray  # (k,)
-    knot_state: np.ndarray  # (k,) int
-    knot_value: np.ndarray  # (k,)
-    knot_held: np.ndarray  # (k,) int
-    knot_slope: np.ndarray  # (k,)
-
-
-@by_address
-class Slots(NamedTuple):
-    """Compiled mode combinations (leading axis: slot).
-
-    Lengths with a + are those of rows that are summed four numbers at a time: padded with zeros.
-    """
-
-    count: np.ndarray  # (2,) int: in use, ever used
-    key: np.ndarray  # (q, E) int
-    linear: np.ndarray  # (q,) int: no smooth channel acts
-    step: np.ndarray  # (q,)
-    rate: np.ndarray  # (q,) bound on the growth of the powers of M
-    ready: np.ndarray  # (q,) int: whether T and bound are filled
-    M: np.ndarray  # (q, n+, n+) transposed: M[j, i] = d x_i' / d x_j
-    M_twice: np.ndarray  # (q, n+, n+) its square
-    M_size: np.ndarray  # (q, n+, n+) its absolute values
-    N: np.ndarray  # (q, n, H)
-    S: np.ndarray  # (q, n, s)
-    Wx: np.ndarray  # (q, w, n)
-    WH: np.ndarray  # (q, w, H)
-    Ws: np.ndarray  # (q, w, s)
-    Zx: np.ndarray  # (q, z, n)
-    ZH: np.ndarray  # (q, z, H)
-    Zs: np.ndarray  # (q, z, s)
-    Y: np.ndarray  # (q, n+, y+) transposed: signals on the state
-    YH: np.ndarray  # (q, y, H)
-    Ys: np.ndarray  # (q, y, s)
-    n_guards: np.ndarray  # (q,) int
-    guard: np.ndarray  # (q, G) int
-    next: np.ndarray  # (q, G) int
-    ga: np.ndarray  # (q, G, n+) guard rows on the state
-    ga_count: np.ndarray  # (q, G) int: their entries that are not zero
-    ga_place: np.ndarray  # (q, G, n) int
-    ga_size: np.ndarray  # (q, G, n+) their absolute values
-    gb: np.ndarray  # (q, G, n+) guard rows on the rate of the state
-    gb_size: np.ndarray  # (q, G, n+)
-    on_rate: np.ndarray  # (q, G) int: whether gb has an entry
-    gH: np.ndarray  # (q, G, H)
-    gs: np.ndarray  # (q, G, s)
-    gt: np.ndarray  # (q, G, s): on the rates of the smooth channels
-    smooth_guard: np.ndarray  # (q, G) int: whether gs or gt has an entry
-    gf: np.ndarray  # (q, G, n+) guard rows on the state, with the rate put in
-    gfH: np.ndarray  # (q, G, H)
-    all_gf: np.ndarray  # (q, n+, G+) transposed: all of them
-    reach_gf: np.ndarray  # (q, n+, G+) a trace more than their absolute values
-    T: np.ndarray  # (q, n+, 2n+ + 2G+): from rate at start to state increment, rate, guard increments, guard rates
-    bound: np.ndarray  # (q, n+, G+)
-    longs: np.ndarray  # (q,) int: lengths of the next two that are filled
-    T_long: np.ndarray  # (q, lengths, n+, 2n+ + 2G+): as T, over long steps
-    reach: np.ndarray  # (q, lengths, n+, G+): bound on how far a guard moves on the way, from the rate at the start
-
-
-@by_address
-class Work(NamedTuple):
-    """Scratch room for compiling a slot."""
-
-    E: np.ndarray  # (w, w)
-    F: np.ndarray  # (w, n + H + s)
-    rate: np.ndarray  # (n, n + H + s)
-    inputs: np.ndarray  # (z, n + H + s)
-    signals: np.ndarray  # (y, n + H + s)
-    square: np.ndarray  # (8, n+, n+)
-    guards: np.ndarray  # (3, n+, G+)
-
-
-def make_work(model: Model) -> Work:
-    """Scratch room for a model's slots."""
-    n, n_w = model.B.shape
-    total = n + model.K.shape[1] + model.S.shape[1]
-    return Work(
-        np.empty((n_w, n_w)),
-        np.empty((n_w, total)),
-        np.empty((n, total)),
-        np.empty((model.C.shape[0], total)),
-        np.empty((model.Yx.shape[0], total)),
-        np.zeros((8, padded(n), padded(n))),
-        np.zeros((3, padded(n), padded(most_guards(model)))),
-    )
-
-
-def most_guards(model: Model) -> int:
-    """Guards that a mode combination can have."""
-    of_mode = np.diff(model.guard_first).tolist()
-    return sum(max(of_mode[a:b], default=0) for a, b in pairwise(model.mode_first.tolist()))
-
-
-def make_slots(model: Model, capacity: int) -> Slots:
-    """Room for `capacity` mode combinations, each set to zero when it is first used (see :func:`clear`)."""
-    n, n_w = model.B.shape
-    n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
-    n_e, G = model.mode_first.size - 1, most_guards(model)
-    q, wide, steps = capacity, padded(n), 2 * padded(n) + 2 * padded(G)
-    return Slots(
-        np.zeros(2, np.int64),
-        np.zeros((q, n_e), np.int64),
-        np.zeros(q, np.int64),
-        np.zeros(q),
-        np.zeros(q),
-        np.zeros(q, np.int64),
-        np.empty((q, wide, wide)),
-        np.empty((q, wide, wide)),
-        np.empty((q, wide, wide)),
-        np.empty((q, n, n_H)),
-        np.empty((q, n, n_s)),
-        np.empty((q, n_w, n)),
-        np.empty((q, n_w, n_H)),
-        np.empty((q, n_w, n_s)),
-        np.empty((q, n_z, n)),
-        np.empty((q, n_z, n_H)),
-        np.empty((q, n_z, n_s)),
-        np.empty((q, wide, padded(n_y))),
-        np.empty((q, n_y, n_H)),
-        np.empty((q, n_y, n_s)),
-        np.zeros(q, np.int64),
-        np.empty((q, G), np.int64),
-        np.empty((q, G), np.int64),
-        np.empty((q, G, wide)),
-        np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.int64),
-        np.empty((q, G, wide)),
-        np.empty((q, G, wide)),
-        np.empty((q, G, wide)),
-        np.empty((q, G), np.int64),
-        np.empty((q, G, n_H)),
-        np.empty((q, G, n_s)),
-        np.empty((q, G, n_s)),
-        np.empty((q, G), np.int64),
-        np.empty((q, G, wide)),
-        np.empty((q, G, n_H)),
-        np.empty((q, wide, padded(G))),
-        np.empty((q, wide, padded(G))),
-        np.empty((q, wide, steps)),
-        np.empty((q, wide, padded(G))),
-        np.zeros(q, np.int64),
-        np.empty((q, LONGS, wide, steps)),
-        np.empty((q, LONGS, wide, padded(G))),
-    )
-
-
-@njit(**HOT)
-def clear(slots, q):
-    """Set the rows of slot q to zero that are longer than what they hold."""
-    slots.M[q], slots.M_twice[q], slots.M_size[q], slots.Y[q] = 0.0, 0.0, 0.0, 0.0
-    slots.ga[q], slots.ga_size[q], slots.gb[q], slots.gb_size[q], slots.gf[q] = 0.0, 0.0, 0.0, 0.0, 0.0
-    slots.all_gf[q], slots.reach_gf[q] = 0.0, 0.0
-    slots.T[q], slots.bound[q], slots.T_long[q], slots.reach[q] = 0.0, 0.0, 0.0, 0.0
+from eppanalysis.kernels.flow import choose_step, multiply
+from eppanalysis.kernels.tables import HOT, clear
 
 
 @njit(**HOT)
@@ -243,10 +27,10 @@ def find_slot(model, slots, work, modes, base_step):
     if q == slots.count[1]:
         clear(slots, q)
         slots.count[1] = q + 1
-    if not _compile(model, slots, work, q, modes):
+    if not compile_modes(model, slots, work, q, modes):
         return -1
-    _compile_guards(model, slots, work, q, modes)
-    _choose_step(slots, work, q, base_step)
+    compile_guards(model, slots, work, q, modes)
+    choose_step(slots, work, q, base_step)
     slots.count[0] += 1
     return q
 
@@ -337,7 +121,7 @@ def _output_equations(model, modes, E, F):
 
 
 @njit(**HOT)
-def _compile(model, slots, work, q, modes):
+def compile_modes(model, slots, work, q, modes):
     """Affine system of the combination `modes` into slot q."""
     n, n_w = model.B.shape
     n_H, n_s, n_y = model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
@@ -378,7 +162,7 @@ def _compile(model, slots, work, q, modes):
     for i in range(n):
         for j in range(n):
             slots.M[q, j, i], slots.M_size[q, j, i] = rate[i, j], abs(rate[i, j])
-    _multiply(slots.M[q], slots.M[q], 1.0, slots.M_twice[q])
+    multiply(slots.M[q], slots.M[q], 1.0, slots.M_twice[q])
     _take(slots.N[q], rate, n)
     _take(slots.S[q], rate, n + n_H)
     _take(slots.Wx[q], F, 0)
@@ -442,7 +226,7 @@ def _hold_input(rate, c, B, w):
 
 
 @njit(**HOT)
-def _compile_guards(model, slots, work, q, modes):
+def compile_guards(model, slots, work, q, modes):
     """Guard rows of the combination, on state, rate, held values and smooth channels."""
     n, n_H, n_s = model.A.shape[0], model.K.shape[1], model.S.shape[1]
     k = 0
@@ -510,180 +294,3 @@ def _add_row(out, factor, row):
     if factor != 0.0:
         for i in range(row.size):
             out[i] += factor * row[i]
-
-
-@njit(**HOT)
-def _multiply(P, Q, scale, out):
-    """out = scale P Q for small matrices, padded (no BLAS: its threads cost more than the product)."""
-    for i in range(P.shape[0]):
-        row_sum(Q, P[i], scale, out[i])
-
-
-@njit(**HOT)
-def _add(out, P):
-    """out += P."""
-    for i in range(P.shape[0]):
-        add(out[i], P[i])
-
-
-@njit(**HOT)
-def growth_rate(M, P, Q):
-    """Bound on the growth of the powers of M (padded): the 32nd root of the norm of its 32nd power [1/s]."""
-    n = M.shape[0]
-    size = 0.0
-    for i in range(n):
-        size += dot(M[i], M[i])
-    if size == 0.0:
-        return 0.0
-    _copy(P, M)
-    log_scale, scale = 0.5 * np.log(size), 1.0 / size
-    for _ in range(5):
-        _multiply(P, P, scale, Q)
-        P, Q = Q, P
-        norm = 0.0
-        for i in range(n):
-            norm += dot(P[i], P[i])
-        if norm == 0.0:
-            return 0.0
-        log_scale, scale = 2.0 * log_scale + 0.5 * np.log(norm), 1.0 / norm
-    return np.exp(log_scale / 32.0)
-
-
-@njit(**HOT)
-def flow(M, h, rate, integral, power, half, term, work):
-    """exp(M h), its integral over [0, h], and exp(M h/2), into the arrays so named; for M (padded) or its transpose."""
-    n = M.shape[0]
-    doublings = 1
-    while rate * h / 2.0**doublings > 0.5:
-        doublings += 1
-    d = h / 2.0**doublings
-    for i in range(n):
-        for j in range(n):
-            term[i, j] = integral[i, j] = d if i == j else 0.0
-    for i in range(n):
-        power[0, i] = 1e-18 * d
-    for k in range(2, 22):
-        _multiply(M, term, d / k, work)
-        term, work = work, term
-        _add(integral, term)
-        if not _any_above(term, 1.0, power[0]):
-            break
-    _multiply(M, integral, 1.0, power)
-    for i in range(n):
-        power[i, i] += 1.0
-    for k in range(doublings):
-        if k == doublings - 1:
-            _copy(half, power)
-        _multiply(power, integral, 1.0, work)
-        _add(integral, work)
-        _multiply(power, power, 1.0, work)
-        _copy(power, work)
-
-
-@njit(**HOT)
-def _any_above(P, scale, limits):
-    """Whether a number of the matrix P is above the limit of its column."""
-    for i in range(P.shape[0]):
-        if any_above(P[i], scale, limits):
-            return True
-    return False
-
-
-@njit(**HOT)
-def _copy(out, source):
-    for i in range(out.shape[0]):
-        take(out[i], source[i])
-
-
-@njit(**HOT)
-def _choose_step(slots, work, q, base_step):
-    """Step of slot q: the base step, halved until the mode's motion is resolved; its matrices wait for their use."""
-    rate = growth_rate(slots.M[q], work.square[0], work.square[1])
-    h = base_step
-    while rate * h > 6.0:
-        h *= 0.5
-    slots.step[q], slots.rate[q], slots.ready[q], slots.longs[q] = h, rate, 0, 0
-
-
-@njit(**HOT)
-def compile_step(slots, work, q):
-    """Fill the matrices that carry state, rate and guards over the step of slot q.
-
-    How far a guard strays from the cubic through its end values is bounded by its fourth derivative over the step,
-    ``gf M^3 exp(M s) x'(0)``, by its series about the middle.
-    """
-    M, h, rate, a = slots.M[q], slots.step[q], slots.rate[q], work.square
-    slots.ready[q] = 1
-    integral, power, half = a[2], a[3], a[4]
-    flow(M, h, rate, integral, power, half, a[5], a[6])
-    _fill_step(slots.T[q], slots.gf[q], slots.n_guards[q], integral, power)
-    P, Q = work.guards[0], work.guards[1]
-    _multiply(M, slots.all_gf[q], 1.001 * h**4 / 384.0, P)
-    _multiply(M, P, 1.0, Q)
-    _multiply(M, Q, 1.0, P)
-    _multiply(half, P, 1.0, Q)
-    _sizes_of_powers(M, 0.5 * h, 0.0, Q, P, slots.bound[q])
-
-
-@njit(**HOT)
-def _sizes_of_powers(M, step, shift, P, Q, total):
-    """total = sum of abs(M^k P) step^k shift!/(k + shift)! over k; P and Q are overwritten."""
-    for i in range(P.shape[0]):
-        take_sizes(total[i], P[i])
-    factor = 1.0
-    for k in range(1, 64):
-        factor *= step / (k + shift)
-        _multiply(M, P, 1.0, Q)
-        P, Q = Q, P
-        grown = k <= 8
-        for i in range(P.shape[0]):
-            add_sizes(total[i], P[i], factor)
-            grown = grown or any_above(P[i], 1e4 * factor, total[i])
-        if not grown:
-            break
-
-
-@njit(**HOT)
-def compile_long(slots, work, q):
-    """Fill the matrices of the next longer step of slot q, and the bound on its guards' travel."""
-    n, level, a = slots.N.shape[1], slots.longs[q], work.square
-    integral, power, product = a[2], a[3], a[4]
-    T = slots.T[q] if level == 0 else slots.T_long[q, level - 1]
-    reach = slots.reach[q, level]
-    for i in range(n):
-        for j in range(n):
-            integral[i, j], power[i, j] = T[i, j], T[i, power.shape[0] + j]
-    P, Q = work.guards[0], work.guards[1]
-    if level == 0:
-        h = slots.step[q]
-        for i in range(power.shape[0]):
-            for g in range(P.shape[1]):
-                P[i, g] = 1.001 * h * slots.all_gf[q, i, g]
-        _sizes_of_powers(slots.M[q], h, 1.0, P, Q, reach)
-    else:
-        _copy(reach, slots.reach[q, level - 1])
-    for _ in range(LONG_DOUBLINGS):
-        for i in range(power.shape[0]):
-            take_sizes(product[i], power[i])
-        _multiply(product, reach, 1.0, P)
-        _add(reach, P)
-        _multiply(power, integral, 1.0, product)
-        _add(integral, product)
-        _multiply(power, power, 1.0, product)
-        _copy(power, product)
-    _fill_step(slots.T_long[q, level], slots.gf[q], slots.n_guards[q], integral, power)
-    slots.longs[q] = level + 1
-
-
-@njit(**HOT)
-def _fill_step(T, gf, G, integral, power):
-    """Columns of T: state increment, rate, guard increments and guard rates at the end of a step."""
-    wide = power.shape[0]
-    half = (T.shape[1] - 2 * wide) // 2
-    for i in range(wide):
-        for j in range(wide):
-            T[i, j], T[i, wide + j] = integral[i, j], power[i, j]
-        for g in range(half):
-            own = g < G
-            T[i, 2 * wide + g] = dot(integral[i], gf[g]) if own else 0.0
-            T[i, 2 * wide + half + g] = dot(power[i], gf[g]) if own else 0.0

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from eppanalysis.kernels.flow import flow, growth_rate
 from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.modes import _compile, _compile_guards, clear, flow, growth_rate
+from eppanalysis.kernels.modes import compile_guards, compile_modes
 from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER, _smooth_term
+from eppanalysis.kernels.tables import clear
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
 RECIPROCAL = 2
@@ -37,7 +39,7 @@ def build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense,
 
     Parameters
     ----------
-    model : eppanalysis.kernels.modes.Model
+    model : eppanalysis.kernels.tables.Model
     modes, guards : int arrays (p, E), (p,)
         Modes on each arc; number of the guard at its end, -1 for none.
     F, S : arrays (p, n, N), (p, n, s)
@@ -64,9 +66,9 @@ def build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense,
     q = 0
     clear(slots, q)
     for a in range(guards.size):
-        if not _compile(model, slots, work, q, modes[a]):
+        if not compile_modes(model, slots, work, q, modes[a]):
             return SINGULAR
-        _compile_guards(model, slots, work, q, modes[a])
+        compile_guards(model, slots, work, q, modes[a])
         for i in range(n):
             for j in range(n):
                 F[a, i, j] = slots.M[q, j, i]

@@ -11,9 +11,9 @@ import numpy as np
 
 from eppanalysis.kernels.closure import MOST_EVENTS
 from eppanalysis.kernels.delays import LINE_CAPACITY
-from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.modes import Model, Slots, Work, make_slots, make_work, most_guards
+from eppanalysis.kernels.lanes import aligned, padded
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
+from eppanalysis.kernels.tables import Model, Slots, Work, make_slots, make_work, most_guards
 from eppanalysis.kernels.tuples import by_address
 
 
@@ -81,7 +81,7 @@ def make_samples(times: np.ndarray, n_y: int) -> Samples:
     twice = np.empty(2 * nt)
     twice[:nt] = times
     return Samples(
-        twice, np.arange(2 * nt), np.empty((nt, padded(n_y))), np.empty(nt), np.empty(nt, np.int64),
+        twice, np.arange(2 * nt), aligned(nt, padded(n_y)), np.empty(nt), np.empty(nt, np.int64),
         np.empty(nt + 1, np.int64),
     )  # fmt: skip
 
@@ -92,26 +92,26 @@ def make_room(model: Model) -> Room:
     size = LINE_CAPACITY if np.any(model.smooth_kind == DELAY_LINE) else 1
     wide, half = padded(n), padded(most_guards(model))
     return Room(
-        np.zeros((ORDER + 1, wide)),
-        np.zeros((ORDER + 2, wide)),
-        np.zeros((ORDER + 1, n_s)),
-        np.zeros((ORDER + 1, n_s)),
-        np.zeros((ORDER + 1, n_s)),
-        np.zeros(padded(ORDER + 1)),
-        np.zeros(padded(model.Yx.shape[0])),
-        np.zeros((8, wide)),
-        np.zeros(n_H),
-        np.zeros((7, half)),
-        np.zeros(2 * wide + 2 * half),
-        np.zeros(2),
-        np.zeros((n_s, size, 2)),
+        aligned(ORDER + 1, wide),
+        aligned(ORDER + 2, wide),
+        aligned(ORDER + 1, n_s),
+        aligned(ORDER + 1, n_s),
+        aligned(ORDER + 1, n_s),
+        aligned(padded(ORDER + 1)),
+        aligned(padded(model.Yx.shape[0])),
+        aligned(8, wide),
+        aligned(n_H),
+        aligned(7, half),
+        aligned(2 * wide + 2 * half),
+        aligned(2),
+        aligned(n_s, size, 2),
         np.ones((n_s, size)),
-        np.zeros((n_s, size, ORDER + 1)),
+        aligned(n_s, size, ORDER + 1),
         np.zeros((n_s, 2), np.int64),
-        np.zeros(wide),
+        aligned(wide),
         np.zeros(n_e, np.int64),
-        np.zeros(n_H),
-        np.zeros(MOST_EVENTS),
+        aligned(n_H),
+        aligned(MOST_EVENTS),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from eppanalysis.kernels.lanes import any_above, dot, padded, rises, row_sum, row_sum_from, take_larger, value_and_slope
-from eppanalysis.kernels.modes import HOT, INLINE
+from eppanalysis.kernels.tables import HOT, INLINE
 
 ORDER = 32
 EPS = 2.220446049250313e-16

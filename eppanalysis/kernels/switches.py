@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from numba import njit
 
-from eppanalysis.kernels.modes import HOT, INLINE
 from eppanalysis.kernels.series import first_rise, guard_noise, term_sizes
+from eppanalysis.kernels.tables import HOT, INLINE
 
 
 @njit(**INLINE)

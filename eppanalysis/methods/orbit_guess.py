@@ -18,7 +18,7 @@ from eppanalysis.models.arcs import Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.modes import Model
+    from eppanalysis.kernels.tables import Model
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

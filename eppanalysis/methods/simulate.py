@@ -22,8 +22,8 @@ from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.modes import Model
     from eppanalysis.kernels.rooms import Ring
+    from eppanalysis.kernels.tables import Model
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -149,7 +149,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         If a combination of modes has no unique solution, or a dead time is too long for its history.
     """
     from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
-    from eppanalysis.kernels.lanes import padded
+    from eppanalysis.kernels.lanes import aligned, padded
     from eppanalysis.kernels.rooms import make_samples
 
     announce_compilation(run)
@@ -157,7 +157,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     t_end, base = float(t_end), float(base)
     (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
-    (x, rate), modes, H = np.zeros((2, padded(n))), hybrid.modes0.copy(), hybrid.H0.copy()
+    (x, rate), modes, H = aligned(2, padded(n)), hybrid.modes0.copy(), hybrid.H0.copy()
     x[:n] = hybrid.x0
     samples, stats = make_samples(times, n_y), np.zeros(8)
     code = run(

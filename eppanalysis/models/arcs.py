@@ -19,8 +19,8 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.modes import Model
     from eppanalysis.kernels.orbits import Channels
+    from eppanalysis.kernels.tables import Model
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -127,8 +127,8 @@ class Arcs:
         ModelError
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
-        from eppanalysis.kernels.modes import make_slots, make_work
         from eppanalysis.kernels.orbits import READY, SINGULAR, Channels, build_arcs
+        from eppanalysis.kernels.tables import make_slots, make_work
 
         model = hybrid.model
         n, n_w = model.B.shape

@@ -20,7 +20,7 @@ from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion, Sine
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.modes import Model
+    from eppanalysis.kernels.tables import Model
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,7 +33,7 @@ class HybridSystem:
 
     Attributes
     ----------
-    model : eppanalysis.kernels.modes.Model
+    model : eppanalysis.kernels.tables.Model
         What the kernels read.
     x0, H0 : array, shapes (n + inputs,), (held,)
         State and held values at the start.
@@ -130,7 +130,7 @@ class _Packer:
         Yw[:, :nw] = s.D
         YH = np.zeros((len(s.names), self.n_H))
         YH[:, -1] = s.constant + s.D_input @ carrier
-        from eppanalysis.kernels.modes import Model
+        from eppanalysis.kernels.tables import Model
 
         model = Model(
             A=A,

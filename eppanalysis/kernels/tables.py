@@ -1,0 +1,223 @@
+"""The tables of the engine, as named tuples of arrays: a hybrid system's model, its compiled mode combinations.
+
+A hybrid system comes as flat arrays (`Model`). The combination of modes that a run visits is compiled on first visit
+into a slot of `Slots`; `Work` is the room in which that is done.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from eppanalysis.kernels.lanes import aligned, padded
+from eppanalysis.kernels.tuples import by_address
+
+#: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
+#: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
+ENTRY = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
+#: Those that only kernels call: no way in from Python is compiled.
+HOT = {**ENTRY, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+#: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
+#: most of them compute.
+INLINE = {**HOT, "inline": "always"}
+
+#: A long step is 2**4 steps of the grid, the longest 2**8.
+LONG_DOUBLINGS, LONGS = 4, 2
+
+
+@by_address
+class Model(NamedTuple):
+    """Flat arrays of a hybrid system: n states, w outputs, z inputs, H held values (the last is 1), s smooth ones."""
+
+    A: np.ndarray  # (n, n)
+    B: np.ndarray  # (n, w), without delayed outputs
+    S: np.ndarray  # (n, s)
+    K: np.ndarray  # (n, H)
+    C: np.ndarray  # (z, n)
+    D: np.ndarray  # (z, w)
+    Kz: np.ndarray  # (z, H)
+    first: np.ndarray  # (E + 1, 3) int: where each element's inputs, outputs, held values begin
+    mode_first: np.ndarray  # (E + 1,) int
+    mode_wz: np.ndarray  # (m, w_max, z_max)
+    mode_wh: np.ndarray  # (m, w_max, h_max)
+    mode_ws: np.ndarray  # (m, w_max, s)
+    mode_w0: np.ndarray  # (m, w_max)
+    mode_stick: np.ndarray  # (m,) int
+    mode_level: np.ndarray  # (m,)
+    guard_first: np.ndarray  # (m + 1,) int
+    guard_element: np.ndarray  # (g,) int
+    guard_target: np.ndarray  # (g,) int, mode number within the element
+    guard_bypass: np.ndarray  # (g,) int, the mode beyond a sticking target, for an input that jumped over its level
+    guard_z: np.ndarray  # (g, z_max)
+    guard_rate: np.ndarray  # (g, z_max)
+    guard_h: np.ndarray  # (g, h_max)
+    guard_w: np.ndarray  # (g, w_max)
+    guard_0: np.ndarray  # (g,)
+    reset_z: np.ndarray  # (g, h_max, z_max)
+    reset_h: np.ndarray  # (g, h_max, h_max)
+    reset_0: np.ndarray  # (g, h_max)
+    smooth_kind: np.ndarray  # (s,) int
+    smooth_x: np.ndarray  # (s, n)
+    smooth_H: np.ndarray  # (s, H)
+    smooth_scale: np.ndarray  # (s,)
+    smooth_w: np.ndarray  # (s,) int, the delayed output of a delay channel
+    smooth_delay: np.ndarray  # (s,)
+    Yx: np.ndarray  # (y, n)
+    Yw: np.ndarray  # (y, w)
+    YH: np.ndarray  # (y, H)
+    knot_time: np.ndarray  # (k,)
+    knot_state: np.ndarray  # (k,) int
+    knot_value: np.ndarray  # (k,)
+    knot_held: np.ndarray  # (k,) int
+    knot_slope: np.ndarray  # (k,)
+
+
+@by_address
+class Slots(NamedTuple):
+    """Compiled mode combinations (leading axis: slot).
+
+    Lengths with a + are those of rows that are summed four numbers at a time: padded with zeros.
+    """
+
+    count: np.ndarray  # (2,) int: in use, ever used
+    key: np.ndarray  # (q, E) int
+    linear: np.ndarray  # (q,) int: no smooth channel acts
+    step: np.ndarray  # (q,)
+    rate: np.ndarray  # (q,) bound on the growth of the powers of M
+    ready: np.ndarray  # (q,) int: whether T and bound are filled
+    M: np.ndarray  # (q, n+, n+) transposed: M[j, i] = d x_i' / d x_j
+    M_twice: np.ndarray  # (q, n+, n+) its square
+    M_size: np.ndarray  # (q, n+, n+) its absolute values
+    N: np.ndarray  # (q, n, H)
+    S: np.ndarray  # (q, n, s)
+    Wx: np.ndarray  # (q, w, n)
+    WH: np.ndarray  # (q, w, H)
+    Ws: np.ndarray  # (q, w, s)
+    Zx: np.ndarray  # (q, z, n)
+    ZH: np.ndarray  # (q, z, H)
+    Zs: np.ndarray  # (q, z, s)
+    Y: np.ndarray  # (q, n+, y+) transposed: signals on the state
+    YH: np.ndarray  # (q, y, H)
+    Ys: np.ndarray  # (q, y, s)
+    n_guards: np.ndarray  # (q,) int
+    guard: np.ndarray  # (q, G) int
+    next: np.ndarray  # (q, G) int
+    ga: np.ndarray  # (q, G, n+) guard rows on the state
+    ga_count: np.ndarray  # (q, G) int: their entries that are not zero
+    ga_place: np.ndarray  # (q, G, n) int
+    ga_size: np.ndarray  # (q, G, n+) their absolute values
+    gb: np.ndarray  # (q, G, n+) guard rows on the rate of the state
+    gb_size: np.ndarray  # (q, G, n+)
+    on_rate: np.ndarray  # (q, G) int: whether gb has an entry
+    gH: np.ndarray  # (q, G, H)
+    gs: np.ndarray  # (q, G, s)
+    gt: np.ndarray  # (q, G, s): on the rates of the smooth channels
+    smooth_guard: np.ndarray  # (q, G) int: whether gs or gt has an entry
+    gf: np.ndarray  # (q, G, n+) guard rows on the state, with the rate put in
+    gfH: np.ndarray  # (q, G, H)
+    all_gf: np.ndarray  # (q, n+, G+) transposed: all of them
+    reach_gf: np.ndarray  # (q, n+, G+) a trace more than their absolute values
+    T: np.ndarray  # (q, n+, 2n+ + 2G+): from rate at start to state increment, rate, guard increments, guard rates
+    bound: np.ndarray  # (q, n+, G+)
+    longs: np.ndarray  # (q,) int: lengths of the next two that are filled
+    T_long: np.ndarray  # (q, lengths, n+, 2n+ + 2G+): as T, over long steps
+    reach: np.ndarray  # (q, lengths, n+, G+): bound on how far a guard moves on the way, from the rate at the start
+
+
+@by_address
+class Work(NamedTuple):
+    """Scratch room for compiling a slot."""
+
+    E: np.ndarray  # (w, w)
+    F: np.ndarray  # (w, n + H + s)
+    rate: np.ndarray  # (n, n + H + s)
+    inputs: np.ndarray  # (z, n + H + s)
+    signals: np.ndarray  # (y, n + H + s)
+    square: np.ndarray  # (8, n+, n+)
+    guards: np.ndarray  # (3, n+, G+)
+
+
+def make_work(model: Model) -> Work:
+    """Scratch room for a model's slots."""
+    n, n_w = model.B.shape
+    total = n + model.K.shape[1] + model.S.shape[1]
+    return Work(
+        aligned(n_w, n_w),
+        aligned(n_w, total),
+        aligned(n, total),
+        aligned(model.C.shape[0], total),
+        aligned(model.Yx.shape[0], total),
+        aligned(8, padded(n), padded(n)),
+        np.zeros((3, padded(n), padded(most_guards(model)))),
+    )
+
+
+def most_guards(model: Model) -> int:
+    """Guards that a mode combination can have."""
+    of_mode = np.diff(model.guard_first).tolist()
+    return sum(max(of_mode[a:b], default=0) for a, b in pairwise(model.mode_first.tolist()))
+
+
+def make_slots(model: Model, capacity: int) -> Slots:
+    """Room for `capacity` mode combinations, each set to zero when it is first used (see :func:`clear`)."""
+    n, n_w = model.B.shape
+    n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
+    n_e, G = model.mode_first.size - 1, most_guards(model)
+    q, wide, steps = capacity, padded(n), 2 * padded(n) + 2 * padded(G)
+    return Slots(
+        np.zeros(2, np.int64),
+        np.zeros((q, n_e), np.int64),
+        np.zeros(q, np.int64),
+        aligned(q),
+        aligned(q),
+        np.zeros(q, np.int64),
+        aligned(q, wide, wide),
+        aligned(q, wide, wide),
+        aligned(q, wide, wide),
+        aligned(q, n, n_H),
+        aligned(q, n, n_s),
+        aligned(q, n_w, n),
+        aligned(q, n_w, n_H),
+        aligned(q, n_w, n_s),
+        aligned(q, n_z, n),
+        aligned(q, n_z, n_H),
+        aligned(q, n_z, n_s),
+        aligned(q, wide, padded(n_y)),
+        aligned(q, n_y, n_H),
+        aligned(q, n_y, n_s),
+        np.zeros(q, np.int64),
+        np.empty((q, G), np.int64),
+        np.empty((q, G), np.int64),
+        aligned(q, G, wide),
+        np.empty((q, G), np.int64),
+        np.empty((q, G, n), np.int64),
+        aligned(q, G, wide),
+        aligned(q, G, wide),
+        aligned(q, G, wide),
+        np.empty((q, G), np.int64),
+        aligned(q, G, n_H),
+        aligned(q, G, n_s),
+        aligned(q, G, n_s),
+        np.empty((q, G), np.int64),
+        aligned(q, G, wide),
+        aligned(q, G, n_H),
+        aligned(q, wide, padded(G)),
+        aligned(q, wide, padded(G)),
+        aligned(q, wide, steps),
+        aligned(q, wide, padded(G)),
+        np.zeros(q, np.int64),
+        aligned(q, LONGS, wide, steps),
+        aligned(q, LONGS, wide, padded(G)),
+    )
+
+
+@njit(**HOT)
+def clear(slots, q):
+    """Set the rows of slot q to zero that are longer than what they hold."""
+    slots.M[q], slots.M_twice[q], slots.M_size[q], slots.Y[q] = 0.0, 0.0, 0.0, 0.0
+    slots.ga[q], slots.ga_size[q], slots.gb[q], slots.gb_size[q], slots.gf[q] = 0.0, 0.0, 0.0, 0.0, 0.0
+    slots.all_gf[q], slots.reach_gf[q] = 0.0, 0.0
+    slots.T[q], slots.bound[q], slots.T_long[q], slots.reach[q] = 0.0, 0.0, 0.0, 0.0
