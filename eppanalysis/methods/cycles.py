@@ -153,6 +153,9 @@ def find_limit_cycles(
     require_system(system, "find_limit_cycles")
     hybrid = steady_hybrid(system, input_value)
     seeds = _predictions(system, input_value) if predicted is None else predicted
+    if seeds and not np.any(np.linalg.eigvals(system.A)):
+        # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
+        hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
     search = _Search(system, hybrid, seeds, input_value, by_balance)
     search.run()
     cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))

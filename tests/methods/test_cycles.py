@@ -122,3 +122,15 @@ def test_an_event_at_standstill_is_no_motion(away: float, rest: bool) -> None:
     time, state = np.append(run.time, t - 1e-3), np.vstack([run.state, run.x_end + away * size])
     late = replace(run, count=run.count + 1, time=time, state=state)
     assert fades(hybrid, late, t, 5.0, size) is rest
+
+
+@pytest.mark.parametrize("slower", [1e6, 1e-6])
+def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
+    # Steps of a second would not end on cycles of months.
+    system = epp.case("thruster_dz_hyst").to_system()
+    other = replace(system, A=system.A / slower, B=system.B / slower)
+    assert not np.any(np.linalg.eigvals(system.A)) and not np.any(system.constant_state)
+    # The velocity is measured in the old time, so that the switching line stays where it is.
+    own, scaled = epp.find_limit_cycles(system), epp.find_limit_cycles(other)
+    assert [c.period for c in scaled] == pytest.approx([slower * c.period for c in own], rel=1e-9)
+    assert [c.stable for c in scaled] == [c.stable for c in own]
