@@ -21,8 +21,6 @@ from eppanalysis.methods.harmonic_series import Array, ComplexArray, orders
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle
 
-_STEP = 1e-5
-
 
 @dataclass(frozen=True, eq=False)
 class Loop:
@@ -85,9 +83,9 @@ class Loop:
 
     def linear_and_slope(self, omega: float, n: int) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`linear` and its derivative by omega."""
-        k, h = orders(n)[1:], _STEP
-        at = self.system.frequency_response(omega * np.concatenate([k, k * (1 + h), k * (1 - h)]))[:, self.rows]
-        return at[:n], (at[n : 2 * n] - at[2 * n :]) / (2.0 * h * omega)
+        k = orders(n)[1:]
+        response, slope = self.system.frequency_response_and_slope(omega * k)
+        return response[:, self.rows], k[:, None, None] * slope[:, self.rows]
 
     def answers(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, tuple[Regime, ...]]:
         """Coefficients of all outputs (nw, n + 1), and the regime of each element."""
