@@ -19,6 +19,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import design_bounds
 from eppanalysis.methods.bounds_harmonic import inputs_at_end
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.methods.cases import require_case
 from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.knock import NoRest, knock
 
@@ -145,6 +146,7 @@ def with_mass(case: Case) -> Case:
     EppError
         If the case is no elbow, or its forearm leaves no mass for a prehensor.
     """
+    require_case(case, "design_advice")
     if case.kind != "elbow":
         raise EppError(f"design_advice: {case.name} is a {case.kind}; expected a case of the elbow.")
     if MASS in case.parameters:

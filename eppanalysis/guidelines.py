@@ -22,6 +22,7 @@ from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell
 from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
+from eppanalysis.methods.cases import require_case
 from eppanalysis.provenance import provenance
 from eppanalysis.readable import cut
 from eppanalysis.results import Brief
@@ -267,6 +268,7 @@ def design_guide(
     EppError
         If the case is no elbow, or a value is not valid.
     """
+    require_case(case, "design_guide")
     if case.kind != "elbow":
         raise EppError(f"guide: {case.name} is a {case.kind}; expected a case of the elbow.")
     if not gains:

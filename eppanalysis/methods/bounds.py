@@ -24,7 +24,8 @@ from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
-from eppanalysis.methods.continuation import Branch, CaseLike
+from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.continuation import Branch
 from eppanalysis.provenance import provenance
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
@@ -116,6 +117,7 @@ def design_bounds(
     >>> round(found[0].exact, 7), found[0].verified
     (0.8462572, True)
     """
+    require_case(case, "design_bounds")
     check_verification(margin, starts)
     if points < 1 or workers < 1:
         wrong = f"points is {points}" if points < 1 else f"workers is {workers}"

@@ -19,7 +19,8 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_fold import Fold, Programmes, anchored
 from eppanalysis.methods.bounds_harmonic import Question, steady_loop
 from eppanalysis.methods.bounds_numbers import gather
-from eppanalysis.methods.continuation import CaseLike, steady_case
+from eppanalysis.methods.cases import CaseLike
+from eppanalysis.methods.continuation import steady_case
 from eppanalysis.methods.continuation_steps import Point, evaluate_at
 from eppanalysis.methods.families import Family
 from eppanalysis.models.hybrid import HybridSystem

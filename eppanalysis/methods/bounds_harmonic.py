@@ -21,7 +21,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds_numbers import Numbers, loop_of
-from eppanalysis.methods.continuation import CaseLike
+from eppanalysis.methods.cases import CaseLike
 from eppanalysis.methods.cycles import find_limit_cycles, steady_hybrid
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.harmonic import settled

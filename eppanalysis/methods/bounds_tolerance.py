@@ -27,7 +27,7 @@ from eppanalysis.methods.bounds_elasticity import exact_elasticities
 from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, inputs_at_end
-from eppanalysis.methods.continuation import CaseLike
+from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.cycles import steady_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.provenance import provenance
@@ -199,6 +199,7 @@ def tolerance_bound(
     EppError
         If there is no bound at the parameters' own values, or a setting is not valid.
     """
+    require_case(case, "tolerance_bound")
     if distribution not in ("uniform", "normal"):
         raise EppError(f"tolerance_bound: the distribution is {distribution!r}; expected 'uniform' or 'normal'.")
     widths = half_widths_of(case, tolerances)

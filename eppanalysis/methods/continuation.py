@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation_borders import across, borders, corner
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
 from eppanalysis.methods.continuation_labels import crossing, difference
@@ -37,48 +38,12 @@ from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
 from eppanalysis.methods.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Motion
 from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-
-class CaseLike(Protocol):
-    """What a branch needs of a case (the case layer stands above the methods)."""
-
-    @property
-    def name(self) -> str:
-        """What results call it."""
-
-    @property
-    def input(self) -> Motion | Mapping[str, Motion] | None:
-        """Motion of the external input."""
-
-    @property
-    def t_end(self) -> float:
-        """Length of a run [s]."""
-
-    def to_system(self) -> LureSystem:
-        """The system."""
-
-    def with_values(self, values: Mapping[str, Any]) -> CaseLike:
-        """The same case with other values."""
-
-    def si(self, name: str, value: object) -> float:
-        """SI value of a quantity."""
-
-    def value(self, name: str) -> float:
-        """A parameter [SI]."""
-
-    def unit(self, name: str) -> tuple[str, str]:
-        """SI unit and the unit people use."""
-
-    def readable(self, name: str) -> tuple[str, float]:
-        """The unit people use, and the factor from SI to it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,6 +177,7 @@ def continue_branch(
         If no limit cycle is found at either end, the range is empty, or no cycle of twice the period leaves at
         `origin`.
     """
+    require_case(case, "continue_branch")
     first, last = case.si(parameter, start), case.si(parameter, stop)
     if not first != last:
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation import CaseLike, Walk, continue_branch, steady_case
+from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.continuation import Walk, continue_branch, steady_case
 from eppanalysis.methods.continuation_steps import Point, admissible, make_point, other_sequence, point_across, step
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
@@ -101,6 +102,7 @@ def continue_folds(
     EppError
         If there is no fold at the first value of `other`.
     """
+    require_case(case, "continue_folds")
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
     first = case.with_values({other: float(rows[0])})

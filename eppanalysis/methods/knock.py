@@ -14,7 +14,7 @@ from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles
 from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.results import Status
 
 Array = NDArray[np.float64]
@@ -90,6 +90,7 @@ def knock(
     EppError
         If there is no such state.
     """
+    require_system(system, "knock")
     # A search that found nothing is empty, and is a search all the same.
     found = find_limit_cycles(system, input_value) if cycles is None else cycles
     if not found.stable:

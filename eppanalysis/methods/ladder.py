@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.rungs import FACTOR, Clock, Rung, climb, distance, largest_harmonic, load_kernels
@@ -173,21 +174,16 @@ class _Expected(Protocol):
     def signal(self) -> str | None: ...
 
 
-class _CaseLike(Protocol):
-    """What the ladder needs of a case (the case layer stands above the methods)."""
+class _ExpectingCase(CaseLike, Protocol):
+    """What the ladder needs of a case besides."""
 
     @property
-    def input(self) -> Motion | Mapping[str, Motion] | None: ...
-    @property
-    def t_end(self) -> float: ...
-    @property
     def expected(self) -> _Expected: ...
-    def to_system(self) -> LureSystem: ...
     def final_input(self) -> dict[str, float]: ...
     def provenance(self) -> dict[str, Any]: ...
 
 
-def ladder(case: _CaseLike) -> Ladder:
+def ladder(case: _ExpectingCase) -> Ladder:
     """Predict, simulate and compare.
 
     Parameters
@@ -210,6 +206,7 @@ def ladder(case: _CaseLike) -> Ladder:
     >>> result.agreement.name, round(100 * result.errors["frequency"]["frequency"], 1)
     ('AGREE', 2.4)
     """
+    require_case(case, "ladder")
     system, final = case.to_system(), case.final_input()
     signal = case.expected.signal or system.signals.names[0]
     load_kernels()
