@@ -62,10 +62,28 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
             ratio = d1 / d2 if d2 > 0.0 else 0.0
             rest_change = d1 * ratio / (1.0 - ratio) if ratio < 1.0 else 1e300
             if d1 < 1e-9 or (d1 < 0.02 and rest_change < CYCLE_TOLERANCE):
-                found[0], found[2], found[3] = p, d1, min(rest_change, max(d1, 0.0) if d1 < 1e-9 else rest_change)
-                found[1] = ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep]
+                once = _shortest(ev_guard, ev_x, count, keep, p, local, size, compared)
+                found[0], found[3] = once, min(rest_change, max(d1, 0.0) if d1 < 1e-9 else rest_change)
+                found[2] = _change(ev_x, count - 1, keep, once, local, size, compared)
+                found[1] = ev_t[(count - 1) % keep] - ev_t[(count - 1 - once) % keep]
                 return CYCLE
     return UNDECIDED
+
+
+@njit(cache=True, nogil=True)
+def _shortest(ev_guard, ev_x, count, keep, p, local, size, compared):
+    """The period among p and its parts: a part whose change is still fading is the whole.
+
+    Where what fades also turns, changes from period to period do not fall evenly, and only after several periods is
+    the contraction seen.
+    """
+    for part in range(1, p // 2 + 1):
+        if p % part == 0 and _repeats(ev_guard, count, keep, part):
+            now = _change(ev_x, count - 1, keep, part, local, size, compared)
+            before = _change(ev_x, count - 1 - p, keep, part, local, size, compared)
+            if now < 0.02 and now < 0.5 * before:
+                return part
+    return p
 
 
 @njit(cache=True, nogil=True)

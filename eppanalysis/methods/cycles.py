@@ -222,7 +222,17 @@ class _Search:
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
-            f"{self._unclosed()}"
+            f"{self._continua()}{self._unclosed()}"
+        )
+
+    def _continua(self) -> str:
+        """What stands for more than itself."""
+        many = sum(o.one_of_many for o in self.orbits)
+        if not many:
+            return ""
+        return (
+            f" {many} of the cycles listed {'stands' if many == 1 else 'stand'} for a continuum of cycles with the "
+            "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies."
         )
 
     def _unclosed(self) -> str:
@@ -238,7 +248,7 @@ class _Search:
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
         for i, known in enumerate(self.orbits):
-            if same_orbit(known, orbit):
+            if same_orbit(known, orbit) or same_continuum(known, orbit):
                 return i
         self.orbits.append(orbit)
         return len(self.orbits) - 1
@@ -422,6 +432,16 @@ def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
     if moved.size:
         return float(run.time[run.order[moved[-1]]])
     return float(run.time[run.order[0]]) if run.count > run.held else 0.0
+
+
+def same_continuum(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
+    guards = [o.arcs.itinerary.guards for o in (one, other)]
+    if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
+        return False
+    unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-6)) for o in (one, other)]
+    turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
+    return unstable[0] == unstable[1] and turned
 
 
 def same_orbit(one: Orbit, other: Orbit) -> bool:

@@ -36,6 +36,8 @@ _SHARES = tuple(0.4**k for k in range(8))
 _MOST_SEQUENCES = 10
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
+#: Share of the largest singular value of the scaled equations below which the smallest one is rounding.
+_SINGULAR = 1e-14
 _NO_SAMPLES = np.zeros(0)
 
 
@@ -120,6 +122,22 @@ class Orbit:
         """Floquet multipliers, largest first."""
         n_wanted = max(int(np.sum(self.hybrid.compared)) - 1, 0) + self.arcs.n_timers
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
+
+    @cached_property
+    def one_of_many(self) -> bool:
+        """Whether the cycle is one of a continuum.
+
+        Either an element holds a value that no switch on the cycle renews (a play whose motion stays within its gap),
+        or the equations leave a direction of the start free.
+        """
+        # Behind the elements' values stand the slopes of inputs and a 1.
+        first, count = self.arcs.held.start, int(self.hybrid.model.first[-1, 2])
+        idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
+        if np.any(self.arcs.F[:, :, idle]):
+            return True
+        A = self.A / self.row_scale[:, None] * self.column_scale
+        sizes = np.linalg.svd(A, compute_uv=False) if np.all(np.isfinite(A)) else np.ones(1)
+        return bool(sizes[-1] < _SINGULAR * sizes[0])
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""

@@ -17,6 +17,8 @@ ComplexArray = NDArray[np.complex128]
 #: Singular values of the scaled return map below this share of the largest are rounding: directions that sticking,
 #: resets or fast decay wipe out.
 VANISHED = 1e-13
+#: A multiplier this near to 1 belongs to the direction of a continuum of cycles, where there is one.
+_NEUTRAL = 1e-6
 
 
 def return_map(A: Array, n_free: int) -> Array:
@@ -73,13 +75,16 @@ def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
     return found
 
 
-def is_stable(values: ComplexArray) -> bool:
-    """Whether all multipliers lie inside the unit circle."""
-    return bool(np.all(np.abs(values) < 1.0))
+def is_stable(values: ComplexArray, one_of_many: bool = False) -> bool:
+    """Whether all multipliers lie inside the unit circle; the 1 of a continuum of cycles is let pass."""
+    others = values[np.abs(values - 1.0) > _NEUTRAL] if one_of_many else values
+    return bool(np.all(np.abs(others) < 1.0))
 
 
-def describe(values: ComplexArray) -> str:
+def describe(values: ComplexArray, one_of_many: bool = False) -> str:
     """The sentence that goes with a verdict of stability."""
+    if one_of_many:
+        return f"{describe(values)}; one of a continuum of cycles, between which a disturbance may move it"
     if values.size == 0:
         return "no Floquet multipliers: every disturbance vanishes within a period"
     vanished = int(np.sum(values == 0))

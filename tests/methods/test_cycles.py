@@ -13,6 +13,7 @@ from eppanalysis.methods.cycles import fades
 from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.results import Status
+from tests.random_loops import random_loop
 
 LOOPS = [
     name
@@ -134,3 +135,26 @@ def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
     own, scaled = epp.find_limit_cycles(system), epp.find_limit_cycles(other)
     assert [c.period for c in scaled] == pytest.approx([slower * c.period for c in own], rel=1e-9)
     assert [c.stable for c in scaled] == [c.stable for c in own]
+
+
+@pytest.mark.parametrize(("seed", "periods"), [(41032, [6.70328410720]), (41033, [5.26874840229, 5.28214585336])])
+def test_a_continuum_of_cycles_is_listed_once(seed, periods):
+    # A preload that slides fixes no place for the motion; a play within its gap holds any value. Hundreds were listed.
+    loop = random_loop(seed)
+    found = epp.find_limit_cycles(loop)
+    assert [c.period for c in found] == pytest.approx(periods, rel=1e-9)
+    assert "stands for a continuum" in found.search
+    first = found[0]
+    assert first.stable and "one of a continuum" in first.stability_criterion
+    # A run beside it is on another one of the same period.
+    beside = replace(loop, x0=first.state * (1.0 + 1e-3))
+    run = epp.simulate(beside, t_end=400.0 * first.period)
+    assert run.limit_cycle is not None
+    assert run.limit_cycle.period == pytest.approx(first.period, rel=1e-5)
+
+
+def test_an_isolated_cycle_is_none_of_a_continuum():
+    for name in ("fig8a_original", "relay_deadzone", "backlash_servo", "stiction_level_S5J2"):
+        case = epp.case(name)
+        found = epp.find_limit_cycles(case.to_system(), case.final_input())
+        assert found and "continuum" not in found.search + "".join(c.stability_criterion for c in found)
