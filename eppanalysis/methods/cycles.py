@@ -40,6 +40,8 @@ _MOST_EVENTS = 60_000
 _ENOUGH_EVENTS = 600
 #: Change of a state over a period, relative to its motion on a cycle, that is rest, and that is a slow drift.
 _STILL, _DRIFT = 1e-6, 1e-2
+#: Times as long is looked at once more for a slow cycle.
+_LATE = 100.0
 #: Outcome of a run that repeats itself but whose orbit could not be closed.
 UNCLOSED = "on a cycle that could not be closed"
 
@@ -297,7 +299,7 @@ class _Search:
             if status is Status.EVENT_LIMIT:
                 break
             if fades(start, run, t, self.horizon, self._sizes()):
-                return "rest"
+                return self._late_cycle(start, t) or "rest"
             known = self._recognise(run, None)
             if known != "undecided":
                 return known
@@ -305,6 +307,18 @@ class _Search:
                 break
             t *= 3.0
         return "undecided"
+
+    def _late_cycle(self, start: HybridSystem, t: float) -> str | None:
+        """The cycle that a run that seemed to fade by time t is on much later, as a number; None for none.
+
+        What sticks may creep towards its next slip far more slowly than the linear part moves by itself.
+        """
+        if self.hybrid.model.S.shape[1]:
+            return None  # without long steps that would take minutes
+        run = run_hybrid(start, _LATE * t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
+        self.n_runs += 1
+        status, facts = judge(start, run, _LATE * t)
+        return self._recognise(run, float(facts[1])) if status is Status.LIMIT_CYCLE else None
 
     def _sizes(self) -> Array:
         """How far the states move on what was predicted and found."""
