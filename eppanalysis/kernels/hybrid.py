@@ -18,6 +18,7 @@ from eppanalysis.kernels.delays import extend_lines, line_room, read_line, start
 from eppanalysis.kernels.flow import compile_long, compile_step
 from eppanalysis.kernels.lanes import (
     add,
+    any_above,
     cubics_below,
     dot,
     polynomial,
@@ -42,6 +43,8 @@ from eppanalysis.kernels.switches import beyond_level, reset, rise_from_start, s
 from eppanalysis.kernels.tables import ENTRY, HOT, INLINE, LONG_DOUBLINGS, LONGS
 
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
+#: A state beyond this has diverged.
+LARGEST = 1e100
 #: Why fast steps end.
 OFF_GRID, EVENT_AHEAD, LONG_AHEAD = 0, 1, 2
 #: Steps without a switch before a long one (of as many) is tried.
@@ -86,7 +89,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     n, n_s = model.S.shape
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
     p, largest, recent, D, f = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
-    xd, speed, small, wide = room.row[4], room.row[5], room.row[6], room.row[7]
+    xd, speed, small, wide, one = room.row[4], room.row[5], room.row[6], room.row[7], room.row[8]
     constant, lift, g0, g1, tol = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.guard[4]
     stray, top = room.guard[5], room.guard[6]
     held, still, end = room.held, room.still, room.end
@@ -108,6 +111,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         stats[i] = 0.0
     take_sizes(largest, x)
     take_sizes(recent, x)
+    one[:] = 1.0
     # What an earlier run left may not be a number.
     Sg[:, :] = 0.0
     q = find_slot(model, slots, work, modes, base_step)
@@ -126,10 +130,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             entered = True
         if stepped:
             stepped = False
-            for i in range(n):
-                if not abs(x[i]) < 1e100:
-                    code = DIVERGED
-            if code != DONE:
+            if _too_large(x):
+                code = DIVERGED
                 break
         if t >= until:
             if not aside:
@@ -176,12 +178,15 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             before = j_grid
             j_grid, i_sample, why = _fast_steps(
                 slots.T[q], slots.bound[q], slots.Y[q], slots.Ys[q], x, xd, speed, g0, g1, tol, stray, end, still,
-                Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet,
+                one, Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet,
             )  # fmt: skip
             if j_grid > before:
                 t = origin + j_grid * h
                 quiet += j_grid - before
                 stats[3] += j_grid - before
+                if _too_large(x):
+                    code = DIVERGED
+                    break
                 if why != EVENT_AHEAD:
                     continue
         quiet = 0
@@ -354,6 +359,15 @@ def _switch(model, slots, work, q, which, x, recent, H, Sg, last, u, modes, held
     return new
 
 
+@njit(**INLINE)
+def _too_large(x):
+    """Whether a state is beyond all bounds, or no number."""
+    for i in range(x.size):
+        if not abs(x[i]) < LARGEST:
+            return True
+    return False
+
+
 @njit(**HOT)
 def _copy_start(x, modes, H, to_x, to_modes, to_H):
     """State, modes and held values to another place."""
@@ -400,14 +414,14 @@ def _sort_samples(samples, first, t, period, turns):
 
 @njit(**INLINE)
 def _fast_steps(
-    T, bound, Y, Ys, x, xd, speed, g0, g1, tol, stray, end, still, sigma, times, rows, out,
+    T, bound, Y, Ys, x, xd, speed, g0, g1, tol, stray, end, still, one, sigma, times, rows, out,
     origin, j, h, t, t_stop, i_sample, n_samples, quiet,
 ):  # fmt: skip
     """Steps of the grid from its point j on, with the samples on it; returns the point, the next sample, why there.
 
     EVENT_AHEAD: a switch within the next step can't be excluded, and what the step would add is in `end`. OFF_GRID: the
     next step would go beyond `t_stop` or a sample. LONG_AHEAD: so much has passed without a switch that a long step may
-    be tried.
+    be tried, or the state has grown too large. A row of ones is in `one`.
     """
     wide, half, slack = x.size, g0.size, 1e-9 * h
     after = 2 * wide + half
@@ -426,7 +440,12 @@ def _fast_steps(
         j += 1
         t = t1
         quiet += 1
-        if t >= t_stop or quiet >= LONG_QUIET and (i_sample == n_samples or times[i_sample] >= t + LONG_QUIET * h):
+        if (
+            any_above(x, 1.0 / LARGEST, one)
+            or t >= t_stop
+            or quiet >= LONG_QUIET
+            and (i_sample == n_samples or times[i_sample] >= t + LONG_QUIET * h)
+        ):
             return j, i_sample, LONG_AHEAD
 
 

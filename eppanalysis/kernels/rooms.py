@@ -40,7 +40,7 @@ class Room(NamedTuple):
     aux: np.ndarray
     p: np.ndarray  # ((order + 1)+,) series of a guard
     still: np.ndarray  # (y+,) constant parts of the signals
-    row: np.ndarray  # (8, n+)
+    row: np.ndarray  # (9, n+)
     held: np.ndarray  # (H,)
     guard: np.ndarray  # (7, G+)
     end: np.ndarray  # (2n+ + 2G+,)
@@ -99,7 +99,7 @@ def make_room(model: Model) -> Room:
         aligned(ORDER + 1, n_s),
         aligned(padded(ORDER + 1)),
         aligned(padded(model.Yx.shape[0])),
-        aligned(8, wide),
+        aligned(9, wide),
         aligned(n_H),
         aligned(7, half),
         aligned(2 * wide + 2 * half),

@@ -16,6 +16,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.results import Status
+from tests.random_loops import random_loop
 from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
 
 TEXTBOOK = [n for n in epp.shipped_cases() if epp.case(n).expected.exact and epp.case(n).expected.outcome]
@@ -168,6 +169,14 @@ def test_a_relay_slides_along_its_threshold() -> None:
 def test_a_loop_that_grows_diverges() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, -50.0]), epp.Saturation())
     assert epp.simulate(loop, t_end=100.0).status is Status.DIVERGED
+
+
+def test_growth_between_samples_ends_before_numbers_do() -> None:
+    """No switch stops this loop's growth, and its samples keep it to short steps: it once ran into infinity."""
+    run = epp.simulate(random_loop(44054), t_end=400.0)
+    assert run.status is Status.DIVERGED
+    assert 0.0 < run.t[-1] < 30.0
+    assert all(np.all(np.isfinite(s)) for s in run.signals.values())
 
 
 def test_a_run_that_is_too_short_is_undecided() -> None:
