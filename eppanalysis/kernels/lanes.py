@@ -29,12 +29,24 @@ def padded(n):
     return (n + LANES - 1) // LANES * LANES
 
 
-def aligned(*shape: int) -> NDArray[np.float64]:
-    """Zeros that begin where eight numbers do: to fetch eight across such a border takes twice as long."""
-    size = math.prod(shape)
-    wide = np.zeros(size + LANES)
+def aligned(*shapes: tuple[int, ...]) -> list[NDArray[np.float64]]:
+    """Arrays of zeros that begin where eight numbers do: to fetch eight across such a border takes twice as long.
+
+    All are parts of one, as most of the time would go into asking where each begins.
+    """
+    sizes = [math.prod(shape) for shape in shapes]
+    wide = np.zeros(LANES + sum(size + -size % LANES for size in sizes))
     first = -wide.ctypes.data % (wide.itemsize * LANES) // wide.itemsize
-    return wide[first : first + size].reshape(shape)
+    found = []
+    for shape, size in zip(shapes, sizes, strict=True):
+        found.append(wide[first : first + size].reshape(shape))
+        first += size + -size % LANES
+    return found
+
+
+def aligned_by_name(shapes: dict[str, tuple[int, ...]]) -> dict[str, NDArray[np.float64]]:
+    """As `aligned`, with names."""
+    return dict(zip(shapes, aligned(*shapes.values()), strict=True))
 
 
 class _Code:

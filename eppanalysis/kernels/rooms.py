@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.kernels.closure import MOST_EVENTS
 from eppanalysis.kernels.delays import LINE_CAPACITY
-from eppanalysis.kernels.lanes import aligned, padded
+from eppanalysis.kernels.lanes import aligned, aligned_by_name, padded
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
 from eppanalysis.kernels.tables import Model, Slots, Work, make_slots, make_work, most_guards
 from eppanalysis.kernels.tuples import by_address
@@ -80,10 +80,8 @@ def make_samples(times: np.ndarray, n_y: int) -> Samples:
     nt = times.size
     twice = np.empty(2 * nt)
     twice[:nt] = times
-    return Samples(
-        twice, np.arange(2 * nt), aligned(nt, padded(n_y)), np.empty(nt), np.empty(nt, np.int64),
-        np.empty(nt + 1, np.int64),
-    )  # fmt: skip
+    (out,) = aligned((nt, padded(n_y)))
+    return Samples(twice, np.arange(2 * nt), out, np.empty(nt), np.empty(nt, np.int64), np.empty(nt + 1, np.int64))
 
 
 def make_room(model: Model) -> Room:
@@ -91,28 +89,16 @@ def make_room(model: Model) -> Room:
     n, n_s, n_H, n_e = model.A.shape[0], model.S.shape[1], model.K.shape[1], model.mode_first.size - 1
     size = LINE_CAPACITY if np.any(model.smooth_kind == DELAY_LINE) else 1
     wide, half = padded(n), padded(most_guards(model))
-    return Room(
-        aligned(ORDER + 1, wide),
-        aligned(ORDER + 2, wide),
-        aligned(ORDER + 1, n_s),
-        aligned(ORDER + 1, n_s),
-        aligned(ORDER + 1, n_s),
-        aligned(padded(ORDER + 1)),
-        aligned(padded(model.Yx.shape[0])),
-        aligned(9, wide),
-        aligned(n_H),
-        aligned(7, half),
-        aligned(2 * wide + 2 * half),
-        aligned(2),
-        aligned(n_s, size, 2),
-        np.ones((n_s, size)),
-        aligned(n_s, size, ORDER + 1),
-        np.zeros((n_s, 2), np.int64),
-        aligned(wide),
-        np.zeros(n_e, np.int64),
-        aligned(n_H),
-        aligned(MOST_EVENTS),
-    )
+    numbers = aligned_by_name({
+        "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide),
+        "Sg": (ORDER + 1, n_s), "arg": (ORDER + 1, n_s), "aux": (ORDER + 1, n_s), "p": (padded(ORDER + 1),),
+        "still": (padded(model.Yx.shape[0]),), "row": (9, wide), "held": (n_H,), "guard": (7, half),
+        "end": (2 * wide + 2 * half,), "watch": (2,),
+        "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),
+        "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,),
+    })  # fmt: skip
+    numbers["line_h"][:] = 1.0
+    return Room(**numbers, line_n=np.zeros((n_s, 2), np.int64), modes=np.zeros(n_e, np.int64))
 
 
 def make_rooms(model: Model) -> tuple[Slots, Work, Room]:

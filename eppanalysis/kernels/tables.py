@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from eppanalysis.kernels.lanes import aligned, padded
+from eppanalysis.kernels.lanes import aligned, aligned_by_name, padded
 from eppanalysis.kernels.tuples import by_address
 
 #: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
@@ -79,7 +79,7 @@ class Model(NamedTuple):
 class Slots(NamedTuple):
     """Compiled mode combinations (leading axis: slot).
 
-    Lengths with a + are those of rows that are summed four numbers at a time: padded with zeros.
+    Lengths with a + are those of rows that are summed eight numbers at a time: padded with zeros.
     """
 
     count: np.ndarray  # (2,) int: in use, ever used
@@ -144,15 +144,8 @@ def make_work(model: Model) -> Work:
     """Scratch room for a model's slots."""
     n, n_w = model.B.shape
     total = n + model.K.shape[1] + model.S.shape[1]
-    return Work(
-        aligned(n_w, n_w),
-        aligned(n_w, total),
-        aligned(n, total),
-        aligned(model.C.shape[0], total),
-        aligned(model.Yx.shape[0], total),
-        aligned(8, padded(n), padded(n)),
-        np.zeros((3, padded(n), padded(most_guards(model)))),
-    )
+    shapes = [(n_w, n_w), (n_w, total), (n, total), (model.C.shape[0], total), (model.Yx.shape[0], total)]
+    return Work(*aligned(*shapes, (8, padded(n), padded(n)), (3, padded(n), padded(most_guards(model)))))
 
 
 def most_guards(model: Model) -> int:
@@ -166,52 +159,23 @@ def make_slots(model: Model, capacity: int) -> Slots:
     n, n_w = model.B.shape
     n_z, n_H, n_s, n_y = model.C.shape[0], model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
     n_e, G = model.mode_first.size - 1, most_guards(model)
-    q, wide, steps = capacity, padded(n), 2 * padded(n) + 2 * padded(G)
-    return Slots(
-        np.zeros(2, np.int64),
-        np.zeros((q, n_e), np.int64),
-        np.zeros(q, np.int64),
-        aligned(q),
-        aligned(q),
-        np.zeros(q, np.int64),
-        aligned(q, wide, wide),
-        aligned(q, wide, wide),
-        aligned(q, wide, wide),
-        aligned(q, n, n_H),
-        aligned(q, n, n_s),
-        aligned(q, n_w, n),
-        aligned(q, n_w, n_H),
-        aligned(q, n_w, n_s),
-        aligned(q, n_z, n),
-        aligned(q, n_z, n_H),
-        aligned(q, n_z, n_s),
-        aligned(q, wide, padded(n_y)),
-        aligned(q, n_y, n_H),
-        aligned(q, n_y, n_s),
-        np.zeros(q, np.int64),
-        np.empty((q, G), np.int64),
-        np.empty((q, G), np.int64),
-        aligned(q, G, wide),
-        np.empty((q, G), np.int64),
-        np.empty((q, G, n), np.int64),
-        aligned(q, G, wide),
-        aligned(q, G, wide),
-        aligned(q, G, wide),
-        np.empty((q, G), np.int64),
-        aligned(q, G, n_H),
-        aligned(q, G, n_s),
-        aligned(q, G, n_s),
-        np.empty((q, G), np.int64),
-        aligned(q, G, wide),
-        aligned(q, G, n_H),
-        aligned(q, wide, padded(G)),
-        aligned(q, wide, padded(G)),
-        aligned(q, wide, steps),
-        aligned(q, wide, padded(G)),
-        np.zeros(q, np.int64),
-        aligned(q, LONGS, wide, steps),
-        aligned(q, LONGS, wide, padded(G)),
-    )
+    q, wide, most, steps = capacity, padded(n), padded(G), 2 * padded(n) + 2 * padded(G)
+    numbers = aligned_by_name({
+        "step": (q,), "rate": (q,),
+        "M": (q, wide, wide), "M_twice": (q, wide, wide), "M_size": (q, wide, wide),
+        "N": (q, n, n_H), "S": (q, n, n_s),
+        "Wx": (q, n_w, n), "WH": (q, n_w, n_H), "Ws": (q, n_w, n_s),
+        "Zx": (q, n_z, n), "ZH": (q, n_z, n_H), "Zs": (q, n_z, n_s),
+        "Y": (q, wide, padded(n_y)), "YH": (q, n_y, n_H), "Ys": (q, n_y, n_s),
+        "ga": (q, G, wide), "ga_size": (q, G, wide), "gb": (q, G, wide), "gb_size": (q, G, wide),
+        "gH": (q, G, n_H), "gs": (q, G, n_s), "gt": (q, G, n_s), "gf": (q, G, wide), "gfH": (q, G, n_H),
+        "all_gf": (q, wide, most), "reach_gf": (q, wide, most), "T": (q, wide, steps), "bound": (q, wide, most),
+        "T_long": (q, LONGS, wide, steps), "reach": (q, LONGS, wide, most),
+    })  # fmt: skip
+    per_guard = ("guard", "next", "ga_count", "on_rate", "smooth_guard")
+    places = {"count": (2,), "key": (q, n_e), "ga_place": (q, G, n)} | dict.fromkeys(per_guard, (q, G))
+    places |= dict.fromkeys(("linear", "ready", "n_guards", "longs"), (q,))
+    return Slots(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
 
 
 @njit(**HOT)

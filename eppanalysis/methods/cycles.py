@@ -42,6 +42,8 @@ _ENOUGH_EVENTS = 600
 _STILL, _DRIFT = 1e-6, 1e-2
 #: Times as long is looked at once more for a slow cycle.
 _LATE = 100.0
+#: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
+_MOST_EDGES = 150
 #: Outcome of a run that repeats itself but whose orbit could not be closed.
 UNCLOSED = "on a cycle that could not be closed"
 
@@ -55,7 +57,7 @@ class CycleSearch(Brief):
     cycles : tuple of LimitCycle
     status : Status
         CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left, or is on a cycle that could
-        not be closed (`search` says which).
+        not be closed, or there were more edges between outcomes than are bisected (`search` says which).
     rests : bool
         Whether some start settled at rest.
     diverges : bool
@@ -164,7 +166,7 @@ def find_limit_cycles(
     outcomes = search.outcomes
     return CycleSearch(
         cycles=tuple(cycles),
-        status=Status.UNDECIDED if "undecided" in outcomes or UNCLOSED in outcomes else Status.CONVERGED,
+        status=Status.CONVERGED if search.complete else Status.UNDECIDED,
         rests="rest" in outcomes,
         diverges="leaves" in outcomes,
         search=search.sentence(),
@@ -197,7 +199,13 @@ class _Search:
     outcomes: dict[str, int] = field(default_factory=dict)
     n_runs: int = 0
     n_edges: int = 0
+    n_left: int = 0
     rest: tuple[Array, Array] | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every run came to an end that is listed, and every edge that was seen has been bisected."""
+        return not (self.n_left or "undecided" in self.outcomes or UNCLOSED in self.outcomes)
 
     def run(self) -> None:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
@@ -224,8 +232,14 @@ class _Search:
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
-            f"{self._continua()}{self._unclosed()}"
+            f"{self._continua()}{self._unclosed()}{self._left()}"
         )
+
+    def _left(self) -> str:
+        """What was not looked at."""
+        if not self.n_left:
+            return ""
+        return f" {self.n_left} more edges were left, because the starts of different outcomes are interwoven."
 
     def _continua(self) -> str:
         """What stands for more than itself."""
@@ -392,6 +406,9 @@ class _Search:
 
     def _edge(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
         """Bisect between two outcomes; close orbits from the run that stays longest near the edge."""
+        if self.n_edges >= _MOST_EDGES:
+            self.n_left += 1
+            return
         centre, direction, H = ray
         self.n_edges += 1
         for i in range(48):

@@ -157,7 +157,7 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     t_end, base = float(t_end), float(base)
     (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
-    (x, rate), modes, H = aligned(2, padded(n)), hybrid.modes0.copy(), hybrid.H0.copy()
+    (x, rate), modes, H = aligned((padded(n),), (padded(n),)), hybrid.modes0.copy(), hybrid.H0.copy()
     x[:n] = hybrid.x0
     samples, stats = make_samples(times, n_y), np.zeros(8)
     code = run(
