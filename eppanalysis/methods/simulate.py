@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbit import analyse_period
-from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
@@ -32,6 +32,7 @@ IntArray = NDArray[np.int64]
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
+_KNOTS = ("knot_time", "knot_state", "knot_value", "knot_held", "knot_slope")
 #: Where a state has grown so far that rounding ends the run, it has diverged.
 _LARGEST_STATE = 1e100
 
@@ -291,12 +292,17 @@ def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0)
 def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
     """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
     elements = hybrid.model.guard_element[guards]
-    after = modes[np.arange(guards.size), elements]
-    return tuple(
-        Event(time, hybrid.element_names[e], hybrid.guard_names[g], hybrid.mode_names[e][mode])
-        for time, g, e, mode in zip(*(a.tolist() for a in (times, guards, elements, after)), strict=True)
-        if hybrid.element_names[e] != "observer"
+    told = np.array([name != "observer" for name in hybrid.element_names])[elements]
+    times, guards, modes, elements = times[told], guards[told], modes[told], elements[told]
+    after = modes[np.arange(guards.size), elements].tolist()
+    switches = zip(elements.tolist(), after, strict=True)
+    columns = (
+        times.tolist(),
+        [hybrid.element_names[e] for e in elements.tolist()],
+        [hybrid.guard_names[g] for g in guards.tolist()],
+        [hybrid.mode_names[e][mode] for e, mode in switches],
     )
+    return tuple(map(Event._make, zip(*columns, strict=True)))
 
 
 def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
@@ -319,15 +325,31 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     return float(run.time[run.order[place]])
 
 
+def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem, float]:
+    """The system started behind an event of its run, and when that was [s].
+
+    From the run's own start where the input still changes later, or where what is delayed must be known from before.
+    """
+    begin = float(run.time[place])
+    if np.any(hybrid.model.knot_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        return hybrid, 0.0
+    model = hybrid.model._replace(**{name: getattr(hybrid.model, name)[:0] for name in _KNOTS})
+    x, held, modes = (a[place].copy() for a in (run.state, run.held_values, run.modes))
+    return replace(hybrid, model=model, x0=x, H0=held, modes0=modes), begin
+
+
 def _limit_cycle(
     system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, base: float, facts: dict[str, Any]
 ) -> LimitCycle:
     """The last period of a run, sampled once more on the arcs between its events."""
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
+    start, begin = _from_event(hybrid, run, int(run.order[-p - 1]))
 
     def sample(times: Array) -> Array:
-        again = run_hybrid(hybrid, float(marks[-1]), times, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1)
+        again = run_hybrid(
+            start, float(marks[-1]) - begin, times - begin, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1
+        )
         return again.samples[: int(again.stats[2])]
 
     shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
