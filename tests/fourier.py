@@ -22,5 +22,5 @@ def turning_points(c: np.ndarray) -> np.ndarray:
     return np.sort(np.angle(on_circle) % (2 * np.pi))
 
 
-def value(c: np.ndarray, phi: float) -> float:
-    return float((c @ np.exp(1j * phi * np.arange(c.size))).real)
+def value(c: np.ndarray, phi: float | np.ndarray) -> np.ndarray:
+    return (np.exp(1j * np.multiply.outer(phi, np.arange(c.size))) @ c).real

@@ -95,7 +95,7 @@ def adaptive(f, low: float, high: float, whole=None, depth: int = 44):
 def rule(f, low: float, high: float):
     node, weight = RULE
     points = low + (high - low) * (node + 1) / 2
-    return (high - low) / 2 * sum(w * f(p) for w, p in zip(weight, points, strict=True))
+    return (high - low) / 2 * (weight @ f(points))
 
 
 def by_quadrature(element, c: np.ndarray, omega: float) -> np.ndarray:
@@ -113,11 +113,11 @@ def by_quadrature(element, c: np.ndarray, omega: float) -> np.ndarray:
     total = np.zeros(element.n_outputs * c.size, complex)
     for low, high in zip(ends[:-1], ends[1:], strict=True):
 
-        def weighted(phi: float, memory=memory) -> np.ndarray:
+        def weighted(phi: np.ndarray, memory=memory) -> np.ndarray:
             z = value(c, phi)
             given = (z, value(1j * k * omega * c, phi)) if rated else z
-            y = np.atleast_1d(element.output(given, memory)[0])
-            return np.multiply.outer(y, np.exp(-1j * k * phi)).ravel()
+            y = np.reshape(element.output(given, memory)[0], (phi.size, -1, 1))
+            return (y * np.exp(-1j * np.multiply.outer(phi, k))[:, None]).reshape(phi.size, -1)
 
         total += adaptive(weighted, low, high)
         memory = None if rated else element.output(value(c, high), memory)[1]
