@@ -9,7 +9,6 @@ import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from eppanalysis.cli_bounds import bounds
-from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json
+from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json, progress
 from eppanalysis.cli_cycles import branch, cycles
 from eppanalysis.cli_explore import explore
 from eppanalysis.cli_guide import guide
@@ -190,7 +189,7 @@ def _carry_out(
     together = verb.show_all if len(cases) > 1 else None
     results = []
     for case in cases:
-        with _busy(f"{command} {case.name}"):
+        with progress(f"{command} {case.name}"):
             results.append(verb.run(case))
         if not as_json and together is None:
             verb.show(case, results[-1])
@@ -295,17 +294,6 @@ def _heading(case: Case, sentence: str) -> None:
     typer.echo()
     typer.secho(f"{case.name}: {case.title}", bold=True)
     typer.echo(sentence.strip())
-
-
-def _busy(what: str) -> AbstractContextManager[Any]:
-    """A line on the terminal while something is computed; nothing where the output goes elsewhere."""
-    from contextlib import nullcontext
-
-    if not sys.stderr.isatty():
-        return nullcontext()
-    from rich.console import Console
-
-    return Console(stderr=True).status(f"{what} ...")
 
 
 def _print(table: RichTable) -> None:

@@ -125,7 +125,7 @@ def progress(what: str) -> Iterator[Callable[..., None] | None]:
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=None)
 
-            def tell(done: int, total: int, doing: str = "") -> None:
+            def tell(done: int, total: int | None, doing: str = "") -> None:
                 bar.update(task, completed=done, total=total, description=doing or what)
 
             yield tell

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json, progress
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -36,8 +36,9 @@ def cycles(
         check_target(output)
     found = load_case(case, settings)
     system, value = found.to_system(), found.final_input()
-    search = find_limit_cycles(system, value)
-    hits = knock(system, cycles=search) if knocks else ()
+    with progress(f"cycles {found.name}") as report:
+        search = find_limit_cycles(system, value, progress=report)
+        hits = knock(system, cycles=search) if knocks else ()
     if as_json:
         print_json("cycles", [(found, {**search.to_dict(), "knocks": [k.to_dict() for k in hits]})], settings)
     else:
@@ -65,7 +66,8 @@ def branch(
     if output is not None:
         check_target(output, PICTURES)
     found = load_case(case, settings)
-    result = continue_branch(found, over, start, stop, n_points=points)
+    with progress(f"branch {found.name}"):
+        result = continue_branch(found, over, start, stop, n_points=points)
     if as_json:
         print_json("branch", [(found, result.to_dict())], settings)
     else:

@@ -7,7 +7,7 @@ enough to close the orbit from there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+#: Told the runs made, of how many (not known before the end), and how far the search is in words.
+Report = Callable[[int, int | None, str], None]
 
 #: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
 SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
@@ -120,6 +122,7 @@ def find_limit_cycles(
     *,
     by_balance: bool = True,
     predicted: Sequence[LimitCycle] | None = None,
+    progress: Report | None = None,
 ) -> CycleSearch:
     """All limit cycles of a loop as exact orbits, stable and unstable.
 
@@ -135,6 +138,9 @@ def find_limit_cycles(
     predicted : sequence of LimitCycle, optional
         What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it takes
         most of the time of a search.
+    progress : callable, optional
+        Called at each run with the runs made, None (their number is not known before), and the state of the search in
+        words.
 
     Returns
     -------
@@ -160,7 +166,7 @@ def find_limit_cycles(
     if seeds and not np.any(np.linalg.eigvals(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
-    search = _Search(system, hybrid, seeds, input_value, by_balance)
+    search = _Search(system, hybrid, seeds, input_value, by_balance, progress)
     search.run()
     cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
     outcomes = search.outcomes
@@ -195,6 +201,7 @@ class _Search:
     predicted: Sequence[LimitCycle]
     input_value: Mapping[str, float] | None
     by_balance: bool = True
+    progress: Report | None = None
     orbits: list[Orbit] = field(default_factory=list)
     outcomes: dict[str, int] = field(default_factory=dict)
     n_runs: int = 0
@@ -239,7 +246,7 @@ class _Search:
         """What was not looked at."""
         if not self.n_left:
             return ""
-        return f" {self.n_left} more edges were left, because the starts of different outcomes are interwoven."
+        return f" {self.n_left} more edges were left: the starts of different outcomes are interwoven."
 
     def _continua(self) -> str:
         """What stands for more than itself."""
@@ -297,6 +304,7 @@ class _Search:
         return found
 
     def _outcome(self, x: Array, H: Array) -> str:
+        self._tell()
         start, t = replace(self.hybrid, x0=x, H0=H), self.horizon
         for turn in range(8):
             run = run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
@@ -321,6 +329,12 @@ class _Search:
                 break
             t *= 3.0
         return "undecided"
+
+    def _tell(self) -> None:
+        """How far the search is."""
+        if self.progress is not None:
+            words = f"{self.system.name}: {self.n_runs} runs, {self.n_edges} edges, {len(self.orbits)} cycles"
+            self.progress(self.n_runs, None, words)
 
     def _late_cycle(self, start: HybridSystem, t: float) -> str | None:
         """The cycle that a run that seemed to fade by time t is on much later, as a number; None for none.
