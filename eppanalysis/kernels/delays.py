@@ -28,6 +28,7 @@ def start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n):
         for i in range(H.size):
             v += slots.WH[q, w, i] * H[i]
         line_t[j, 0, 0], line_t[j, 0, 1] = -1e300, 0.0
+        line_c[j, 0, :] = 0.0  # what an earlier run left there
         line_c[j, 0, 0] = v
         line_n[j, 0], line_n[j, 1] = 1, 0
 

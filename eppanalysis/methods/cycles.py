@@ -14,21 +14,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.exact import orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near
-from eppanalysis.methods.simulate import Run, judge, run_hybrid
+from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
+from eppanalysis.provenance import provenance
 from eppanalysis.results import Brief, LimitCycle, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 #: Told the runs made, of how many (not known before the end), and how far the search is in words.
 Report = Callable[[int, int | None, str], None]
 
@@ -46,6 +48,9 @@ _STILL, _DRIFT = 1e-6, 1e-2
 _LATE = 100.0
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
 _MOST_EDGES = 150
+#: Change over all periods to come, relative to the cycle, below which a cycle is listed as a run has it, and how often
+#: the run is made three times as long for that; and how many are listed at most, for they may fill a continuum.
+_REACHED, _MOST_LONGER, _MOST_REACHED = 1e-9, 6, 12
 #: Outcome of a run that repeats itself but whose orbit could not be closed.
 UNCLOSED = "on a cycle that could not be closed"
 
@@ -57,6 +62,8 @@ class CycleSearch(Brief):
     Attributes
     ----------
     cycles : tuple of LimitCycle
+        Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
+        "simulation", with an error estimate below 1e-9).
     status : Status
         CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left, or is on a cycle that could
         not be closed, or there were more edges between outcomes than are bisected (`search` says which).
@@ -168,10 +175,10 @@ def find_limit_cycles(
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
     search = _Search(system, hybrid, seeds, input_value, by_balance, progress)
     search.run()
-    cycles = sorted((to_limit_cycle(system, o) for o in search.orbits), key=lambda c: _size(system, c))
+    cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
     outcomes = search.outcomes
     return CycleSearch(
-        cycles=tuple(cycles),
+        cycles=tuple(sorted(cycles, key=lambda c: _size(system, c))),
         status=Status.CONVERGED if search.complete else Status.UNDECIDED,
         rests="rest" in outcomes,
         diverges="leaves" in outcomes,
@@ -192,6 +199,34 @@ def _size(system: LureSystem, cycle: LimitCycle) -> float:
     return cycle.peak_to_peak[system.signals.names[0]]
 
 
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """A cycle that a run is on, whose orbit could not be closed.
+
+    Attributes
+    ----------
+    cycle : LimitCycle
+        As the run has it.
+    corners : tuple of arrays, shapes (events,), (events, n), (n,)
+        Guard and state at each event of a period, and how far each state moves.
+    """
+
+    cycle: LimitCycle
+    corners: tuple[IntArray, Array, Array]
+
+    @classmethod
+    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> _Reached:
+        """From the end of a run, and what the verdict says of it."""
+        events, period, n = run.order[-int(facts[0]) - 1 : -1], float(facts[1]), start.n_plant
+        states = run.state[events]
+        size = np.ptp(states, axis=0) + np.abs(run.rate[events]).max(axis=0) * period / (2.0 * np.pi)
+        size = np.where(size > 0, size, np.inf)
+        told = provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
+        told |= {"corners": states[:, :n].tolist()}
+        cycle = cycle_of_run(system, start, run, facts, told)
+        return cls(replace(cycle, state=states[0, :n].copy()), (run.guard[events], states, size))
+
+
 @dataclass
 class _Search:
     """State of one search; lives for one call."""
@@ -203,6 +238,7 @@ class _Search:
     by_balance: bool = True
     progress: Report | None = None
     orbits: list[Orbit] = field(default_factory=list)
+    reached: list[_Reached] = field(default_factory=list)
     outcomes: dict[str, int] = field(default_factory=dict)
     n_runs: int = 0
     n_edges: int = 0
@@ -266,7 +302,12 @@ class _Search:
             why = "with dead time an orbit is closed only where what is delayed is constant between switches"
         else:
             why = "from none of their events did Newton's method close an orbit"
-        return f" Some runs are on a cycle that is not listed: {why}. Simulate from such a start to see it."
+        what = (
+            f"They are listed as runs have them, stable ones only and {_MOST_REACHED} at most"
+            if self.reached
+            else "They are not listed; simulate from such a start to see one"
+        )
+        return f" Some runs are on cycles without a closed orbit: {why}. {what}."
 
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
@@ -305,24 +346,29 @@ class _Search:
 
     def _outcome(self, x: Array, H: Array) -> str:
         self._tell()
-        start, t = replace(self.hybrid, x0=x, H0=H), self.horizon
+        try:
+            return self._end_of(replace(self.hybrid, x0=x, H0=H))
+        except EppError:  # a dead time with more switches than its history holds
+            return "undecided"
+
+    def _end_of(self, start: HybridSystem) -> str:
+        t = self.horizon
         for turn in range(8):
-            run = run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
-            self.n_runs += 1
+            run = self._run(start, t)
             status, facts = judge(start, run, t)
             if status is Status.SETTLED:
                 if self.rest is None:
-                    self.rest = run.x_end, (run.held_values[run.order[-1]] if run.held else H)
+                    self.rest = run.x_end, (run.held_values[run.order[-1]] if run.held else start.H0)
                 return "rest"
             if status is Status.LIMIT_CYCLE:
-                return self._recognise(run, float(facts[1]))
+                return self._recognise(start, run, float(facts[1]))
             if status is Status.DIVERGED:
                 return "leaves"
             if status is Status.EVENT_LIMIT:
                 break
             if fades(start, run, t, self.horizon, self._sizes()):
                 return self._late_cycle(start, t) or "rest"
-            known = self._recognise(run, None)
+            known = self._recognise(start, run, None)
             if known != "undecided":
                 return known
             if turn >= 3 and run.count > _ENOUGH_EVENTS:
@@ -343,10 +389,9 @@ class _Search:
         """
         if self.hybrid.model.S.shape[1]:
             return None  # without long steps that would take minutes
-        run = run_hybrid(start, _LATE * t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
-        self.n_runs += 1
+        run = self._run(start, _LATE * t)
         status, facts = judge(start, run, _LATE * t)
-        return self._recognise(run, float(facts[1])) if status is Status.LIMIT_CYCLE else None
+        return self._recognise(start, run, float(facts[1])) if status is Status.LIMIT_CYCLE else None
 
     def _sizes(self) -> Array:
         """How far the states move on what was predicted and found."""
@@ -358,22 +403,45 @@ class _Search:
             size = np.maximum(size, orbit.scale[:n])
         return size
 
-    def _recognise(self, run: Run, period: float | None) -> str:
+    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> str:
         """Number of the cycle that a run is on at its end."""
         if run.held == 0:
             return "undecided"
-        last = run.order[-1]
+        n = self.hybrid.x0.size
         for i, known in enumerate(self.orbits):
-            at = np.flatnonzero(known.arcs.itinerary.guards == run.guard[last])
-            states = known.starts[at + 1, : self.hybrid.x0.size]
-            away = np.abs(states - run.state[last])[:, self.hybrid.compared]
-            scale = known.scale[: self.hybrid.x0.size][self.hybrid.compared]
-            if at.size and np.min(np.max(away / scale, axis=1)) < 1e-3:
+            if self._is_on(run, known.arcs.itinerary.guards, known.starts[1:, :n], known.scale[:n]):
                 return str(i)
+        if any(self._is_on(run, *r.corners) for r in self.reached):
+            return UNCLOSED
         if period is None:
             return "undecided"
         orbit = orbit_of(self.hybrid, run, period)
-        return UNCLOSED if orbit is None else str(self.add(orbit))
+        if orbit is not None:
+            return str(self.add(orbit))
+        self._reach(start, float(run.stats[0]))
+        return UNCLOSED
+
+    def _is_on(self, run: Run, guards: IntArray, states: Array, scale: Array) -> bool:
+        """Whether a run's last event is one of a cycle's: the same guard, in the same state."""
+        last, compared = run.order[-1], self.hybrid.compared
+        away = np.abs(states[guards == run.guard[last]] - run.state[last])[:, compared]
+        return bool(len(away)) and float(np.min(np.max(away / scale[compared], axis=1))) < 1e-3
+
+    def _reach(self, start: HybridSystem, t: float) -> None:
+        """List the cycle that a run is on at time t as the run has it, once it is on it to many digits."""
+        for longer in 3.0 ** np.arange(_MOST_LONGER if len(self.reached) < _MOST_REACHED else 0):
+            run = self._run(start, longer * t)
+            status, facts = judge(start, run, longer * t)
+            if status is not Status.LIMIT_CYCLE:
+                return
+            if facts[3] < _REACHED:
+                self.reached.append(_Reached.of(self.system, start, run, facts))
+                return
+
+    def _run(self, start: HybridSystem, t: float) -> Run:
+        """A run of the search, without samples."""
+        self.n_runs += 1
+        return run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
 
     def _rays(self) -> list[tuple[Array, Array, Array]]:
         """Lines of starts: centre, direction, held values."""

@@ -7,6 +7,7 @@ size, each exact cycle given away once, and those of the same stability first.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -18,6 +19,7 @@ from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.exact import exact_orbit
 from eppanalysis.methods.harmonic import harmonic_balance
+from eppanalysis.methods.orbit_cycle import METHOD as EXACT
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import Relay
@@ -162,8 +164,12 @@ def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> s
     if not len(search):
         ends = "rest" if search.rests else "grow without bound"
         return f"There is no exact limit cycle: all {search.provenance['runs']} runs of the search {ends}."
-    parts = [f"{len(c)} {kind}" for c, kind in ((search.stable, "stable"), (search.unstable, "unstable")) if c]
-    return f"Exact limit cycles: {' and '.join(parts)}."
+    exact = [c for c in search if c.method == EXACT]
+    parts = [f"{n} {kind}" for kind, n in Counter(_STABILITY[c.stable] for c in exact).items()]
+    sentences = [f"Exact limit cycles: {' and '.join(sorted(parts))}."] if exact else []
+    if len(search) > len(exact):
+        sentences.append(f"Limit cycles known from runs alone: {len(search) - len(exact)} stable.")
+    return " ".join(sentences)
 
 
 def _first_order(prediction: Prediction | None, seconds: float, signal: str) -> tuple[Rung, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.orbit_guess import Guess, first_return, one_turn, recurrences, with_history
+from eppanalysis.methods.orbit_guess import Guess, first_return, make_guess, one_turn, recurrences, with_history
 from eppanalysis.methods.simulate import Run, run_hybrid
 from eppanalysis.methods.stability import multipliers, return_map
 from eppanalysis.models.arcs import Arcs, Itinerary
@@ -285,13 +285,10 @@ def _finished(orbit: Orbit) -> Orbit:
     p = orbit.arcs.n_arcs
     for q in range(1, p // 2 + 1):
         if p % q == 0 and _repeats(orbit, q):
-            guess = orbit.guess
-            it = guess.itinerary
-            short = Itinerary(
-                it.modes[:q], it.guards[:q], np.where(it.source[:q] >= 0, it.source[:q] % q, -1), it.at_once[:q]
-            )
-            if not orbit.arcs.n_timers:
-                orbit = solve(orbit.hybrid, Guess(short, guess.y, guess.tau[:q]))
+            guess = _once(orbit, q)
+            once = None if guess is None else solve(orbit.hybrid, guess)
+            if once is not None and once.residual < CONVERGED:
+                orbit = once
             break
     first = int(np.argmax(orbit.tau))
     if first == 0:
@@ -300,12 +297,26 @@ def _finished(orbit: Orbit) -> Orbit:
     return turned if turned.residual < _ROUNDING else solve(turned.hybrid, turned.guess, turned.arcs)
 
 
+def _once(orbit: Orbit, q: int) -> Guess | None:
+    """The first q arcs of an orbit that repeats them, as an orbit of their own."""
+    it, arcs = orbit.arcs.itinerary, orbit.arcs
+    if not arcs.n_timers:
+        return Guess(Itinerary(it.modes[:q], it.guards[:q], it.source[:q], it.at_once[:q]), orbit.y, orbit.tau[:q])
+    # With dead time the delayed switches are put in anew, for they have gone round more often in the shorter period.
+    own = np.flatnonzero(it.guards[:q] >= 0)
+    starts = orbit.starts[np.append(0, own[:-1] + 1)]
+    starts = np.hstack([starts[:, : arcs.n_state], starts[:, arcs.held]])
+    tau = np.diff(np.cumsum(orbit.tau)[own], prepend=0.0)
+    return make_guess(orbit.hybrid, it.modes[own], it.guards[own], starts, tau)
+
+
 def _repeats(orbit: Orbit, q: int) -> bool:
     it, tol = orbit.arcs.itinerary, 1e-7
     same = np.array_equal(it.guards, np.roll(it.guards, q)) and np.array_equal(it.modes, np.roll(it.modes, q, axis=0))
     if not same or np.max(np.abs(orbit.tau - np.roll(orbit.tau, q))) > tol * orbit.period:
         return False
-    free = orbit.arcs.free
+    free, n = orbit.arcs.free, orbit.arcs.n_state
+    free = free[(free < n) | (free >= n + orbit.arcs.n_timers)]  # each delayed switch has its own timers
     shift = orbit.arcs.shift[free] * orbit.tau[:q].sum()
     change = np.abs(orbit.starts[q, free] - shift - orbit.starts[0, free])
     return bool(np.all(change <= tol * orbit.scale[free]))

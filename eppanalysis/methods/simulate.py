@@ -126,7 +126,7 @@ def simulate(
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "system": system.name}
     facts = provenance("event-exact simulation", settings) | {"statistics": _statistics(run)}
-    cycle = _limit_cycle(system, hybrid, run, found, base, facts) if status is Status.LIMIT_CYCLE else None
+    cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
     settled = status is Status.SETTLED
     return Trajectory(
         t=times[:n_written],
@@ -338,10 +338,22 @@ def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSyste
     return replace(hybrid, model=model, x0=x, H0=held, modes0=modes), begin
 
 
-def _limit_cycle(
-    system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, base: float, facts: dict[str, Any]
-) -> LimitCycle:
-    """The last period of a run, sampled once more on the arcs between its events."""
+def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: dict[str, Any]) -> LimitCycle:
+    """The last period of a run, sampled once more on the arcs between its events.
+
+    Parameters
+    ----------
+    system : LureSystem
+        The loop, as `hybrid` has it.
+    hybrid : HybridSystem
+        As the run was started.
+    run : Run
+        With more events in its ring than a period has.
+    found : array, shape (4,)
+        What `judge` says of the cycle.
+    facts : dict
+        Provenance.
+    """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
     start, begin = _from_event(hybrid, run, int(run.order[-p - 1]))

@@ -14,6 +14,8 @@ from scipy.signal import lsim
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.simulate import run_hybrid
+from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
@@ -401,3 +403,13 @@ def test_whole_numbers_do_not_compile_the_kernel_anew() -> None:
     compiled = list(run.overloads)
     epp.simulate(case.to_system(), case.input, t_end=1, t_eval=[0, 1], step=1)
     assert list(run.overloads) == compiled
+
+
+def test_what_a_run_remembers_of_its_dead_time_is_its_own():
+    # A run whose delayed signal bends leaves a history behind; the next one in the same rooms begins with none.
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
+    hybrid = HybridSystem.from_lure(loop, {})
+    times = np.linspace(0.0, 20.0, 101)
+    runs = [run_hybrid(replace(hybrid, x0=np.array([0.0, 1.0])), 20.0, times, 0.2, 1000, 100) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0].samples, runs[1].samples)
+    assert np.ptp(runs[0].samples[:, 0]) > 1.0
