@@ -103,6 +103,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     # state comes from a series step.
     entered, renewed, stepped = False, False, False
     aside, t_behind, i_behind = False, 0.0, 0
+    delayed = line_h.shape[1] > 1
     limit_same = 2 * model.mode_first[-1] + 16
     watch, keep = room.watch, ring.t.size
     watch[0] = 0.0
@@ -190,7 +191,9 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 if why != EVENT_AHEAD:
                     continue
         quiet = 0
-        # Series step, at most to the next point of the grid.
+        # Series step, at most to the next point of the grid; where the past is read, the steps made then are the grid.
+        if delayed:
+            origin = t
         j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
         t1 = origin + j_grid * h
         on_grid = True
@@ -204,14 +207,16 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 d, on_grid = min(d, u * h), False
         if forced:
             d, on_grid = min(d, 1e-9 * h), False
+        ahead = d
         for j in range(n_s):
             if model.smooth_kind[j] == DELAY_LINE:
-                d1 = line_room(model, j, t, d, line_t, line_h, line_n)
-                if d1 < 0.0:
+                counts, holds = line_room(model, j, t, line_t, line_h, line_n)
+                if counts < 0.0:
                     code = HISTORY
                     break
-                if d1 < d:
-                    d, on_grid = d1, False
+                if counts < ahead:
+                    ahead, on_grid = counts, False
+                d = min(d, holds)
         if code != DONE:
             break
         best, last = 0.0 if which >= 0 else 2.0, -1
@@ -222,6 +227,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             last = expand(model, slots, q, x, f, H, d, largest, small, X, Sg, arg, aux)
             if last < 0:
                 d, on_grid = 0.5 * d, False
+                ahead = min(ahead, d)
                 if not d > 1e-14 * h:
                     code = STALLED
                     break
@@ -230,12 +236,14 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             break
         if last >= 0:
             which, best = _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift, D, top, forced)
+            if ahead < d and best > ahead / d:
+                which, best = -1, 2.0
         forced = False
         if last >= 0:
             for i in range(n):
                 recent[i] = abs(X[0, i]) + D[i]
         if best > 0.0:
-            u1 = min(best, 1.0)
+            u1 = min(best, ahead / d)
             first, reached = i_sample, t + u1 * d - 1e-9 * h * (which < 0)
             while i_sample < n_samples and times[i_sample] < reached:
                 i_sample += 1
@@ -244,10 +252,10 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                     slots.Y[q], slots.Ys[q], X, last, Sg, times, rows, first, i_sample, t, d, still, wide, out
                 )  # fmt: skip
             if n_s > 0:
-                extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n)
+                extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n, p)
         if which < 0:
-            polynomial(X, last, 1.0, x)
-            t = t1 if on_grid or t1 - t == d else t + d
+            polynomial(X, last, ahead / d, x)
+            t = t1 if on_grid or t1 - t == ahead else t + ahead
             armed, renewed = bool(slots.linear[q]) and on_grid, False
         else:
             if best > 0.0:
@@ -300,6 +308,10 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                             t, i_sample = t_behind, i_behind
                         origin, last_t, same_instant = 0.0, t, 0
         stepped = True
+    for j in range(n_s):
+        if model.smooth_kind[j] == DELAY_LINE:
+            line_room(model, j, t, line_t, line_h, line_n)
+            read_line(model, j, t, 0.0, line_t, line_h, line_c, line_n, Sg, p)
     if code == DONE:
         first = i_sample
         while i_sample < n_samples and times[i_sample] <= t * (1.0 + 1e-12):
