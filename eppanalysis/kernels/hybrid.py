@@ -282,6 +282,9 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 code = SINGULAR
                 break
             entered = False
+            if delayed and t == 0.0:
+                # The element has begun in another mode than it was given; so it has had that output for ever.
+                start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
             if not aside:
                 r = count % keep
                 ring.t[r], ring.guard[r] = t, k

@@ -1,0 +1,88 @@
+"""Dead time: against the closed form of a linear loop, scipy by the method of steps, and itself with other steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from math import factorial
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eppanalysis as epp
+from eppanalysis.methods.simulate import run_hybrid
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.nonlinearities import Nonlinearity
+
+JUMPY = [
+    epp.Preload(0.3, 1.0),
+    epp.Play(0.8),
+    epp.JumpAndFollow(0.3, 0.1),
+    epp.DeadZone(-0.05, 0.05),
+    epp.RelayDeadZone(0.4),
+]
+
+
+def by_steps(gain: Fraction, delay: Fraction, t: Fraction) -> Fraction:
+    """The term of degree n acts from the dead time n - 1 on."""
+    begun = range(1, int(t // delay) + 2)
+    return 1 + sum((-gain) ** n * (t - (n - 1) * delay) ** n / factorial(n) for n in begun)
+
+
+@pytest.mark.parametrize(("gain", "delay"), [(1.0, 0.5), (1.6, 1.0), (0.3, 2.0)])
+@pytest.mark.parametrize("step", [0.03, 0.4])
+def test_a_linear_loop_has_a_closed_form(gain, delay, step):
+    """x' = -k x(t - L) from x = 1: a polynomial of one degree more after each dead time (method of steps)."""
+    loop = epp.LureSystem.from_tf(([gain], [1.0, 0.0]), epp.Saturation(-1e9, 1e9), delay=delay)
+    times = np.linspace(0.0, 15.0 * delay, 301)
+    run = run_hybrid(replace(HybridSystem.from_lure(loop, {}), x0=np.array([1.0])), times[-1], times, step, 10, 10)
+    state = loop.signals.names.index("x")
+    expected = np.array([float(by_steps(Fraction(gain), Fraction(delay), Fraction(t))) for t in times])
+    scale = run.samples[0, state]
+    np.testing.assert_allclose(run.samples[:, state] / scale, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_saturated_loop_against_the_method_of_steps():
+    delay, end = 0.6, 12.0
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=delay)
+    x0 = np.array([0.3, 1.0])
+    times = np.linspace(0.0, end, 241)
+    run = epp.simulate(replace(loop, x0=x0), t_end=end, t_eval=times)
+
+    def push(x: np.ndarray) -> float:
+        return float(np.clip(4.0 * (loop.C @ x)[0], -1.0, 1.0))
+
+    pieces = [lambda t: x0]
+    state, reached, found = x0, 0.0, [x0]
+    while reached < end - 1e-9:
+        past, stop = pieces[-1], reached + delay
+        wanted = times[(times > reached + 1e-12) & (times <= stop + 1e-12)]
+        part = solve_ivp(
+            lambda t, x, past=past: loop.A @ x + loop.B[:, 0] * push(past(t - delay)),
+            (reached, stop), state, method="DOP853", rtol=1e-11, atol=1e-12, max_step=0.01, dense_output=True,
+        )  # fmt: skip
+        found += [part.sol(t) for t in wanted]
+        state, reached = part.y[:, -1], stop
+        pieces.append(part.sol)
+    expected = (np.array(found) @ loop.C.T)[:, 0]
+    np.testing.assert_allclose(run.signals["x"], expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("element", JUMPY, ids=lambda e: type(e).__name__)
+def test_the_step_does_not_matter(element: Nonlinearity):
+    loop = epp.LureSystem.from_tf(([3.0], [1.0, 1.5, 0.5, 0.0]), element, delay=0.7)
+    hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.5]))
+    times = np.linspace(0.0, 30.0, 61)
+    coarse, fine = (run_hybrid(hybrid, 30.0, times, step, 1000, 1000) for step in (0.5, 0.011))
+    assert coarse.count == fine.count > 4
+    np.testing.assert_allclose(coarse.samples, fine.samples, rtol=0, atol=1e-9 * np.abs(fine.samples).max())
+
+
+@pytest.mark.parametrize("element", [JUMPY[0], JUMPY[2]], ids=lambda e: type(e).__name__)
+def test_switches_of_long_ago_cost_nothing(element: Nonlinearity):
+    """Each switch comes back after every dead time, ever more faintly; what has become rounding is no border."""
+    loop = epp.LureSystem.from_tf(([1.2], [1.0, 1.5, 0.5, 0.0]), element, delay=0.7)
+    hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.9]))
+    short, long = (run_hybrid(hybrid, end, np.zeros(0), 0.3, 100_000, 100) for end in (100.0, 1000.0))
+    assert long.stats[4] < 15.0 * short.stats[4]
