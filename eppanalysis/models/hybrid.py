@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 DELAY_LINE = 10
+#: Dead time, relative to the fastest time constant of the linear part.
+_LEAST_DELAY = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +158,8 @@ class _Packer:
         )
         # One memory layout for all loops, so that the kernels are compiled once.
         model = Model(*(np.array(a, order="C") for a in model))
-        rates = np.abs(np.linalg.eigvals(system.A)) if self.n else np.zeros(1)
+        fastest = float(np.abs(np.linalg.eigvals(system.A)).max()) if self.n else 0.0
+        self._refuse_tiny_delays(fastest)
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
         exo = np.arange(n) >= self.n
         return HybridSystem(
@@ -169,8 +172,17 @@ class _Packer:
             element_names=tuple(self.names),
             mode_names=tuple(tuple(m.name for m in a.modes) for a in self.automata),
             guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
-            time_scale=float(2.0 / rates.max()) if rates.max() > 0 else 1.0,
+            time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
+
+    def _refuse_tiny_delays(self, fastest: float) -> None:
+        """A run would need ten million steps and more while the linear part hardly moves."""
+        for delay in self.system.delays[self._delayed()]:
+            if 0.0 < delay * fastest < _LEAST_DELAY:
+                raise ModelError(
+                    f"{self.system.name}: a dead time of {delay:g} s is nothing beside the loop's fastest time "
+                    f"constant, {1.0 / fastest:g} s; expected 0, or at least {_LEAST_DELAY / fastest:g} s."
+                )
 
     def _start_mode(self, e: int, model: Model, x0: Array) -> int:
         """Where an element starts: in a sticking mode only if its input stands on the level, else on its side."""

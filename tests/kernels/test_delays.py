@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
+from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.nonlinearities import Nonlinearity
@@ -86,3 +87,9 @@ def test_switches_of_long_ago_cost_nothing(element: Nonlinearity):
     hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.9]))
     short, long = (run_hybrid(hybrid, end, np.zeros(0), 0.3, 100_000, 100) for end in (100.0, 1000.0))
     assert long.stats[4] < 15.0 * short.stats[4]
+
+
+def test_a_dead_time_that_is_none_is_refused():
+    loop = epp.LureSystem.from_tf(([1.2], [1.0, 1.5, 0.5, 0.0]), epp.Saturation(), delay=1e-9)
+    with pytest.raises(ModelError, match=r"dead time of 1e-09 s is nothing beside .* expected 0, or at least 1e-07 s"):
+        epp.simulate(loop, t_end=1.0)
