@@ -282,8 +282,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 code = SINGULAR
                 break
             entered = False
-            if delayed and t == 0.0:
-                # The element has begun in another mode than it was given; so it has had that output for ever.
+            if delayed and t == 0.0 and i_knot == 0:
+                # No input has jumped: the element has been for ever in another mode than it was given.
                 start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
             if not aside:
                 r = count % keep

@@ -14,7 +14,9 @@ import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import SignalMap
 from eppanalysis.models.nonlinearities import Nonlinearity
+from eppanalysis.models.signals import Step
 
 JUMPY = [
     epp.Preload(0.3, 1.0),
@@ -87,6 +89,22 @@ def test_switches_of_long_ago_cost_nothing(element: Nonlinearity):
     hybrid = replace(HybridSystem.from_lure(loop, {}), x0=np.array([0.1, -0.2, 0.9]))
     short, long = (run_hybrid(hybrid, end, np.zeros(0), 0.3, 100_000, 100) for end in (100.0, 1000.0))
     assert long.stats[4] < 15.0 * short.stats[4]
+
+
+@pytest.mark.parametrize("moved", [0.0, -0.2])
+def test_a_step_of_the_input_is_felt_after_the_dead_time(moved):
+    """x' = -x + clip(v, -0.5, 0.5)(t - 0.5): v jumps from `moved` to 2 at time 0, and was `moved` before."""
+    loop = epp.LureSystem.build(
+        [[-1.0]], [[1.0]], [[0.0]], [epp.Saturation(-0.5, 0.5)], delays=[0.5],
+        input_names=["v"], B_input=[[0.0]], D_input=[[1.0]], v0=[moved],
+        signals=SignalMap(("x",), np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1)),
+    )  # fmt: skip
+    times = np.linspace(0.0, 2.0, 41)
+    run = epp.simulate(loop, {"v": Step(2.0 - moved, 0.0)}, t_end=2.0, t_eval=times)
+    before = moved * (1.0 - np.exp(-np.minimum(times, 0.5)))
+    after = np.maximum(times - 0.5, 0.0)
+    expected = before * np.exp(-after) + 0.5 * (1.0 - np.exp(-after))
+    np.testing.assert_allclose(run.signals["x"], expected, rtol=0, atol=1e-13)
 
 
 def test_a_dead_time_that_is_none_is_refused():
