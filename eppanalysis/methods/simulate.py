@@ -181,24 +181,28 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
 class _Own(threading.local):
     """What a thread keeps from run to run, because to make it costs as much as a short run.
 
-    The rooms are those of the last model: all runs of one model find its mode combinations compiled. What a run gives
-    does not depend on the runs before it.
+    The rooms are those of the last model: all runs of one model find its mode combinations compiled, and models of one
+    structure follow each other in the same rooms. What a run gives does not depend on the runs before it.
     """
 
     model: Model | None = None
+    structure: tuple[Any, ...] = ()
     base: float = 0.0
     kept: tuple[Any, Any, Any] | None = None
     events: Ring | None = None
 
     def rooms(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
-        """Rooms for a model, emptied where the step is another one."""
+        """Rooms for a model, emptied where they hold mode combinations of another model or for another step."""
         from eppanalysis.kernels.rooms import make_rooms
 
-        if self.kept is None or self.model is not hybrid.model:
-            self.kept, self.model = make_rooms(hybrid.model), hybrid.model
-        elif self.base != base:
+        model = hybrid.model
+        known = self.model is model
+        structure = self.structure if known else _structure(model)
+        if self.kept is None or self.structure != structure:
+            self.kept = make_rooms(model)
+        elif not known or self.base != base:
             self.kept[0].count[0] = 0
-        self.base = base
+        self.model, self.structure, self.base = model, structure, base
         return self.kept
 
     def ring(self, hybrid: HybridSystem, keep: int) -> Ring:
@@ -210,6 +214,12 @@ class _Own(threading.local):
         if held is None or len(held.t) < keep or (held.x.shape[1], held.H.shape[1], held.modes.shape[1]) != sizes:
             held = self.events = make_ring(keep, *sizes)
         return Ring(*(a[:keep] for a in held))
+
+
+def _structure(model: Model) -> tuple[Any, ...]:
+    """What the sizes of its rooms follow from."""
+    of = model.mode_first, model.guard_first, model.smooth_kind
+    return (*(a.shape for a in model), *(a.tobytes() for a in of))
 
 
 _own = _Own()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -413,3 +414,38 @@ def test_what_a_run_remembers_of_its_dead_time_is_its_own():
     runs = [run_hybrid(replace(hybrid, x0=np.array([0.0, 1.0])), 20.0, times, 0.2, 1000, 100) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].samples, runs[1].samples)
     assert np.ptp(runs[0].samples[:, 0]) > 1.0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3])
+def test_a_run_in_the_rooms_of_another_model_has_the_bits_of_one_in_new_rooms(delay: float) -> None:
+    times = np.linspace(0.0, 5.0, 51)
+
+    def run(hybrid: HybridSystem) -> Any:
+        return run_hybrid(hybrid, 5.0, times, hybrid.time_scale, 500, 100)
+
+    def alone(hybrid: HybridSystem) -> Any:
+        """In a thread of its own, which has kept no rooms."""
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(run, hybrid).result()
+
+    compared = 0
+    for seed in range(60):
+        system = random_loop(seed)
+        if delay and any(a.smooth for a in (e.automaton() for e in system.elements)):
+            continue
+        if delay:
+            system = replace(system, delays=np.full(len(system.delays), delay))
+        one, other = (HybridSystem.from_lure(replace(system, B=factor * system.B)) for factor in (1.0, 1.7))
+        try:
+            expected = alone(one)
+        except EppError:
+            continue
+        run(other)
+        found = run(one)
+        compared += 1
+        assert found.count == expected.count
+        for field in ("samples", "x_end"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+        for field in ("time", "state", "rate"):
+            np.testing.assert_array_equal(*(getattr(r, field)[: r.count] for r in (found, expected)))
+    assert compared > 20
