@@ -109,12 +109,12 @@ def _factor(name: str, text: str) -> float:
 def _show(result: Guide) -> None:
     from rich.console import Console
 
-    from eppanalysis.guide_files import facts, rounded, title
+    from eppanalysis.guide_files import facts, title
     from eppanalysis.screen import frame_table
 
     typer.secho(title(result), bold=True)
     Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(
-        frame_table(rounded(result))
+        frame_table(result.rounded())
     )
     for sentence in result.sentences():
         typer.echo(sentence)

@@ -8,18 +8,17 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
 from eppanalysis.export import PICTURES, atomic, check_target, csv_cell, write_figure
-from eppanalysis.readable import cut
+from eppanalysis.readable import cut_text
 
 if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.guidelines import Guide
 
-_DIGITS = 4
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
@@ -52,17 +51,6 @@ def write_guide(guide: Guide, path: Path) -> None:
             ) from error
 
 
-def rounded(guide: Guide) -> pandas.DataFrame:
-    """The table with its numbers as texts, cut to four significant digits; what is not known is a dash."""
-    return guide.to_frame().map(_text)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    return f"{cut(value, _DIGITS):.{_DIGITS}g}" if value == value else "-"
-
-
 def title(guide: Guide) -> str:
     """What the table is about."""
     return f"Largest backlash without a limit cycle: {guide.case.title or guide.case.name}"
@@ -79,7 +67,7 @@ def facts(guide: Guide) -> str:
 
 
 def _markdown(guide: Guide, path: Path) -> None:
-    frame = rounded(guide).map(lambda text: text.replace("|", "\\|"))
+    frame = guide.rounded().map(lambda text: text.replace("|", "\\|"))
     table = frame.to_markdown(index=False, disable_numparse=True)
     lines = "\n".join(f"* {s}" for s in guide.sentences())
     path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{facts(guide)}\n", encoding="utf-8")
@@ -101,7 +89,7 @@ def _latex(guide: Guide, path: Path) -> None:
         style = style if head else style.hide(axis="columns")
         return style.to_latex(hrules=head, environment="longtable", column_format=columns)
 
-    frame = rounded(guide)
+    frame = guide.rounded()
     texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
     # Every column has a gap on both sides of it.
     width = f"\\dimexpr{1.0 / len(frame.columns):.4f}\\linewidth-2\\tabcolsep"
@@ -117,7 +105,7 @@ def _latex(guide: Guide, path: Path) -> None:
 
 
 def _html(guide: Guide, path: Path) -> None:
-    frame = rounded(guide)
+    frame = guide.rounded()
     style = frame.style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
     table = style.to_html()
     picture = io.BytesIO()
@@ -148,7 +136,7 @@ def _excel(guide: Guide, path: Path) -> None:
             cells = book.sheets[name]
             cells.freeze_panes = "A2"
             for column in cells.columns:
-                width = max(len(_text(c.value)) if c.value is not None else 0 for c in column)
+                width = max(len(cut_text(c.value)) if c.value is not None else 0 for c in column)
                 cells.column_dimensions[column[0].column_letter].width = min(width + 2, 60)
                 for cell in column[1:]:
                     if isinstance(cell.value, float):

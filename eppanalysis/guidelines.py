@@ -24,7 +24,7 @@ from eppanalysis.methods.bounds_result import BoundCell
 from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
 from eppanalysis.methods.cases import require_case
 from eppanalysis.provenance import provenance
-from eppanalysis.readable import cut
+from eppanalysis.readable import cut, cut_text
 from eppanalysis.results import Brief
 
 if TYPE_CHECKING:
@@ -130,6 +130,10 @@ class Guide(Brief):
         import pandas
 
         return pandas.DataFrame([self._line(row) for row in self.rows])
+
+    def rounded(self) -> pandas.DataFrame:
+        """The table with its numbers as texts, cut to four significant digits; what there is none of is a dash."""
+        return self.to_frame().map(cut_text)
 
     def _line(self, row: GuideRow) -> dict[str, Any]:
         line: dict[str, Any] = {}

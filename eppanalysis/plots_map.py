@@ -94,7 +94,7 @@ def plot_design_map(
     (across, x_label), (up, y_label) = (_readable(plane, name) for name in (x, y))
     handles = _regions(ax, across, up, plane[names[0]])
     if amplitude and names[0] == "outcome" and "amplitude" in plane:
-        _contours(ax, across, up, plane["amplitude"])
+        handles += _contours(ax, across, up, plane["amplitude"])
     for name in names[1:]:
         colour = GREEN if name == "exact_outcome" else BLUE
         label = "exact orbits exist" if name == "exact_outcome" else "describing function"
@@ -175,13 +175,18 @@ def _edges(centres: np.ndarray) -> np.ndarray:
     return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
 
 
-def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArray) -> None:
+def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArray) -> list[Any]:
+    """Lines of equal amplitude, with what they are lines of for the legend."""
+    from matplotlib.lines import Line2D
+
     unit, factor = readable(str(amplitude.attrs.get("units", "")))
     values = np.where(amplitude.values > 0, factor * amplitude.values, np.nan)
     if min(values.shape) < 2 or not np.any(np.isfinite(values)) or np.nanmax(values) <= np.nanmin(values):
-        return
-    lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors="#444444", linewidths=0.6)
+        return []
+    style: dict[str, Any] = {"linewidth": 0.6, "color": "#444444"}
+    lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors=style["color"], linewidths=style["linewidth"])
     ax.clabel(lines, fontsize=6, fmt=lambda v: f"{v:.3g} {unit}")
+    return [Line2D([], [], **style, label=str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])]
 
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:

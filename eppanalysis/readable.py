@@ -28,3 +28,10 @@ def cut(value: float, digits: int) -> float:
     digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
     # What is a whole number of digits but for rounding errors stays one.
     return math.floor(value / digit + 1e-9) * digit
+
+
+def cut_text(value: float | str, digits: int = 4) -> str:
+    """A number as text, cut to significant digits; a dash where there is none. A text stays as it is."""
+    if isinstance(value, str):
+        return value
+    return "-" if math.isnan(value) else f"{cut(value, digits):.{digits}g}"

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli import app
-from eppanalysis.guide_files import FILES, rounded
+from eppanalysis.guide_files import FILES
 from eppanalysis.guidelines import Guide, GuideRow
 from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_harmonic import Question
@@ -77,7 +77,7 @@ def test_sentences_round_to_the_safe_side(guide: Guide) -> None:
     row = dataclasses.replace(guide.rows[0], allowed=0.45977 * DEGREE)
     changed = dataclasses.replace(guide, rows=(row,))
     assert "keep backlash under 0.459 deg" in changed.sentences()[0]
-    assert rounded(changed)["largest backlash [deg]"].tolist() == ["0.4597"]
+    assert changed.rounded()["largest backlash [deg]"].tolist() == ["0.4597"]
 
 
 @given(st.floats(1e-6, 1e6), st.integers(1, 6))

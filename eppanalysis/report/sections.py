@@ -132,8 +132,8 @@ except epp.EppError as reason:
 _GUIDELINE = """\
 try:
     guide = epp.design_guide(case, [case.value("bands.range")], starts=100, branch=branch)
-    shown = guide.to_frame().round(3).replace("", None).dropna(axis="columns", how="all")
-    display(shown.T.set_axis(["this case"], axis="columns"))
+    shown = guide.rounded().T.set_axis(["this case"], axis="columns")
+    display(shown[~shown.isin(["", "-"]).all(axis="columns")])
     for sentence in guide.sentences():
         print(sentence)
 except epp.EppError as reason:
@@ -142,8 +142,9 @@ except epp.EppError as reason:
 _FULL_GUIDELINE = """\
 try:
     guide = epp.design_guide(case, {gains})
-    shown = guide.to_frame().round(3).replace("", None).dropna(axis="columns", how="all")
-    display(shown.set_index(shown.columns[0]).T.rename_axis(index=None), guide.plot())
+    shown = guide.rounded()
+    shown = shown.set_index(shown.columns[0]).T.rename_axis(index=None)
+    display(shown[~shown.isin(["", "-"]).all(axis="columns")], guide.plot())
     for sentence in guide.sentences():
         print(sentence)
 except epp.EppError as reason:
