@@ -10,8 +10,8 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.case import Case, case as shipped, shipped_cases
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 #: A section that takes longer than this hangs [s].
 LONGEST_CELL = 600
+#: A kernel that has not answered after this will not [s].
+_LONGEST_START = 120
 _LONGEST_SOCKET_FOLDER = 55
 
 
@@ -77,16 +79,9 @@ def execute(notebook: NotebookNode, what: str, progress: Callable[[int, int, str
             progress(cell_index, len(notebook.cells), headings[cell_index])
 
     with _kernel_manager() as (manager, folder):
-        client = NotebookClient(
-            notebook,
-            km=manager,
-            timeout=LONGEST_CELL,
-            resources={"metadata": {"path": folder}},
-            on_cell_start=begin,
-            shutdown_kernel="immediate",
-        )
+        client = NotebookClient(notebook, km=manager, timeout=LONGEST_CELL, on_cell_start=begin)
         try:
-            return _in_thread(client, manager)
+            return _in_thread(_execute_in(client, manager, folder))
         except (CellControlSignal, DeadKernelError, TimeoutError, RuntimeError) as error:
             raise EppError(_sentence(error, notebook, headings, what)) from error
 
@@ -103,16 +98,38 @@ def compile_kernels() -> None:
     simulate_batch(HybridStack.of([HybridSystem.from_lure(loop)], loop.signals.names), 1.0)
 
 
-def _in_thread(client: Any, manager: Any) -> NotebookNode:
-    """Execute away from the main thread, so that an interrupt from the keyboard ends the kernel and stays one."""
+async def _execute_in(client: Any, manager: Any, folder: str) -> NotebookNode:
+    """Execute in a kernel that lives as long as this, however it ends."""
+    try:
+        await manager.start_kernel(cwd=folder)
+        client.kc = manager.client()
+        client.kc.start_channels()
+        await client.kc.wait_for_ready(timeout=_LONGEST_START)
+        client.kc.allow_stdin = False
+        return await client.async_execute(cleanup_kc=False)
+    finally:
+        if client.kc is not None:
+            client.kc.stop_channels()
+        if manager.has_kernel:
+            await manager.shutdown_kernel(now=True)
+
+
+def _in_thread(work: Coroutine[Any, Any, NotebookNode]) -> NotebookNode:
+    """Work away from the main thread, so that an interrupt from the keyboard cancels it and stays one."""
+    begun: Future[tuple[asyncio.AbstractEventLoop, asyncio.Task[Any]]] = Future()
+
+    async def task() -> NotebookNode:
+        begun.set_result((asyncio.get_running_loop(), asyncio.ensure_future(work)))
+        return await begun.result()[1]
+
     with ThreadPoolExecutor(1) as pool:
-        running = pool.submit(lambda: asyncio.run(client.async_execute(cleanup_kc=True)))
+        running = pool.submit(asyncio.run, task())
         try:
             return running.result()
         except KeyboardInterrupt:
-            process = getattr(manager.provisioner, "process", None)
-            if process is not None:
-                process.kill()
+            loop, begun_work = begun.result()
+            with contextlib.suppress(RuntimeError):  # it has ended just now
+                loop.call_soon_threadsafe(begun_work.cancel)
             raise
 
 

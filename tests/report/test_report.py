@@ -223,12 +223,15 @@ def test_a_browser_that_fails_is_one_sentence(monkeypatch, folder):
     assert not (folder / "none.pdf").exists()
 
 
-def test_command_line_and_interrupt(folder):
+@pytest.mark.parametrize("after", [1.5, 2.5, 4.0])
+def test_command_line_and_interrupt(folder, after):
+    """Before the kernel is there, as it starts, and at work."""
     call = [sys.executable, "-m", "eppanalysis", "report", "fig8a_original", "-o", str(folder / "late.html")]
     running = subprocess.Popen(call, stderr=subprocess.PIPE, text=True)
-    time.sleep(4.0)
+    time.sleep(after)
     running.send_signal(signal.SIGINT)
     _, said = running.communicate(timeout=30)
-    assert running.returncode == 130, said
+    # An interrupt that met code which is made from text on import ends Python by the signal: 130 to a shell, too.
+    assert running.returncode in (130, -signal.SIGINT), said
     assert "Traceback" not in said
     assert not list(folder.glob("*late*"))
