@@ -59,7 +59,8 @@ def run_cells(
         out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
         if code != 0:
             continue
-        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, x0[c], x, rate, compared, found)
+        low, high = room.range[0], room.range[1]
+        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, low, high, rate, compared, found)
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]

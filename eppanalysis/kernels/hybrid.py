@@ -21,7 +21,9 @@ from eppanalysis.kernels.lanes import (
     any_above,
     cubics_below,
     dot,
+    lower_to,
     polynomial,
+    raise_to,
     row_sum,
     row_sum_from,
     size_sum,
@@ -89,10 +91,12 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     n, n_s = model.S.shape
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
     p, largest, recent, D, f = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
-    xd, speed, small, wide, one = room.row[4], room.row[5], room.row[6], room.row[7], room.row[8]
+    xd, speed, small, wide, one, recent_behind = (
+        room.row[4], room.row[5], room.row[6], room.row[7], room.row[8], room.row[9]
+    )  # fmt: skip
     constant, lift, g0, g1, tol = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.guard[4]
     stray, top = room.guard[5], room.guard[6]
-    held, still, end = room.held, room.still, room.end
+    held, still, end, low, high = room.held, room.still, room.end, room.range[0], room.range[1]
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
     times, rows, out = samples.times, samples.rows, samples.out
     all_samples, n_knots = samples.phases.size, model.knot_time.size
@@ -110,11 +114,12 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     code = DONE
     for i in range(8):
         stats[i] = 0.0
+    _forget(room, x, n)
     take_sizes(largest, x)
     take_sizes(recent, x)
+    take(low, x)
+    take(high, x)
     one[:] = 1.0
-    # What an earlier run left may not be a number.
-    Sg[:, :] = 0.0
     q = find_slot(model, slots, work, modes, base_step)
     if q < 0:
         return SINGULAR
@@ -131,6 +136,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             entered = True
         if stepped:
             stepped = False
+            lower_to(low, x)
+            raise_to(high, x)
             if _too_large(x):
                 code = DIVERGED
                 break
@@ -140,6 +147,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             # Back from the period that served the samples of all periods to come, to the time behind them.
             _write_rest(slots, q, x, still, Sg[0], rows, i_sample, n_samples, out)
             _copy_start(room.x, room.modes, room.H, x, modes, H)
+            take(recent, recent_behind)
             aside, t, until, i_sample, n_samples = False, t_behind, t_end, i_behind, all_samples
             origin, last_t, same_instant, quiet, armed, entered = 0.0, t, 0, 0, False, False
             q = find_slot(model, slots, work, modes, base_step)
@@ -166,7 +174,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 while slots.longs[q] <= level:
                     compile_long(slots, work, q)
                 if _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
-                    _move(x, xd, speed, g0, g1, end)
+                    _move(x, xd, speed, g0, g1, end, low, high)
                     j_grid += steps
                     t = origin + j_grid * h
                     quiet += 4
@@ -179,7 +187,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             before = j_grid
             j_grid, i_sample, why = _fast_steps(
                 slots.T[q], slots.bound[q], slots.Y[q], slots.Ys[q], x, xd, speed, g0, g1, tol, stray, end, still,
-                one, Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet,
+                one, Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet, low, high,
             )  # fmt: skip
             if j_grid > before:
                 t = origin + j_grid * h
@@ -196,6 +204,10 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             origin = t
         j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
         t1 = origin + j_grid * h
+        if t1 - t <= 1e-9 * h:
+            # Late in a long run the place on the grid is rounded.
+            j_grid += 1
+            t1 = origin + j_grid * h
         on_grid = True
         if t1 > t_stop:
             t1, on_grid = t_stop, False
@@ -273,7 +285,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 stats[5] += 1
                 same_instant = 0
                 continue
-            if count >= max_events:
+            if count >= max_events and not aside:
                 code = EVENT_LIMIT
                 break
             k = slots.guard[q, which]
@@ -306,6 +318,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                         if n_aside > 0:
                             # Their samples are taken in one more period, in the order of their phases.
                             _copy_start(x, modes, H, room.x, room.modes, room.H)
+                            take(recent_behind, recent)
                             aside, t, until, i_sample, n_samples = True, 0.0, period, all_samples, all_samples + n_aside
                         else:
                             t, i_sample = t_behind, i_behind
@@ -374,6 +387,15 @@ def _switch(model, slots, work, q, which, x, recent, H, Sg, last, u, modes, held
     return new
 
 
+@njit(**HOT)
+def _forget(room, x, n):
+    """Clear what an earlier run left, which may not be a number, and which reaches the padding of rows."""
+    for rows in (room.X, room.Y, room.Sg, room.arg, room.aux, room.row, room.guard):
+        rows[:, :] = 0.0
+    for row in (room.p, room.end, x[n:]):
+        row[:] = 0.0
+
+
 @njit(**INLINE)
 def _too_large(x):
     """Whether a state is beyond all bounds, or no number."""
@@ -430,7 +452,7 @@ def _sort_samples(samples, first, t, period, turns):
 @njit(**INLINE)
 def _fast_steps(
     T, bound, Y, Ys, x, xd, speed, g0, g1, tol, stray, end, still, one, sigma, times, rows, out,
-    origin, j, h, t, t_stop, i_sample, n_samples, quiet,
+    origin, j, h, t, t_stop, i_sample, n_samples, quiet, low, high,
 ):  # fmt: skip
     """Steps of the grid from its point j on, with the samples on it; returns the point, the next sample, why there.
 
@@ -451,7 +473,7 @@ def _fast_steps(
         row_sum(bound, speed, 1.0, stray)
         if not cubics_below(g0, g1, end[2 * wide : after], end[after:], h / 3.0, tol, stray):
             return j, i_sample, EVENT_AHEAD
-        _move(x, xd, speed, g0, g1, end)
+        _move(x, xd, speed, g0, g1, end, low, high)
         j += 1
         t = t1
         quiet += 1
@@ -476,10 +498,12 @@ def _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
 
 
 @njit(**INLINE)
-def _move(x, xd, speed, g0, g1, end):
+def _move(x, xd, speed, g0, g1, end, low, high):
     """Take over the increments of a step."""
     wide, half = x.size, g0.size
     add(x, end[:wide])
+    lower_to(low, x)
+    raise_to(high, x)
     take(xd, end[wide : 2 * wide])
     take_sizes(speed, xd)
     add(g0, end[2 * wide : 2 * wide + half])

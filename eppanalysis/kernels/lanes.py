@@ -8,6 +8,7 @@ ones halves). All rows that come here have a length that is a multiple of eight 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -233,6 +234,25 @@ def take_larger(typingctx, out, a, b):  # type: ignore[no-untyped-def]
         return _write_each(code, 3, larger)
 
     return types.none(out, a, b), write
+
+
+def _write_extreme(how, context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def chosen(out, a):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered(how, a, out), a, out)
+
+    return _write_each(_Code(context, builder, signature, args), 2, chosen)
+
+
+@intrinsic
+def lower_to(typingctx, out, a):  # type: ignore[no-untyped-def]
+    """out = min(out, a)."""
+    return types.none(out, a), partial(_write_extreme, "<")
+
+
+@intrinsic
+def raise_to(typingctx, out, a):  # type: ignore[no-untyped-def]
+    """out = max(out, a)."""
+    return types.none(out, a), partial(_write_extreme, ">")
 
 
 @intrinsic

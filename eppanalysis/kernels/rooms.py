@@ -40,7 +40,8 @@ class Room(NamedTuple):
     aux: np.ndarray
     p: np.ndarray  # ((order + 1)+,) series of a guard
     still: np.ndarray  # (y+,) constant parts of the signals
-    row: np.ndarray  # (9, n+)
+    row: np.ndarray  # (10, n+)
+    range: np.ndarray  # (2, n+) least and greatest values of the states on the way
     held: np.ndarray  # (H,)
     guard: np.ndarray  # (7, G+)
     end: np.ndarray  # (2n+ + 2G+,)
@@ -92,8 +93,8 @@ def make_room(model: Model) -> Room:
     numbers = aligned_by_name({
         "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide),
         "Sg": (ORDER + 1, n_s), "arg": (ORDER + 1, n_s), "aux": (ORDER + 1, n_s), "p": (padded(ORDER + 1),),
-        "still": (padded(model.Yx.shape[0]),), "row": (9, wide), "held": (n_H,), "guard": (7, half),
-        "end": (2 * wide + 2 * half,), "watch": (2,),
+        "still": (padded(model.Yx.shape[0]),), "row": (10, wide), "range": (2, wide), "held": (n_H,),
+        "guard": (7, half), "end": (2 * wide + 2 * half,), "watch": (2,),
         "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),
         "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,),
     })  # fmt: skip

@@ -10,10 +10,14 @@ UNDECIDED, SETTLED, CYCLE = 0, 1, 2
 CYCLE_TOLERANCE = 1e-3
 #: At rest: what would still move in the time since the last switch, relative to what moved before.
 REST_TOLERANCE = 1e-6
+#: Changes from period to period below this, relative to the cycle's size, may be rounding.
+STANDING = 1e-9
+#: Changes that grow by more than this from period to period are not.
+GROWING = 1.5
 
 
 @njit(cache=True, nogil=True)
-def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, compared, found):
+def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, found):
     """UNDECIDED, SETTLED or CYCLE from the ring of the last events.
 
     Parameters
@@ -22,8 +26,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
         Ring of events, `count` of them in all.
     t_end : float
         End of the run.
-    x_start, x_end, rate_end : arrays (n,)
-        State at the start; state and its rate at the end.
+    low, high, rate_end : arrays (n,) or longer
+        Least and greatest values of the state on the way; its rate at the end.
     compared : bool array (n,)
         States that must repeat.
     found : array (4,)
@@ -34,11 +38,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
     held = min(count, keep)
     size, rounding = np.zeros(n), np.zeros(n)
     for i in range(n):
-        low, high = min(x_start[i], x_end[i]), max(x_start[i], x_end[i])
-        for k in range(held):
-            low, high = min(low, ev_x[k, i]), max(high, ev_x[k, i])
-        size[i] = high - low
-        rounding[i] = 4e-15 * max(abs(low), abs(high))
+        size[i] = high[i] - low[i]
+        rounding[i] = 4e-15 * max(abs(low[i]), abs(high[i]))
     quiet = t_end - ev_t[(count - 1) % keep] if count > 0 else t_end
     if quiet >= 0.02 * t_end:
         rest = True
@@ -47,6 +48,9 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
                 rest = False
         if rest:
             return SETTLED
+    for i in range(n):
+        # Of the time of an event, too.
+        rounding[i] += 1e-15 * abs(ev_v[(count - 1) % keep, i]) * t_end if count > 0 else 0.0
     for p in range(1, held // 3 + 1):
         if _repeats(ev_guard, count, keep, p):
             local = np.zeros(n)
@@ -57,21 +61,44 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, x_start, x_end, rate_end, 
                     vanished = False
             if vanished:
                 return SETTLED
-            d1 = _change(ev_x, count - 1, keep, p, local, size, compared)
-            d2 = _change(ev_x, count - 1 - p, keep, p, local, size, compared)
-            ratio = d1 / d2 if d2 > 0.0 else 0.0
-            rest_change = d1 * ratio / (1.0 - ratio) if ratio < 1.0 else 1e300
-            if d1 < 1e-9 or (d1 < 0.02 and rest_change < CYCLE_TOLERANCE):
-                once = _shortest(ev_guard, ev_x, count, keep, p, local, size, compared)
-                found[0], found[3] = once, min(rest_change, max(d1, 0.0) if d1 < 1e-9 else rest_change)
-                found[2] = _change(ev_x, count - 1, keep, once, local, size, compared)
+            d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
+            rest_change = _rest_change(ev_t, ev_x, count, keep, p, local, size, compared, rounding)
+            if d1 < 0.02 and rest_change < CYCLE_TOLERANCE:
+                once = _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
+                found[0], found[3] = once, rest_change
+                found[2] = _change(ev_t, ev_x, count, 0, keep, once, local, size, compared)
                 found[1] = ev_t[(count - 1) % keep] - ev_t[(count - 1 - once) % keep]
                 return CYCLE
     return UNDECIDED
 
 
 @njit(cache=True, nogil=True)
-def _shortest(ev_guard, ev_x, count, keep, p, local, size, compared):
+def _rest_change(ev_t, ev_x, count, keep, p, local, size, compared, rounding):
+    """What all periods to come will change: a geometric series, but for what is rounding; 1e300 where it grows.
+
+    Changes that fall or grow evenly go on so, however small they are: a state that creeps back changes little in one
+    period, and a run that began on an unstable cycle leaves it from rounding.
+    """
+    d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
+    d2 = _change(ev_t, ev_x, count, p, keep, p, local, size, compared)
+    d3 = _change(ev_t, ev_x, count, 2 * p, keep, p, local, size, compared) if min(count, keep) > 3 * p else 0.0
+    since = ev_t[(count - 1) % keep]
+    noise = 4e-16 * since / (since - ev_t[(count - 1 - p) % keep] + 1e-300)
+    for i in range(local.size):
+        scale = max(local[i], 1e-6 * size[i])
+        if compared[i] and scale > 0.0:
+            noise = max(noise, rounding[i] / scale)
+    if d1 <= min(noise, STANDING):
+        return d1
+    now, before = d1 / d2 if d2 > 0.0 else 0.0, d2 / d3 if d3 > 0.0 else 0.0
+    uneven = d3 > 0.0 and abs(now - before) > 0.1 * max(now, before) and min(now, before) < GROWING
+    if d1 < STANDING and uneven:
+        return max(d1, d2, d3)
+    return d1 * now / (1.0 - now) if now < 1.0 else 1e300
+
+
+@njit(cache=True, nogil=True)
+def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     """The period among p and its parts: a part whose change is still fading is the whole.
 
     Where what fades also turns, changes from period to period do not fall evenly, and only after several periods is
@@ -79,8 +106,8 @@ def _shortest(ev_guard, ev_x, count, keep, p, local, size, compared):
     """
     for part in range(1, p // 2 + 1):
         if p % part == 0 and _repeats(ev_guard, count, keep, part):
-            now = _change(ev_x, count - 1, keep, part, local, size, compared)
-            before = _change(ev_x, count - 1 - p, keep, part, local, size, compared)
+            now = _change(ev_t, ev_x, count, 0, keep, part, local, size, compared)
+            before = _change(ev_t, ev_x, count, p, keep, part, local, size, compared)
             if now < 0.02 and now < 0.5 * before:
                 return part
     return p
@@ -110,9 +137,17 @@ def _range(ev_t, ev_x, ev_v, count, keep, p, out):
 
 
 @njit(cache=True, nogil=True)
-def _change(ev_x, last, keep, p, local, size, compared):
-    """Largest change over the period before event `last`, relative to the cycle's size, or a trace of the run's."""
-    worst = 0.0
+def _change(ev_t, ev_x, count, back, keep, p, local, size, compared):
+    """Largest change over the period that ended `back` events ago, relative to the cycle's size.
+
+    That of the period itself counts, too: what creeps towards rest may return ever later to the very same states.
+    """
+    last, worst = count - 1 - back, 0.0
+    if back + 2 * p < min(count, keep):
+        now = ev_t[last % keep] - ev_t[(last - p) % keep]
+        before = ev_t[(last - p) % keep] - ev_t[(last - 2 * p) % keep]
+        if now + before > 0.0:
+            worst = abs(now - before) / max(now, before)
     for i in range(local.size):
         if not compared[i]:
             continue

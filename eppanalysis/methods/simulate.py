@@ -39,7 +39,7 @@ _LARGEST_STATE = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What one call of the kernel left: signals, ring of events, end."""
+    """What one call of the kernel left: signals, ring of events, least and greatest values of the states, end."""
 
     code: int
     samples: Array
@@ -50,6 +50,8 @@ class Run:
     rate: Array
     held_values: Array
     modes: NDArray[np.int64]
+    low: Array
+    high: Array
     x_end: Array
     rate_end: Array
     stats: Array
@@ -175,7 +177,10 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
         )
     count = int(stats[1])
     t, guard, states, rates, held, passed = (a[: max(1, count)].copy() for a in ring)
-    return Run(code, samples.out[:, :n_y], count, t, guard, states, rates, held, passed, x[:n], rate[:n], stats)
+    low, high = room.range[:, :n].copy()
+    return Run(
+        code, samples.out[:, :n_y], count, t, guard, states, rates, held, passed, low, high, x[:n], rate[:n], stats
+    )  # fmt: skip
 
 
 class _Own(threading.local):
@@ -255,8 +260,8 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         run.rate,
         run.count,
         t_end,
-        hybrid.x0,
-        run.x_end,
+        run.low,
+        run.high,
         run.rate_end,
         hybrid.compared,
         found,

@@ -449,3 +449,87 @@ def test_a_run_in_the_rooms_of_another_model_has_the_bits_of_one_in_new_rooms(de
         for field in ("time", "state", "rate"):
             np.testing.assert_array_equal(*(getattr(r, field)[: r.count] for r in (found, expected)))
     assert compared > 20
+
+
+def test_a_run_after_one_that_has_overflown_begins_with_clean_rooms() -> None:
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [-1.0, -0.2]], [[0.0], [1.0]], [[0.0, 1.0]], [epp.Cube(1.0)], x0=[0.2, 0.0]
+    )
+    assert epp.simulate(replace(loop, x0=np.array([2.0, 0.0])), t_end=200.0).status is Status.DIVERGED
+    after = epp.simulate(loop, t_end=200.0)
+    assert after.status is Status.SETTLED and after.t[-1] == 200.0
+
+
+@pytest.mark.parametrize("level", [0.1, 1.0])
+def test_the_end_of_a_long_run_does_not_decide_its_verdict(level: float) -> None:
+    """A run that has closed is carried over its periods; behind them it goes on from the very state that it had."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.Relay(-level, level), x0=[1.0, 1.0, 1.0])
+    for t_end in np.linspace(50.0, 2000.0, 60).tolist():
+        run = epp.simulate(loop, t_end=t_end, t_eval=np.linspace(0.0, t_end, 301))
+        assert run.status is Status.LIMIT_CYCLE
+        assert np.all(np.diff([e.time for e in run.events]) > 0.1)
+
+
+def test_a_run_that_has_closed_ends_at_its_event_limit_with_the_signals_until_then() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay(), x0=[1.0, 1.0, 1.0])
+    times = np.linspace(0.0, 1000.0, 1001)
+    short, whole = (epp.simulate(loop, t_end=1000.0, t_eval=times, max_events=n) for n in (120, 200_000))
+    assert short.status is Status.EVENT_LIMIT and len(short.events) == 120
+    assert short.t[-1] <= short.provenance["statistics"]["time_reached"] < short.t[-1] + 1.0
+    assert short.t[-1] > short.events[-1].time
+    np.testing.assert_allclose(short.signals["x"], whole.signals["x"][: short.t.size], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["fig8a_original", "relay_deadzone"])
+@pytest.mark.parametrize("periods", [3.3, 4.0, 5.0])
+def test_a_run_that_leaves_an_unstable_cycle_from_rounding_is_on_no_cycle(name: str, periods: float) -> None:
+    case = epp.case(name)
+    system, final = case.to_system(), case.final_input()
+    (cycle,) = epp.find_limit_cycles(system, final).unstable
+    rest = {n: Constant(final[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+    run = epp.simulate(replace(system, x0=cycle.state, memory=cycle.memory), rest, t_end=periods * cycle.period)
+    assert run.status is Status.UNDECIDED
+
+
+def test_error_estimate_counts_a_state_that_creeps_back() -> None:
+    """Beside a fast cycle, a state of a million seconds changes by next to nothing in one period."""
+    fast = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    A, B, C = np.zeros((4, 4)), np.vstack([fast.B, [[1.0]]]), np.hstack([fast.C, [[0.0]]])
+    A[:3, :3], A[3, 3] = fast.A, -1e-6
+    slow = epp.LureSystem.build(A, B, C, [epp.Relay()], x0=[0.2, 0.1, 0.05, 0.0])
+    (cycle,) = epp.find_limit_cycles(slow)
+    away = cycle.state + np.array([0.0, 0.0, 0.0, 1e-4])
+    found = epp.simulate(replace(slow, x0=away), t_end=120.0).limit_cycle
+    size = cycle.peak_to_peak["relay_output"] / 2.0 * cycle.period / 2.0
+    assert found.error_estimate > 0.5 * 1e-4 / size
+
+
+@pytest.mark.parametrize("t_end", [1000.0, 3000.0, 10000.0])
+def test_ever_longer_intervals_are_no_period(t_end: float) -> None:
+    """Play behind an integrator creeps from side to side ever more slowly."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Play(2.0), x0=[0.0, 3.0])
+    assert epp.simulate(loop, t_end=t_end).status is Status.UNDECIDED
+
+
+def test_a_motion_without_events_is_measured_on_its_way() -> None:
+    """The states that begin and end at zero have moved in between."""
+    loop = epp.LureSystem.from_tf(([6.0], np.poly([-0.5, -2.0, -3.0])), epp.Saturation(), x0=[0.0, 0.0, 0.01])
+    run = epp.simulate(loop, t_end=100.0)
+    assert not run.events and run.status is Status.SETTLED
+
+
+@pytest.mark.parametrize("t_end", [100.0, 200.0, 300.0])
+def test_a_damped_smooth_motion_settles_however_small_it_has_become(t_end: float) -> None:
+    A, B, push = [[0.0, 1.0], [0.0, -0.5]], [[0.0], [-1.0]], [0.0, 0.2]
+    loop = epp.LureSystem.build(A, B, [[1.0, 0.0]], [epp.Sine(1.0)], constant_state=push, x0=[0.5, 0.0])
+    run = epp.simulate(loop, t_end=t_end)
+    assert run.status is Status.SETTLED
+    assert run.settled_at["sine_input"] == pytest.approx(math.asin(0.2), abs=1e-9)
+
+
+def test_grid_of_a_run_that_has_come_far_in_time() -> None:
+    """At ten million steps the place on the grid is rounded to more than a billionth of a step."""
+    loop = epp.LureSystem.from_tf(([2.0, 4.0, 2.0], [1.0, 0.0, 0.0, 0.0]), epp.Saturation(), x0=[0.7, 0.7, 0.7])
+    hybrid = HybridSystem.from_lure(loop)
+    run = run_hybrid(hybrid, 5.5e7, np.empty(0), 2.0 * hybrid.time_scale, 60_000, 600)
+    assert np.all(np.isfinite(run.x_end))
