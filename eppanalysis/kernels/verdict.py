@@ -10,6 +10,8 @@ UNDECIDED, SETTLED, CYCLE = 0, 1, 2
 CYCLE_TOLERANCE = 1e-3
 #: At rest: what would still move in the time since the last switch, relative to what moved before.
 REST_TOLERANCE = 1e-6
+#: No cycle has vanished behind which something moves by more than this, relative to what moved before.
+GONE = 1e-3
 #: Changes from period to period below this, relative to the cycle's size, may be rounding.
 STANDING = 1e-9
 #: Changes that grow by more than this from period to period are not.
@@ -55,9 +57,10 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         if _repeats(ev_guard, count, keep, p):
             local = np.zeros(n)
             _range(ev_t, ev_x, ev_v, count, keep, p, local)
+            since = max(quiet, ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep])
             vanished = True
             for i in range(n):
-                if compared[i] and local[i] > REST_TOLERANCE * size[i]:
+                if compared[i] and (local[i] > REST_TOLERANCE * size[i] or abs(rate_end[i]) * since > GONE * size[i]):
                     vanished = False
             if vanished:
                 return SETTLED
@@ -91,9 +94,11 @@ def _rest_change(ev_t, ev_x, count, keep, p, local, size, compared, rounding):
     if d1 <= min(noise, STANDING):
         return d1
     now, before = d1 / d2 if d2 > 0.0 else 0.0, d2 / d3 if d3 > 0.0 else 0.0
-    uneven = d3 > 0.0 and abs(now - before) > 0.1 * max(now, before) and min(now, before) < GROWING
-    if d1 < STANDING and uneven:
-        return max(d1, d2, d3)
+    if d3 > 0.0 and abs(now - before) > 0.1 * max(now, before):
+        if d1 < STANDING and min(now, before) < GROWING:
+            return max(d1, d2, d3)
+        # A fall from one period to the next proves nothing; what turns as it fades falls and grows by turns.
+        now = max(now, before) if before < 1.0 else np.sqrt(now * before) if before < 3.0 else 1.0
     return d1 * now / (1.0 - now) if now < 1.0 else 1e300
 
 

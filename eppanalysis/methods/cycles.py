@@ -44,6 +44,10 @@ _MOST_EVENTS = 60_000
 _ENOUGH_EVENTS = 600
 #: Change of a state over a period, relative to its motion on a cycle, that is rest, and that is a slow drift.
 _STILL, _DRIFT = 1e-6, 1e-2
+#: What has come so far, relative to the cycles and to its start, and still moves, does not come back.
+_FAR = 1e6
+#: Events that show how much what piles up still moves, and what is little, relative to the whole run.
+_PILE, _PILED = 64, 1e-3
 #: Times as long is looked at once more for a slow cycle.
 _LATE = 100.0
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
@@ -357,15 +361,13 @@ class _Search:
             run = self._run(start, t)
             status, facts = judge(start, run, t)
             if status is Status.SETTLED:
-                if self.rest is None:
-                    self.rest = run.x_end, (run.held_values[run.order[-1]] if run.held else start.H0)
-                return "rest"
+                return self._rested(start, run)
             if status is Status.LIMIT_CYCLE:
                 return self._recognise(start, run, float(facts[1]))
             if status is Status.DIVERGED:
                 return "leaves"
             if status is Status.EVENT_LIMIT:
-                break
+                return self._rested(start, run) if _died_out(start, run) else "undecided"
             if fades(start, run, t, self.horizon, self._sizes()):
                 return self._late_cycle(start, t) or "rest"
             known = self._recognise(start, run, None)
@@ -374,7 +376,19 @@ class _Search:
             if turn >= 3 and run.count > _ENOUGH_EVENTS:
                 break
             t *= 3.0
-        return "undecided"
+        return "leaves" if self._has_gone(start, run, t) else "undecided"
+
+    def _rested(self, start: HybridSystem, run: Run) -> str:
+        """Keep where the first run rests that does."""
+        if self.rest is None:
+            self.rest = run.x_end, (run.held_values[run.order[-1]] if run.held else start.H0)
+        return "rest"
+
+    def _has_gone(self, start: HybridSystem, run: Run, t: float) -> bool:
+        """Whether a run is far beyond all cycles and goes on; what integrators pile up never gets beyond all bounds."""
+        n = start.n_plant
+        here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
+        return bool(np.any((here > _FAR * size) & (size > 0) & (np.abs(run.rate_end[:n]) * t > 0.5 * here)))
 
     def _tell(self) -> None:
         """How far the search is."""
@@ -456,6 +470,10 @@ class _Search:
         centre[self.hybrid.n_plant :] = x0[self.hybrid.n_plant :]
         if np.any(x0 != centre):
             rays.append((centre, x0 - centre, self.hybrid.H0))
+        reach = np.zeros_like(x0)
+        reach[: self.hybrid.n_plant] = _reach_of_elements(self.system)
+        if np.any(reach):
+            rays.append((centre, reach, self.hybrid.H0))
         return rays
 
     def _ray_to(self, orbit: Orbit) -> tuple[Array, Array, Array]:
@@ -518,6 +536,15 @@ class _Search:
         return False
 
 
+def _died_out(start: HybridSystem, run: Run) -> bool:
+    """Whether switches pile up while what still moves between them dwindles."""
+    size = np.where(run.high > run.low, run.high - run.low, np.inf)
+    before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max() for part in (
+        run.order[:_PILE], run.order[-_PILE:],
+    ))  # fmt: skip
+    return bool(now <= _PILED and now < before)
+
+
 def fades(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
     """Nothing moves any more but for rounding, or what moves drifts ever more slowly through a band without gain.
 
@@ -531,8 +558,21 @@ def fades(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) 
     size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
     if t - _last_motion(start, run, _STILL * size) < 0.3 * t:
         return False
-    speed = np.abs(run.rate_end)[start.compared] * horizon / 40.0
-    return bool(np.all(speed <= (_STILL if t < 9.0 * horizon else _DRIFT) * size))
+    rate = np.abs(run.rate_end)[start.compared]
+    # What grows is faster at its end than on the way.
+    if np.any(rate * t > 2.0 * size + np.abs(run.x_end)[start.compared] * _STILL):
+        return False
+    return bool(np.all(rate * horizon / 40.0 <= (_STILL if t < 9.0 * horizon else _DRIFT) * size))
+
+
+def _reach_of_elements(system: LureSystem) -> Array:
+    """A state that puts every element's first input at its largest threshold, or where a constant puts it at rest."""
+    rows = [s.start for s in system.input_slices]
+    wanted = [
+        max([*np.abs(np.atleast_1d(e.thresholds())), abs(float(system.constant_input[row]))], default=0.0) or 1.0
+        for e, row in zip(system.elements, rows, strict=True)
+    ]
+    return np.asarray(np.linalg.pinv(system.C[rows]) @ np.array(wanted))
 
 
 def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:

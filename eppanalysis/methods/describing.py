@@ -85,7 +85,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     [(1.414214, 0.212207, True)]
     """
     require_system(system, "predict_limit_cycles")
-    value = _input_vector(system, input_value)
+    value = system.input_vector(input_value)
     with np.errstate(all="ignore"):
         if not system.elements:
             raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
@@ -107,16 +107,6 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         margins=Deferred(partial(linear_margins, system)),
         provenance={"system": system.name, "input": dict(zip(system.input_names, value.tolist(), strict=True))},
     )
-
-
-def _input_vector(system: LureSystem, given: Mapping[str, float] | None) -> Array:
-    value = np.array(system.v0, float)
-    for name, number in (given or {}).items():
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
-        value[system.input_names.index(name)] = number
-    return value
 
 
 def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:

@@ -167,8 +167,7 @@ def frozen_nyquist(
     True
     """
     require_system(system, "frozen_nyquist")
-    value = np.array([(inputs or {}).get(n, v) for n, v in zip(system.input_names, system.v0, strict=True)], float)
-    loop = Loop.of(system, value)
+    loop = Loop.of(system, system.input_vector(inputs))
     Z = inputs_of(loop, cycle)
     rows = loop.rows.tolist()
     amplitude, bias = {}, {}

@@ -36,16 +36,11 @@ def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = 
     ModelError
         If an input is unknown, or what is given names none.
     """
-    if not isinstance(input_value, Mapping | None):
-        raise ModelError(f"{system.name}: input_value is {input_value!r}; expected a steady value by name of input.")
+    value = system.input_vector(input_value)
     if system.time_step:
         raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
-    motions = {}
-    for name, value in (input_value or {}).items():
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
-        motions[name] = Constant(value - float(system.v0[system.input_names.index(name)]))
+    steps = zip(system.input_names, (value - system.v0).tolist(), strict=True)
+    motions = {name: Constant(step) for name, step in steps if step}
     return require_autonomous(HybridSystem.from_lure(system, motions))
 
 

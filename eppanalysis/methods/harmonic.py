@@ -133,13 +133,7 @@ def balances_of(
 
 def _begin(system: LureSystem, guess: LimitCycle, input_value: Mapping[str, float] | None) -> tuple[Loop, _Point]:
     """The loop with its inputs at their values, and the guess as its start."""
-    value = np.array(system.v0, float)
-    for name, number in (input_value or {}).items():
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name}: there is no input {name!r}; expected one of: {known}.")
-        value[system.input_names.index(name)] = number
-    loop = Loop.of(system, value)
+    loop = Loop.of(system, system.input_vector(input_value))
     return loop, _anchored(inputs_of(loop, guess), guess.omega)
 
 

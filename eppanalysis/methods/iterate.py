@@ -16,13 +16,20 @@ from eppanalysis.results import LimitCycle, Status, Trajectory
 Array = NDArray[np.float64]
 
 
-def iterate(system: LureSystem, input: Motion | Mapping[str, Motion] | None, t_end: float) -> Trajectory:
-    """Run a discrete-time loop up to `t_end`; signals at every sample.
+#: How near a time must be to a whole number of samples, in samples.
+_WHOLE = 1e-6
+
+
+def iterate(
+    system: LureSystem, input: Motion | Mapping[str, Motion] | None, t_end: float, t_eval: Array | None = None
+) -> Trajectory:
+    """Run a discrete-time loop up to `t_end`; signals at every sample, or at those that `t_eval` names.
 
     Raises
     ------
     ModelError
-        If elements feed each other without a delay of at least one sample in a circle, or an input is unknown.
+        If elements feed each other without a delay of at least one sample in a circle, an input is unknown, or a dead
+        time or a time of `t_eval` is no whole number of samples.
     """
     step = float(system.time_step or 1.0)
     n = round(t_end / step) + 1
@@ -38,7 +45,8 @@ def iterate(system: LureSystem, input: Motion | Mapping[str, Motion] | None, t_e
             v[:, i] += motions[name].value(t)
     order = _cascade_order(system)
     x, memory = system.x0.copy(), list(system.memory)
-    lag = np.round(system.delays / step).astype(int)
+    lag = _samples(system, "a dead time", system.delays)
+    shown = slice(None) if t_eval is None else _samples(system, "a time of t_eval", t_eval)
     W = np.zeros((n, system.B.shape[1]))
     X = np.zeros((n, x.size))
     for k in range(n):
@@ -53,15 +61,33 @@ def iterate(system: LureSystem, input: Motion | Mapping[str, Motion] | None, t_e
     facts = provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = _cycle(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     return Trajectory(
-        t=t,
-        signals=signals,
+        t=t[shown],
+        signals={k: y[shown] for k, y in signals.items()},
         events=(),
         status=status,
         limit_cycle=cycle,
         settled_at={k: float(y[-1]) for k, y in signals.items()} if status is Status.SETTLED else {},
+        settled_since=_since(t, X, period) if status.ok else float("nan"),
         units=dict(zip(s.names, s.units or [""] * len(s.names), strict=True)),
         provenance=facts,
     )
+
+
+def _samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int64]:
+    """Times as numbers of samples."""
+    step = float(system.time_step or 1.0)
+    counts = np.round(times / step)
+    for time in times[np.abs(times / step - counts) > _WHOLE].tolist():
+        raise ModelError(f"{system.name}: {what} is {time:g} s; expected a whole number of samples of {step:g} s.")
+    return np.asarray(counts, np.int64)
+
+
+def _since(t: Array, X: Array, period: int) -> float:
+    """From when on the state is where it rests, or where it is one period later, to a millionth of its motion."""
+    later = X[period:] if period else X[-1:]
+    away = np.abs(X[: len(X) - period] - later) > 1e-6 * np.ptp(X, axis=0)
+    moving = np.flatnonzero(np.any(away, axis=1))
+    return float(t[moving[-1] + 1]) if moving.size else 0.0
 
 
 def _cascade_order(system: LureSystem) -> list[int]:
@@ -120,7 +146,8 @@ def _cycle(signals: dict[str, Array], period: int, step: float, change: float, f
     harmonics = {}
     for name, y in last.items():
         c = np.fft.rfft(y) / period
-        c[1:] *= 2.0
+        # An even number of samples has one at the highest frequency that is its own mirror image.
+        c[1 : (period + 1) // 2] *= 2.0
         harmonics[name] = c
     return LimitCycle(
         method="simulation",

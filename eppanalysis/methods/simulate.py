@@ -100,7 +100,7 @@ def simulate(
     Raises
     ------
     EppError
-        If `t_end` or `t_eval` is not valid.
+        If `t_end`, `t_eval` or `step` is not valid.
     ModelError
         If the loop has no unique solution.
 
@@ -115,11 +115,13 @@ def simulate(
     require_system(system, "simulate")
     if not (np.isfinite(t_end) and t_end > 0):
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
+    if step is not None and not (np.isfinite(step) and step > 0):
+        raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
     times = _sample_times(t_end, t_eval)
     if system.time_step:
         from eppanalysis.methods.iterate import iterate
 
-        return iterate(system, input, t_end)
+        return iterate(system, input, t_end, None if t_eval is None else times)
     hybrid = HybridSystem.from_lure(system, motions_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
     run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS)

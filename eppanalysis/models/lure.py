@@ -9,9 +9,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -95,7 +95,6 @@ class LureSystem:
     time_step: float | None = None
     state_names: tuple[str, ...] = ()
     name: str = "loop"
-    metadata: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def build(
@@ -126,7 +125,8 @@ class LureSystem:
         Raises
         ------
         ModelError
-            If shapes do not fit or a number is not finite.
+            If shapes or lengths do not fit, a number is not finite, two elements have one name, or a dead time or the
+            sample time is negative.
         """
         A = np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
@@ -135,20 +135,17 @@ class LureSystem:
         A = A.reshape(n, n)
         nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
 
-        def array(label: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
-            out = np.zeros(shape) if values is None else np.array(values, float)
-            if out.size == int(np.prod(shape)):
-                out = out.reshape(shape)
-            if out.shape != shape:
-                raise ModelError(f"{name}: {label} has shape {out.shape}; expected {shape}.")
-            if not np.all(np.isfinite(out)):
-                raise ModelError(f"{name}: {label} holds a number that is not finite.")
-            out.flags.writeable = False
-            return out
-
-        labels = tuple(element_names or (type(e).__name__.lower() for e in elements))
+        array = partial(_checked_array, name)
+        labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
+        starts = tuple(memory) if memory is not None else (None,) * len(elements)
+        _require_names(name, labels, len(elements))
+        _require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
+        _require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
+        waits = array("delays", delays, (nw,))
+        _require(name, "delays", waits.tolist(), bool(np.all(waits >= 0)), "zero or positive numbers")
         if signals is None:
-            signals = _element_signals(elements, labels, array("C", C, (nz, n)), array("D", D, (nz, nw)), nv)
+            rows = array("C", C, (nz, n)), array("D", D, (nz, nw)), array("D_input", D_input, (nz, nv))
+            signals = _element_signals(elements, labels, *rows, array("constant_input", constant_input, (nz,)))
         return cls(
             A=array("A", A, (n, n)),
             B=array("B", B, (n, nw)),
@@ -164,8 +161,8 @@ class LureSystem:
             constant_input=array("constant_input", constant_input, (nz,)),
             x0=array("x0", x0, (n,)),
             v0=array("v0", v0, (nv,)),
-            memory=tuple(memory) if memory is not None else (None,) * len(elements),
-            delays=array("delays", delays, (nw,)),
+            memory=starts,
+            delays=waits,
             time_step=time_step,
             state_names=tuple(state_names or (f"x{i}" for i in range(n))),
             name=name,
@@ -201,7 +198,8 @@ class LureSystem:
         Raises
         ------
         ModelError
-            If the transfer function is improper or G is not single-input single-output.
+            If the transfer function is improper, G is not single-input single-output, `delay` is negative, or
+            `feedback` is neither -1 nor 1.
 
         Examples
         --------
@@ -238,8 +236,9 @@ class LureSystem:
         Raises
         ------
         ModelError
-            If no block is an element, or sample times differ.
+            If no block is an element, sample times differ, or `feedback` is neither -1 nor 1.
         """
+        _require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")
         elements = [b for b in blocks if isinstance(b, Nonlinearity)]
         if not elements:
             raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
@@ -263,7 +262,7 @@ class LureSystem:
             )
         single = ("x", "y") if len(elements) == 1 else None
         labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
-        signals = _element_signals(elements, labels, C, D, 0, single)
+        signals = _element_signals(elements, labels, C, D, np.zeros((len(C), 0)), np.zeros(len(C)), single)
         return cls.build(
             A,
             B,
@@ -278,6 +277,24 @@ class LureSystem:
             time_step=steps.pop() if steps else None,
             name=name,
         )
+
+    def input_vector(self, given: Mapping[str, float] | None = None) -> Array:
+        """External inputs, shape (nv,), with the values given by name and the operating point's elsewhere.
+
+        Raises
+        ------
+        ModelError
+            If an input is unknown.
+        """
+        if not isinstance(given, Mapping | None):
+            raise ModelError(f"{self.name}: input_value is {given!r}; expected a steady value by name of input.")
+        value = np.array(self.v0, float)
+        for name, number in (given or {}).items():
+            if name not in self.input_names:
+                known = ", ".join(self.input_names) or "none"
+                raise ModelError(f"{self.name}: there is no input {name!r}; expected one of: {known}.")
+            value[self.input_names.index(name)] = number
+        return value
 
     @cached_property
     def input_slices(self) -> tuple[slice, ...]:
@@ -335,15 +352,35 @@ class LureSystem:
         s = np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega, complex)
         return omega, s, np.asarray(s[..., None, None] * np.eye(self.A.shape[0]) - self.A, complex)
 
-    def with_elements(self, elements: Sequence[Nonlinearity]) -> LureSystem:
-        """The same linear part closed by other elements, in the same places."""
-        return replace(self, elements=tuple(elements))
-
     def to_control(self) -> control.StateSpace:
         """The linear part from ``w`` to ``z`` as a python-control system (without dead time)."""
         import control
 
         return control.ss(self.A, self.B, self.C, self.D, *([self.time_step] if self.time_step else []))
+
+
+def _require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
+    if not holds:
+        raise ModelError(f"{name}: {what} is {given!r}; expected {expected}.")
+
+
+def _require_names(name: str, labels: tuple[str, ...], count: int) -> None:
+    """One name for each element, and no name twice: signals are found by them."""
+    fits = len(labels) == count and len(set(labels)) == count
+    _require(name, "element_names", list(labels), fits, f"{count} different names, one for each element")
+
+
+def _checked_array(name: str, label: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    """An array of a shape, zeros by default; a single row or column may be given as a list of numbers."""
+    out = np.zeros(shape) if values is None else np.array(values, float)
+    if out.size == int(np.prod(shape)) and (out.ndim < len(shape) and 1 in shape or not out.size):
+        out = out.reshape(shape)
+    if out.shape != shape:
+        raise ModelError(f"{name}: {label} has shape {out.shape}; expected {shape}.")
+    if not np.all(np.isfinite(out)):
+        raise ModelError(f"{name}: {label} holds a number that is not finite.")
+    out.flags.writeable = False
+    return out
 
 
 def _unique(names: list[str]) -> list[str]:
@@ -360,30 +397,30 @@ def _element_signals(
     labels: Sequence[str],
     C: Array,
     D: Array,
-    nv: int,
+    D_input: Array,
+    constant: Array,
     single: tuple[str, str] | None = None,
 ) -> SignalMap:
     """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one)."""
     names: list[str] = []
-    rows_c, rows_d = [], []
-    nw = D.shape[1]
+    rows_c, rows_d, rows_v, constants = [], [], [], []
+    nw, nv = D.shape[1], D_input.shape[1]
     inputs, outputs = _slices([e.n_inputs for e in elements]), _slices([e.n_outputs for e in elements])
     for label, zs, ws in zip(labels, inputs, outputs, strict=True):
         names.append(single[0] if single else f"{label}_input")
         rows_c.append(C[zs.start])
         rows_d.append(D[zs.start])
+        rows_v.append(D_input[zs.start])
+        constants.append(constant[zs.start])
         for j in range(ws.start, ws.stop):
             many = ws.stop - ws.start > 1
             names.append(single[1] if single else f"{label}_output{j - ws.start + 1 if many else ''}")
             rows_c.append(np.zeros(C.shape[1]))
             rows_d.append(np.eye(nw)[j])
+            rows_v.append(np.zeros(nv))
+            constants.append(0.0)
     return SignalMap(
-        tuple(names),
-        np.array(rows_c),
-        np.array(rows_d),
-        np.zeros((len(names), nv)),
-        np.zeros(len(names)),
-        ("",) * len(names),
+        tuple(names), np.array(rows_c), np.array(rows_d), np.array(rows_v), np.array(constants), ("",) * len(names)
     )
 
 

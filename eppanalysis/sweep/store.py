@@ -187,12 +187,13 @@ _PARTS = {
     "axes": "other axes",
     "verbs": "another run",
     "variables": "other variables",
+    "signals": "other signals",
     "version": "another version of eppanalysis",
 }
 
 
 def identity(task: Task, design: Design) -> dict[str, Any]:
-    """What makes a sweep the same sweep: case, input, axes, verbs, variables, version."""
+    """What makes a sweep the same sweep: case, input, axes, verbs, variables, signals, version."""
     from eppanalysis import __version__
 
     facts = task.case.provenance()
@@ -213,6 +214,7 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "axes": axes,
         "verbs": list(task.verbs),
         "variables": list(task.variables()),
+        "signals": list(task.signals),
         "version": __version__,
     }
 
@@ -224,7 +226,7 @@ def _difference(key: str, held: Any, wanted: Any) -> str:
         if not names:
             return ""
         return f" ({', '.join(n.partition('/')[2] for n in names)})" if names else ""
-    if key in ("version", "verbs"):
+    if key in ("version", "verbs", "signals"):
         return f" ({held if isinstance(held, str) else ', '.join(held or [])})"
     return ""
 

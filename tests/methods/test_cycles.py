@@ -202,3 +202,54 @@ def test_stick_slip_far_slower_than_the_linear_part_is_found():
     assert cycle.stable and mirrored.stable
     assert cycle.period == pytest.approx(run.limit_cycle.period, rel=1e-9) == mirrored.period
     assert cycle.period > 100.0 / np.abs(np.linalg.eigvals(loop.A)).min()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_a_loop_that_starts_at_zero_and_has_no_prediction_is_searched_nevertheless(scale: float) -> None:
+    """A thermostat: first order has no cycle, but the temperature saws between the thresholds.
+
+    Warming from 1 - 0.1 to 1 + 0.1 towards 2 and cooling back towards 0, with a time constant of 5 s.
+    """
+    relay = epp.HysteresisRelay(-0.1 * scale, 0.1 * scale, 0.0, 1.0)
+    loop = epp.LureSystem.build([[-0.2]], [[0.4 * scale]], [[-1.0]], [relay], constant_input=[scale])
+    (cycle,) = epp.find_limit_cycles(loop)
+    assert cycle.stable
+    assert cycle.period == pytest.approx(5.0 * 2.0 * np.log(1.1 / 0.9), rel=1e-10)
+
+
+def test_starts_reach_beyond_the_elements_limits() -> None:
+    """An unstable plant in a saturated loop comes back from within 3 and not from beyond."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(([3.0], [1.0, -1.0]), epp.Saturation(), x0=[0.1]))
+    assert search.status is Status.CONVERGED and not search.cycles
+    assert search.rests and search.diverges
+
+
+@pytest.mark.parametrize(
+    ("plant", "element"),
+    [
+        (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
+    ],
+)
+def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element) -> None:
+    """Of second order without zeros: the relay's describing function never meets the locus, and no cycle exists."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, element))
+    assert search.status is Status.CONVERGED and not search.cycles
+    assert search.rests and not search.diverges
+
+
+def test_integrators_that_run_away_leave() -> None:
+    """Conditionally stable: within the unstable cycle the motion comes to rest, beyond it piles up for ever."""
+    loop = epp.LureSystem.from_tf(([2.0, 4.0, 2.0], [1.0, 0.0, 0.0, 0.0]), epp.Saturation())
+    search = epp.find_limit_cycles(loop)
+    (cycle,) = search
+    assert not cycle.stable and cycle.omega == pytest.approx(0.932901, abs=1e-6)
+    assert search.status is Status.CONVERGED and search.rests and search.diverges
+
+
+def test_growth_is_no_rest() -> None:
+    """With dead time beyond ln 2 nothing holds this plant: what is far away and grows does not rest."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, -1.0]), epp.Relay(), delay=0.75))
+    assert search.diverges and not search.cycles
+    assert np.all(np.abs(search.rest_state) <= 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import control
 import numpy as np
 import pytest
 
@@ -129,3 +130,30 @@ def test_a_cycle_of_seven_turns_is_one_period():
     (mean_period,) = [p.value for p in case.expected.published if "period" in p.quantity]
     assert cycle.period / 7 == pytest.approx(mean_period, rel=2e-4)
     assert math.isclose(cycle.frequency, 1 / 211)
+
+
+def test_harmonics_of_an_even_number_of_samples_add_up_to_the_motion():
+    """The highest frequency of two samples, +1 and -1, is there once and not twice."""
+    turning = epp.LureSystem.from_tf(control.tf([1.0], [1.0, 0.0], 1.0), epp.Relay(), x0=[1.0])
+    cycle = epp.simulate(turning, t_end=50.0).limit_cycle
+    assert cycle.period == 2.0
+    k, c = np.arange(2), cycle.harmonics["x"]
+    series = sum((c[j] * np.exp(2j * np.pi * j * k / 2)).real for j in range(len(c)))
+    np.testing.assert_allclose(np.abs(series), 1.0, atol=1e-12)
+
+
+def test_times_of_samples_only():
+    fading = epp.LureSystem.from_tf(control.tf([0.5], [1.0, -0.5], 0.1), epp.DeadZone(), x0=[1.0])
+    whole, few = epp.simulate(fading, t_end=10.0), epp.simulate(fading, t_end=10.0, t_eval=[0.0, 0.5, 5.0])
+    np.testing.assert_allclose(few.t, [0.0, 0.5, 5.0])
+    np.testing.assert_array_equal(few.signals["x"], whole.signals["x"][[0, 5, 50]])
+    # Halved twenty times, one is less than a millionth.
+    assert whole.settled_since == pytest.approx(2.0)
+    with pytest.raises(ModelError, match=r"a time of t_eval is 5.03 s; expected a whole number of samples of 0.1 s"):
+        epp.simulate(fading, t_end=10.0, t_eval=[0.0, 5.03])
+
+
+def test_dead_time_between_samples_is_refused():
+    late = epp.LureSystem.from_tf(control.tf([1.0], [1.0, -1.6, 0.8], 0.1), epp.Relay(), delay=0.14)
+    with pytest.raises(ModelError, match=r"a dead time is 0.14 s; expected a whole number of samples of 0.1 s"):
+        epp.simulate(late, t_end=10.0)

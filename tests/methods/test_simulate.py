@@ -533,3 +533,9 @@ def test_grid_of_a_run_that_has_come_far_in_time() -> None:
     hybrid = HybridSystem.from_lure(loop)
     run = run_hybrid(hybrid, 5.5e7, np.empty(0), 2.0 * hybrid.time_scale, 60_000, 600)
     assert np.all(np.isfinite(run.x_end))
+
+
+@pytest.mark.parametrize("step", [-0.01, 0.0, math.nan, math.inf])
+def test_step_must_be_positive(step: float) -> None:
+    with pytest.raises(EppError, match=f"step is {step}; expected a positive number of seconds"):
+        epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), step=step)

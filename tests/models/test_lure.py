@@ -121,3 +121,43 @@ def test_a_case_in_place_of_its_system_is_one_sentence():
     for verb in (epp.simulate, epp.predict_limit_cycles, epp.find_limit_cycles):
         with pytest.raises(epp.EppError, match=r"the first argument is a Case; expected a LureSystem; its to_system"):
             verb(case)
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"delays": [0.0, -0.3]}, r"delays is \[0.0, -0.3\]; expected zero or positive numbers"),
+        ({"time_step": -1.0}, "time_step is -1.0; expected a positive number or None"),
+        ({"memory": [1.0]}, r"memory is \(1.0,\); expected 2, one for each element"),
+        ({"element_names": ["a"]}, r"element_names is \['a'\]; expected 2 different names"),
+        ({"element_names": ["a", "a"]}, r"element_names is \['a', 'a'\]; expected 2 different names"),
+        ({"C": np.ones((3, 2))}, r"C has shape \(3, 2\); expected \(2, 3\)"),
+    ],
+)
+def test_what_would_be_taken_for_something_else_is_refused(fields, sentence):
+    given = {"A": -np.eye(3), "B": np.ones((3, 2)), "C": np.ones((2, 3)), "elements": [epp.Relay(), epp.Relay()]}
+    with pytest.raises(ModelError, match=sentence):
+        epp.LureSystem.build(**(given | fields))
+
+
+@pytest.mark.parametrize("feedback", [0, 5])
+def test_feedback_is_a_sign(feedback):
+    with pytest.raises(ModelError, match=f"feedback is {feedback}; expected -1 or 1"):
+        epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay(), feedback=feedback)
+
+
+def test_equal_elements_have_signals_of_their_own():
+    loop = epp.LureSystem.build(-np.eye(2), np.eye(2), np.eye(2), [epp.Relay(), epp.Relay()])
+    assert loop.signals.names == ("relay_1_input", "relay_1_output", "relay_2_input", "relay_2_output")
+
+
+def test_automatic_signals_are_the_elements_inputs_with_their_constants():
+    """A thermostat: the relay's input is the set point less the temperature."""
+    loop = epp.LureSystem.build(
+        [[-0.2]], [[0.4]], [[-1.0]], [epp.HysteresisRelay(-0.1, 0.1, 0.0, 1.0)],
+        constant_input=[1.0], D_input=[[0.5]], input_names=["change"], x0=[0.5],
+    )  # fmt: skip
+    (cycle,) = epp.find_limit_cycles(loop)
+    assert cycle.mean["hysteresisrelay_input"] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(cycle.waveform["hysteresisrelay_input"]).max() == pytest.approx(0.1, rel=1e-9)
+    np.testing.assert_array_equal(loop.signals.D_input[:, 0], [0.5, 0.0])

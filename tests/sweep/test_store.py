@@ -248,3 +248,11 @@ def test_blocks_are_no_larger_than_asked_for(shape, chunk) -> None:
     blocks = block_shape(shape, chunk)
     assert len(blocks) == len(shape)
     assert 1 <= np.prod(blocks) <= chunk
+
+
+def test_a_sweep_of_another_signal_is_another_sweep(tmp_path) -> None:
+    """Variables are named alike for whatever signal is the main one."""
+    axes = {"lock_pin.backlash": "1:3:2:deg"}
+    sweep(CASE, axes, store=tmp_path / "map.zarr", signals="theta", progress=False)
+    with pytest.raises(EppError, match=r"holds a sweep with other signals \(theta\)"):
+        sweep(CASE, axes, store=tmp_path / "map.zarr", signals="sensor_force", progress=False)
