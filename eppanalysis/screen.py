@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from eppanalysis.readable import readable
+from eppanalysis.readable import quantity, readable
 
 if TYPE_CHECKING:
     import pandas
@@ -72,6 +72,17 @@ def knocks_table(knocks: Sequence[Knock]) -> Table:
         size = "nothing tried starts one" if none else _number(knock.size * factor)
         table.add_row(_with_unit(knock.name, unit), size, _number(knock.tried * factor))
     return table
+
+
+def knock_text(knock: Knock) -> str:
+    """What one knock does, in a sentence."""
+    unit = _KNOCKED.get(knock.name, "")
+    if math.isnan(knock.size):
+        return f"knock: {knock.name}: nothing up to {quantity(knock.tried, unit, 6)} starts a cycle."
+    return (
+        f"knock: {knock.name} by {quantity(knock.starts, unit, 9)} starts a cycle; "
+        f"{quantity(knock.settles, unit, 9)} settles."
+    )
 
 
 def provenance_table(facts: Mapping[str, Any]) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,18 @@ def test_a_wrong_file_is_refused_before_anything_is_computed(tmp_path: Path) -> 
 def test_cycles_as_json() -> None:
     (case,) = json.loads(run("cycles", "sat_am165", "--json").stdout)["cases"]
     assert [c["stable"] for c in case["result"]["cycles"]] == [True]
+
+
+def test_cycles_are_in_units_that_people_read() -> None:
+    output = run("cycles", "fig8a_original").output
+    assert "theta 4.3941249 deg peak to peak" in output and "rad " not in output
+
+
+def test_a_branch_is_in_units_that_people_read() -> None:
+    output = run(
+        "branch", "wheelchair", "--over", "play.gap", "--from", "12 mm", "--to", "10 mm", "--points", "8"
+    ).output
+    assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
 
 
 def test_picture_of_all_cycles() -> None:
