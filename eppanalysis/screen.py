@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 #: SI units of what an elbow is knocked at; the inputs and states of other loops have none.
 _KNOCKED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
+#: How to read an estimate that says no more than that it cannot tell.
+_BEYOND = (
+    "estimated error > 100 %: the harmonics that first order neglects would move this cycle by as much as its own "
+    "size, so the estimate cannot say how wrong it is, and the cycle may be close all the same or not exist; "
+    "compare it with the exact ones (validate, cycles)."
+)
+
 
 def parameters_table(case: Case) -> Table:
     """Every value of a case with where it comes from."""
@@ -134,6 +141,8 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         for c in cycles:
             cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
         table.add_row(_with_unit(name, unit), *cells)
+    if any(c.error_estimate > 1.0 for c in cycles):
+        table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
     return table
 
 
@@ -183,10 +192,10 @@ def rungs_table(ladder: Ladder) -> Table:
 
 
 def _error(share: float | None) -> str:
-    """A relative error: in per cent, or as a power of ten when it is small."""
+    """A relative error in per cent, with a power of ten when it is small."""
     if share is None or math.isnan(share):
         return "-"
-    return _signed_percent(share) if abs(share) >= 1e-4 else f"{share:+.0e}" if share else "0"
+    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else _signed_percent(share)
 
 
 def frame_table(frame: pandas.DataFrame) -> Table:
