@@ -58,6 +58,7 @@ def test_a_branch_is_in_units_that_people_read() -> None:
 def test_picture_of_all_cycles() -> None:
     found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system())
     left, right = found.plot().axes
+    assert found.plot().get_suptitle() == "relay_deadzone: 1 stable and 1 unstable limit cycles"
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["unstable, 0.1211 Hz", "stable, 0.158 Hz"]
     # The waveform begins where its fundamental rises through zero; here it is odd, so it begins at zero.
     assert abs(left.lines[1].get_ydata()[0]) < 0.05 * found[1].peak_to_peak["x"]
