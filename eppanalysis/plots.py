@@ -321,7 +321,7 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         face, size = (GREEN, 7) if cycle.stable else ("none", 11)
         name = next(iter(cycle.harmonics))
         unit, factor = readable(cycle.units.get(name, ""))
-        swing = f"{name} amplitude {factor * cycle.amplitude(name):.3g} {unit}"
+        swing = f"{name.replace('_', ' ')} amplitude {factor * cycle.amplitude(name):.3g} {unit}"
         text = f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {swing}"
         style: dict[str, Any] = {
             "mfc": face,
