@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -18,7 +16,6 @@ import numpy as np
 import eppanalysis as epp
 from eppanalysis.case import GROUPS, Cycle
 from eppanalysis.case.expected import Published
-from eppanalysis.case.loops import ELEMENTS, element_class
 
 HERE = Path(__file__).parent
 
@@ -60,20 +57,6 @@ def cases_table() -> str:
         ["name", "kind", "title", "source"],
         ([f"`{c.name}`", c.kind, c.title, c.expected.paper or c.expected.source] for c in shipped()),
     )
-
-
-def elements_table() -> str:
-    """The elements that a case file may name, with their fields."""
-    rows = []
-    for name in ELEMENTS:
-        kind = element_class(name)
-        fields = [
-            f"`{p.name}`" if p.default is p.empty else f"`{p.name}` ({p.default})"
-            for p in inspect.signature(kind).parameters.values()
-        ]
-        says = (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
-        rows.append([f"`{name}`", ", ".join(fields), re.sub(r"`+([^`]*)`+", r"`\1`", says)])
-    return markdown(["element", "fields (default)", "what it does"], rows)
 
 
 def sources_table() -> str:
@@ -312,7 +295,6 @@ def python_control() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "cases": cases_table,
-    "elements": elements_table,
     "sources": sources_table,
     "truth_table": truth_table,
     "textbook_prediction": textbook_prediction,

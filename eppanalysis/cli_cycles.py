@@ -31,6 +31,7 @@ def cycles(
     from eppanalysis.export import check_target, cycle_table, write_result
     from eppanalysis.methods.cycles import find_limit_cycles
     from eppanalysis.methods.knock import knock
+    from eppanalysis.screen import knock_text
 
     if output is not None:
         check_target(output)
@@ -44,7 +45,7 @@ def cycles(
     else:
         _show_cycles(found, search)
         for hit in hits:
-            typer.echo(f"knock: {hit.name} by {hit.size:.6g} (SI) starts a cycle; {hit.settles:.6g} settles.")
+            typer.echo(knock_text(hit))
     if output is not None:
         write_result(search, lambda result: cycle_table(result.cycles), output)
 
@@ -77,6 +78,8 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:
+    from eppanalysis.readable import quantity
+
     n = len(search)
     typer.secho(f"{case.name}: {case.title}", bold=True)
     typer.echo(f"{n or 'no'} limit cycle{'' if n == 1 else 's'}. {search.status.value} Sought with {search.search}")
@@ -85,7 +88,7 @@ def _show_cycles(case: Case, search: CycleSearch) -> None:
         kind = "stable  " if cycle.stable else "unstable"
         typer.echo(
             f"  {kind}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  {name} "
-            f"{cycle.peak_to_peak[name]:.8g} {cycle.units[name]} peak to peak  {cycle.stability_criterion}"
+            f"{quantity(cycle.peak_to_peak[name], cycle.units[name], 8)} peak to peak  {cycle.stability_criterion}"
         )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.readable import readable
+from eppanalysis.results import Status
 
 if TYPE_CHECKING:
     from eppanalysis.methods.continuation import Branch
@@ -37,10 +38,41 @@ _STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 #: More marks than these merge into a bar that says nothing.
 _MOST_MARKS = 300
 _PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
+#: What varies by less than this share of itself is a constant, whose digits are rounding errors.
+_CONSTANT = 1e-6
+#: Half height of the axis around a constant, relative to it.
+_AROUND = 0.05
+#: What a system is called that was given no name.
+_UNNAMED = "loop"
+#: What the shaded part of a run is.
+_STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
+
+
+def with_name(text: str, provenance: Mapping[str, Any]) -> str:
+    """A title with the case or the system in front that a result is of, where its provenance tells."""
+    settings, case = provenance.get("settings"), provenance.get("case")
+    case = case.get("case") if isinstance(case, Mapping) else case
+    system = provenance.get("system") or (settings.get("system") if isinstance(settings, Mapping) else None)
+    # A loop that nobody named has no name to show; a dollar would begin a formula.
+    name = str(case or ("" if system in (None, _UNNAMED) else system)).replace("$", r"\$")
+    return f"{name}: {text}" if name and text else name or text
+
+
+def show_constant(ax: Axes, *curves: Array) -> None:
+    """Draw what is constant but for rounding as a flat line, on an axis around it; no axis counts from an offset."""
+    ax.ticklabel_format(axis="y", useOffset=False)
+    values = np.concatenate([np.ravel(curve) for curve in curves] or [np.zeros(0)])
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max()) if values.size else 0.0
+    if largest > 0.0 and np.ptp(values) < _CONSTANT * largest:
+        middle = float(values.mean())
+        ax.set_ylim(middle - _AROUND * largest, middle + _AROUND * largest)
 
 
 def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None) -> Figure:
     """Signals against time, one panel each; grey marks at the foot are events, shaded is where the run is steady.
+
+    Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -57,18 +89,26 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     figure, panels = _panels(len(names))
     times = np.array([event.time for event in trajectory.events])
     for name, ax in zip(names, panels, strict=True):
-        ax.plot(trajectory.t, trajectory.signals[name], color=BLUE, linewidth=1.0)
-        ax.set_ylabel(_label(name, trajectory.units))
+        label, factor = _shown(name, trajectory.units)
+        values = factor * trajectory.signals[name]
+        ax.plot(trajectory.t, values, color=BLUE, linewidth=1.0)
+        show_constant(ax, values)
+        ax.set_ylabel(label)
         _mark_events(ax, times)
         if np.isfinite(trajectory.settled_since) and trajectory.t.size:
-            ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), color=SKY, alpha=0.18, linewidth=0)
+            steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
+            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {trajectory.settled_since:.3g} s on)"
+            ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)
     _label_time(panels, "time [s]")
-    figure.suptitle(trajectory.status.value, fontsize=10)
+    _legend_below(figure, panels[0])
+    figure.suptitle(with_name(trajectory.status.value, trajectory.provenance), fontsize=10)
     return figure
 
 
 def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) -> Figure:
     """One period of a limit cycle, one panel a signal, with its mean (dashed) and its switches (grey marks).
+
+    Angles are in degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -86,15 +126,17 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) ->
     figure, panels = _panels(len(names))
     switches = np.array([event.time for event in cycle.events if event.time <= cycle.period])
     for name, ax in zip(names, panels, strict=True):
-        ax.plot(time, waveform[name], color=BLUE, linewidth=1.2)
-        ax.axhline(cycle.mean[name], color=GREY, linewidth=0.8, linestyle="--")
-        ax.set_ylabel(_label(name, cycle.units))
-        if switches.size:
-            ax.plot(
-                switches, np.zeros_like(switches), "|", color=GREY, markersize=5, transform=ax.get_xaxis_transform()
-            )
+        label, factor = _shown(name, cycle.units)
+        values = factor * np.asarray(waveform[name])
+        ax.plot(time, values, color=BLUE, linewidth=1.2)
+        ax.axhline(factor * cycle.mean[name], color=GREY, linewidth=0.8, linestyle="--", label="mean")
+        show_constant(ax, values)
+        ax.set_ylabel(label)
+        _mark_events(ax, switches)
     _label_time(panels, "time within the period [s]")
-    figure.suptitle(f"{cycle.method}: {cycle.frequency:.4g} Hz, {_STABILITY[cycle.stable]}", fontsize=10)
+    _legend_below(figure, panels[0])
+    text = f"{cycle.method}, {cycle.frequency:.4g} Hz, {_STABILITY[cycle.stable]}"
+    figure.suptitle(with_name(text, cycle.provenance), fontsize=10)
     return figure
 
 
@@ -110,8 +152,9 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     ----------
     prediction : Prediction
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a figure of its own by default.
+        Where to draw, without the name of the case; a figure of its own by default.
     """
+    own = ax is None
     if ax is None:
         figure = Figure(figsize=(5.6, 5.0), layout="constrained")
         ax = figure.add_subplot()
@@ -122,7 +165,8 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     else:
         _draw_loop_gain(ax, prediction)
     n = len(prediction)
-    ax.set_title(f"{n or 'no'} limit cycle{'' if n == 1 else 's'} predicted", fontsize=10)
+    text = f"{n or 'no'} limit cycle{'' if n == 1 else 's'} predicted"
+    ax.set_title(with_name(text, prediction.provenance if own else {}), fontsize=10)
     return figure
 
 
@@ -144,9 +188,9 @@ def plot_ladder(ladder: Ladder) -> Figure:
     runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
     close = [figure.add_subplot(grid[n + i, 0]) for i in range(n)]
     for name, ax in zip(names, runs, strict=True):
-        unit, factor = readable(ladder.run.units.get(name, ""))
+        label, factor = _shown(name, ladder.run.units)
         ax.plot(ladder.run.t, factor * ladder.run.signals[name], color=BLUE, linewidth=0.7)
-        ax.set_ylabel(_label(name, {name: unit}))
+        ax.set_ylabel(label)
     draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
     for name, ax in zip(names, close, strict=True):
         draw(ax, ladder, name)
@@ -158,7 +202,8 @@ def plot_ladder(ladder: Ladder) -> Figure:
         ax.spines[["top", "right"]].set_visible(False)
     close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
     _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
-    figure.suptitle(textwrap.fill(ladder.verdict, 108), fontsize=9, x=0.01, ha="left")
+    text = with_name(ladder.verdict, ladder.provenance)
+    figure.suptitle(textwrap.fill(text, 108), fontsize=9, x=0.01, ha="left")
     return figure
 
 
@@ -166,7 +211,7 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     """Two periods of the run's cycle (a few swings of a long one); predicted and balanced in phase in the middle."""
     cycle = ladder.run.limit_cycle
     assert cycle is not None
-    unit, factor = readable(ladder.run.units.get(name, ""))
+    label, factor = _shown(name, ladder.run.units)
     time, waveform = _one_period(cycle)
     both = np.concatenate([time, time + cycle.period])
     ax.plot(both, factor * np.tile(waveform[name], 2), color=BLUE, linewidth=1.3, label="simulated")
@@ -179,7 +224,7 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     if ladder.swings > 2:
         half = 2.0 * cycle.period / ladder.swings
         ax.set_xlim(cycle.period - half, cycle.period + half)
-    ax.set_ylabel(_label(name, {name: unit}))
+    ax.set_ylabel(label)
 
 
 def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Array:
@@ -195,7 +240,7 @@ def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Arra
 def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
     """How a run comes to rest (all of one that does not), and the reach of the stable cycle predicted."""
     run = ladder.run
-    unit, factor = readable(run.units.get(name, ""))
+    label, factor = _shown(name, run.units)
     y = factor * run.signals[name]
     ax.plot(run.t, y, color=BLUE, linewidth=1.3, label="simulated")
     bands = []
@@ -205,7 +250,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
             middle = factor * cycle.mean[name]
             bands.append((middle - half, middle + half))
             ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
-    ax.set_ylabel(_label(name, {name: unit}))
+    ax.set_ylabel(label)
     if run.settled_at and np.ptp(y) > 0:
         edges = [abs(edge - float(y[-1])) for band in bands for edge in band]
         reach = 1.5 * max(0.02 * float(np.ptp(y)), *edges, 0.0)
@@ -226,7 +271,8 @@ def _draw_prediction(ax: Axes, prediction: Prediction | None) -> None:
 
 def _mark_events(ax: Axes, times: Array) -> None:
     if 0 < times.size <= _MOST_MARKS:
-        ax.plot(times, np.zeros_like(times), "|", color=GREY, markersize=5, transform=ax.get_xaxis_transform())
+        foot: dict[str, Any] = {"color": GREY, "markersize": 5, "transform": ax.get_xaxis_transform()}
+        ax.plot(times, np.zeros_like(times), "|", label="switch of an element", **foot)
 
 
 def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
@@ -275,9 +321,8 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         face, size = (GREEN, 7) if cycle.stable else ("none", 11)
         name = next(iter(cycle.harmonics))
         unit, factor = readable(cycle.units.get(name, ""))
-        text = (
-            f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {name} {factor * cycle.amplitude(name):.3g} {unit}"
-        )
+        swing = f"{name.replace('_', ' ')} amplitude {factor * cycle.amplitude(name):.3g} {unit}"
+        text = f"{_STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {swing}"
         style: dict[str, Any] = {
             "mfc": face,
             "mec": GREEN,
@@ -381,10 +426,18 @@ def _label_time(panels: Sequence[Axes], text: str) -> None:
     _root_figure(panels[0]).align_ylabels(panels)
 
 
-def _label(name: str, units: Mapping[str, str]) -> str:
-    unit = units.get(name, "").replace("*", "·")
+def _shown(name: str, units: Mapping[str, str]) -> tuple[str, float]:
+    """A signal's name with the unit that people read it in, and the factor to it from SI."""
+    unit, factor = readable(units.get(name, ""))
     words = name.replace("_", " ")
-    return f"{words} [{unit}]" if unit else words
+    return (f"{words} [{unit}]" if unit else words), factor
+
+
+def _legend_below(figure: Figure, ax: Axes) -> None:
+    """What the marks and shades of all panels mean, once."""
+    handles, texts = ax.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
 
 
 def _root_figure(ax: Axes) -> Figure:
@@ -415,24 +468,28 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     """
     name = _chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
     x_unit, x_factor = readable(branch.unit)
-    unit, factor = readable(branch.units.get(name, ""))
+    label, factor = _shown(name, branch.units)
     value, stable = x_factor * branch.points["value"], branch.points["stable"]
     figure, panels = _panels(2, height=2.4)
+    figure.suptitle(with_name("", branch.provenance), fontsize=10)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
         y = scale * branch.points[key]
         for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
             # A piece belongs to the stability of its first point; the other kind leaves a gap.
             piece = (stable == kind) | np.append(False, stable[:-1] == kind)
-            ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
+            if np.any(piece):
+                ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
         for special in branch.special:
             height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
             _mark_special(ax, special.kind, x_factor * special.value, scale * height)
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
+            y = np.append(y, runs[1])
+        show_constant(ax, y)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
-        ax.set_ylabel("frequency [Hz]" if key == "frequency" else _label(name, {name: unit}) + "\npeak to peak")
+        ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
         words = branch.parameter.replace("_", " ").replace(".", " ")
         ax.set_xlabel(f"{words} [{x_unit}]" if x_unit else words)
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
-from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, with_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 _MOST_BARS = 14
 _SMALLEST_BAR = 5e-4
 _GAIN, _LIMIT = "bands.range", "lock_pin.backlash"
+#: Regions of a design from below, told apart by their hatching as well as by colour.
+_REGIONS = (
+    ("free of limit cycles", GREEN, ""),
+    ("guarded by an unstable cycle", ORANGE, "//"),
+    ("oscillates from rest", VERMILLION, "xx"),
+)
 
 
 def label(name: str, unit: str) -> str:
@@ -161,11 +167,14 @@ def plot_regions(guide: Guide) -> Figure:
     for ax, (variant, rows) in zip(axes.flat, groups.items(), strict=False):
         _draw_regions(ax, guide, rows)
         parts = [f"{label(n, '')} {guide.case.text(n, v, 4)}" for n, v in zip(guide.varied, variant, strict=True)]
-        ax.set_title(", ".join(parts) or guide.case.name, fontsize=8)
+        ax.set_title(", ".join(parts), fontsize=8)
     for ax in list(axes.flat)[len(groups) :]:
         ax.set_axis_off()
+    figure.suptitle(with_name("backlash over gain", {"case": guide.case.name}), fontsize=10)
     handles, texts = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+    # Three columns are wider than a single panel.
+    wide = 2 if columns == 1 else 3
+    figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=wide, frameon=False)
     return figure
 
 
@@ -183,9 +192,10 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
     over, (free, rest) = x, (bound, middle)
     if x.size == 1:
         over, (free, rest) = x * np.array([0.96, 1.04]), (np.repeat(y, 2) for y in (bound, middle))
-    ax.fill_between(over, 0.0, free, color=GREEN, alpha=0.25, linewidth=0, label="free of limit cycles")
-    ax.fill_between(over, free, rest, color=ORANGE, alpha=0.3, linewidth=0, label="guarded by an unstable cycle")
-    ax.fill_between(over, rest, top, color=VERMILLION, alpha=0.35, linewidth=0, label="oscillates from rest")
+    edges = (np.zeros(over.size), free, rest, np.full(over.size, top))
+    for i, (text, colour, hatch) in enumerate(_REGIONS):
+        style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
+        ax.fill_between(over, edges[i], edges[i + 1], **style, linewidth=0, label=text)
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
     done = np.array([row.cell.verified for row in rows])
     circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": BLUE}

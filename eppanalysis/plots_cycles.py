@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, with_name
 from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
     """
     figure = Figure(figsize=(8.4, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    figure.suptitle(_title(search), fontsize=10)
+    figure.suptitle(with_name(_title(search), search.provenance), fontsize=10)
     for ax in (left, right):
         ax.spines[["top", "right"]].set_visible(False)
     if not len(search):
@@ -96,4 +96,4 @@ def _title(search: CycleSearch) -> str:
         return "no limit cycle"
     counts = [f"{len(c)} {kind}" for c, kind in ((search.stable, "stable"), (search.unstable, "unstable")) if c]
     shown = f", the smallest {_MOST} shown" if len(search) > _MOST else ""
-    return f"limit cycles: {' and '.join(counts)}{shown}"
+    return f"{' and '.join(counts)} limit cycle{'' if len(search) == 1 else 's'}{shown}"

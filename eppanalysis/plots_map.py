@@ -10,10 +10,11 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from eppanalysis.errors import EppError
-from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, show_constant, with_name
 from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
@@ -31,8 +32,11 @@ _FEW = 60
 _MOST_CONTOURS, _MOST_SLICES = 6, 6
 #: The outcomes as thin lines: as in the map, but dark enough to be seen.
 _PARALLEL_COLOURS = (GREY, SKY, VERMILLION, "#000000")
+_PARALLEL_LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-.", ":", "-", "--")
 #: Lines of slices by method.
 _DASHES: dict[str, Literal["-", "--", ":"]] = {"run": "-", "predicted": "--", "exact": ":"}
+#: A marker at every cell, for a curve may be broken on both sides of one.
+_MARKERS = {"run": ".", "predicted": "x", "exact": "+"}
 
 
 def plot_design_map(
@@ -64,7 +68,7 @@ def plot_design_map(
         Boundaries of :func:`eppanalysis.outcome_boundary` and :func:`eppanalysis.fold_boundary`, or curves by their
         name in the legend, in SI units.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a figure of its own by default.
+        Where to draw, without the name of the case; a figure of its own by default.
 
     Raises
     ------
@@ -89,6 +93,7 @@ def plot_design_map(
     if ax is None:
         figure: Any = Figure(figsize=(6.2, 4.6), layout="constrained")
         ax = figure.add_subplot()
+        figure.suptitle(_name(dataset), fontsize=9)
     else:
         figure = ax.figure
     (across, x_label), (up, y_label) = (_readable(plane, name) for name in (x, y))
@@ -108,6 +113,11 @@ def plot_design_map(
     if places:
         ax.set_title(places, fontsize=8, loc="right", pad=22)
     return figure
+
+
+def _name(dataset: xarray.Dataset) -> str:
+    """The case that was swept, as a title."""
+    return with_name("", {"case": dataset.attrs.get("case")})
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -177,8 +187,6 @@ def _edges(centres: np.ndarray) -> np.ndarray:
 
 def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArray) -> list[Any]:
     """Lines of equal amplitude, with what they are lines of for the legend."""
-    from matplotlib.lines import Line2D
-
     unit, factor = readable(str(amplitude.attrs.get("units", "")))
     values = np.where(amplitude.values > 0, factor * amplitude.values, np.nan)
     if min(values.shape) < 2 or not np.any(np.isfinite(values)) or np.nanmax(values) <= np.nanmin(values):
@@ -191,8 +199,6 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:
     """Dashed line round the cells with a stable cycle."""
-    from matplotlib.lines import Line2D
-
     inside = np.asarray(outcome.values == 2, float)
     if min(inside.shape) < 2 or inside.min() == inside.max():
         return []
@@ -268,8 +274,7 @@ def plot_slices(
     panels[-1].set_xlabel(label)
     _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
     places = ", ".join(f"{d.replace('_', ' ')} = {_place(dataset, d, i)}" for d, i in others.items())
-    if places:
-        figure.suptitle(places, fontsize=8, x=0.99, ha="right")
+    figure.suptitle(", ".join(filter(None, (_name(dataset), places))), fontsize=9)
     return figure
 
 
@@ -287,13 +292,26 @@ def _slice_colours(n: int) -> list[Any]:
 
 def _slices(ax: Axes, plane: xarray.Dataset, across: np.ndarray, by: str | None, names: Sequence[str]) -> None:
     places = _chosen_places(plane, by)
+    drawn = []
     for colour, place in zip(_slice_colours(len(places)), places, strict=True):
+        cells = plane if by is None else plane.isel({by: place})
         for name in names:
-            line = plane[name] if by is None else plane[name].isel({by: place})
-            _, factor = readable(str(line.attrs.get("units", "")))
+            _, factor = readable(str(cells[name].attrs.get("units", "")))
             method = _method(name)
-            marker = "." if method == "run" else ""
-            ax.plot(across, factor * line.values, color=colour, linestyle=_DASHES[method], marker=marker, linewidth=1.3)
+            outcome = cells.get("outcome" if method == "run" else f"{method}_outcome")
+            drawn.append(factor * cells[name].values)
+            x, y = _broken(across, drawn[-1], None if outcome is None else outcome.values)
+            style: dict[str, Any] = {"color": colour, "linestyle": _DASHES[method], "linewidth": 1.3}
+            ax.plot(x, y, **style, marker=_MARKERS[method], markersize=5)
+    show_constant(ax, *drawn)
+
+
+def _broken(x: np.ndarray, y: np.ndarray, outcome: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """A curve that is broken where the outcome changes: between rest and a cycle there is a jump, no slope."""
+    if outcome is None:
+        return x, y
+    jumps = np.flatnonzero(np.diff(outcome)) + 1
+    return np.insert(np.asarray(x, float), jumps, 0.5 * (x[jumps - 1] + x[jumps])), np.insert(y, jumps, np.nan)
 
 
 def _method(name: str) -> str:
@@ -301,8 +319,6 @@ def _method(name: str) -> str:
 
 
 def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequence[str]) -> None:
-    from matplotlib.lines import Line2D
-
     places = _chosen_places(plane, by)
     handles = []
     if by is not None:
@@ -311,7 +327,8 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
             handles.append(Line2D([], [], color=colour, label=f"{words} {_place(plane, by, place)}"))
     methods = list(dict.fromkeys(map(_method, names)))
     if len(methods) > 1:
-        handles += [Line2D([], [], color=GREY, linestyle=_DASHES[m], label=m) for m in methods]
+        style: dict[str, Any] = {"color": GREY, "markersize": 5}
+        handles += [Line2D([], [], linestyle=_DASHES[m], marker=_MARKERS[m], label=m, **style) for m in methods]
     if handles:
         ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
 
@@ -319,9 +336,9 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
 def plot_parallel(
     dataset: xarray.Dataset, variables: Sequence[str] = ("amplitude", "frequency"), *, most: int = 2000
 ) -> Figure:
-    """Parallel coordinates: a line for each cell through its parameters and its results, coloured by outcome.
+    """Parallel coordinates: a line for each cell through its parameters and its results, by outcome.
 
-    For more than two axes, and for samples. What oscillates is drawn on top.
+    For more than two axes, and for samples. What oscillates is drawn solid and on top, what settles dotted.
 
     Parameters
     ----------
@@ -362,15 +379,14 @@ def plot_parallel(
     for code in sorted(np.unique(cells).tolist(), key=lambda c: words[c] == "oscillates"):
         rows = shares[cells == code]
         lines = [np.column_stack([np.arange(row.size), row])[np.isfinite(row)] for row in rows]
-        style: dict[str, Any] = {
-            "colors": _PARALLEL_COLOURS[code],
-            "linewidths": 0.8,
-            "alpha": min(1.0, 0.25 + 20.0 / len(lines)),
-        }
-        ax.add_collection(LineCollection(lines, **style))
-        handles.append(Patch(facecolor=_PARALLEL_COLOURS[code], label=f"{words[code]} ({len(rows)})"))
+        colour, dashes = _PARALLEL_COLOURS[code], _PARALLEL_LINES[code]
+        opacity = min(1.0, 0.25 + 20.0 / len(lines))
+        ax.add_collection(LineCollection(lines, colors=colour, linewidths=0.8, linestyles=dashes, alpha=opacity))
+        text = f"{words[code]} ({len(rows)})"
+        handles.append(Line2D([], [], color=colour, linewidth=1.8, linestyle=dashes, label=text))
     _parallel_axes(ax, low, high, labels)
-    ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    ax.legend(handles=handles, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
+    figure.suptitle(_name(dataset), fontsize=9)
     if dataset[outcome].size > cells.size:
         ax.set_title(f"{cells.size} of {dataset[outcome].size} cells", fontsize=8, loc="right")
     return figure

@@ -21,6 +21,29 @@ def readable(unit: str) -> tuple[str, float]:
     return READABLE.get(unit, (unit.replace("*", "·"), 1.0))
 
 
+def written(unit: str) -> str:
+    """Unit to show in place of an SI unit, spelled as files and options take it.
+
+    Examples
+    --------
+    >>> written("m"), written("N*m")
+    ('mm', 'N*m')
+    """
+    return READABLE.get(unit, (unit, 1.0))[0]
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """An SI value as people read it, with its unit.
+
+    Examples
+    --------
+    >>> quantity(0.0069992, "m")
+    '6.999 mm'
+    """
+    shown, factor = readable(unit)
+    return f"{value * factor:.{digits}g} {shown}".rstrip()
+
+
 def cut(value: float, digits: int) -> float:
     """A number cut to significant digits: what may be had, rounded to the safe side."""
     if not (value > 0 and math.isfinite(value)):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from eppanalysis.readable import readable
+from eppanalysis.readable import quantity, readable
 
 if TYPE_CHECKING:
     import pandas
@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 
 #: SI units of what an elbow is knocked at; the inputs and states of other loops have none.
 _KNOCKED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
+
+#: How to read an estimate that says no more than that it cannot tell.
+_BEYOND = (
+    "estimated error > 100 %: the harmonics that first order neglects would move this cycle by as much as its own "
+    "size, so the estimate cannot say how wrong it is, and the cycle may be close all the same or not exist; "
+    "compare it with the exact ones (validate, cycles)."
+)
 
 
 def parameters_table(case: Case) -> Table:
@@ -74,6 +81,17 @@ def knocks_table(knocks: Sequence[Knock]) -> Table:
     return table
 
 
+def knock_text(knock: Knock) -> str:
+    """What one knock does, in a sentence."""
+    unit = _KNOCKED.get(knock.name, "")
+    if math.isnan(knock.size):
+        return f"knock: {knock.name}: nothing up to {quantity(knock.tried, unit, 6)} starts a cycle."
+    return (
+        f"knock: {knock.name} by {quantity(knock.starts, unit, 9)} starts a cycle; "
+        f"{quantity(knock.settles, unit, 9)} settles."
+    )
+
+
 def provenance_table(facts: Mapping[str, Any]) -> Table:
     """Where a result comes from, one fact a row; parameters have a table of their own."""
     table = _table("", "", numbers=False)
@@ -123,6 +141,8 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         for c in cycles:
             cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
         table.add_row(_with_unit(name, unit), *cells)
+    if any(c.error_estimate > 1.0 for c in cycles):
+        table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
     return table
 
 
@@ -172,10 +192,10 @@ def rungs_table(ladder: Ladder) -> Table:
 
 
 def _error(share: float | None) -> str:
-    """A relative error: in per cent, or as a power of ten when it is small."""
+    """A relative error in per cent, with a power of ten when it is small."""
     if share is None or math.isnan(share):
         return "-"
-    return _signed_percent(share) if abs(share) >= 1e-4 else f"{share:+.0e}" if share else "0"
+    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else _signed_percent(share)
 
 
 def frame_table(frame: pandas.DataFrame) -> Table:

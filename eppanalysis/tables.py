@@ -54,11 +54,10 @@ class ShownTable:
             for row in rows
         ]
         lines = "\n".join(f"<tr>{row}</tr>" for row in body)
-        return (
-            f'<table class="eppanalysis">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{lines}\n</tbody>\n</table>'
-            if any(str(column.header) for column in columns)
-            else f'<table class="eppanalysis">\n<tbody>\n{lines}\n</tbody>\n</table>'
-        )
+        above = f"<thead><tr>{head}</tr></thead>\n" if any(str(column.header) for column in columns) else ""
+        note = html.escape(str(self.content.caption)) if self.content.caption else ""
+        below = f'<caption style="caption-side: bottom; text-align: left">{note}</caption>\n' if note else ""
+        return f'<table class="eppanalysis">\n{below}{above}<tbody>\n{lines}\n</tbody>\n</table>'
 
 
 def _cell(kind: str, text: str, justify: str) -> str:

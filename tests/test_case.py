@@ -426,6 +426,14 @@ def test_with_values_that_are_refused(values: dict[str, object], field: str, exp
     assert caught.value.field == field and expected in caught.value.expected and caught.value.source == "--set"
 
 
+def test_values_of_a_loop_are_shown_as_people_write_them() -> None:
+    chair = case("wheelchair")
+    assert str(chair.parameters["play.gap"]) == "12 mm" and chair.text("play.gap", 0.0069992) == "6.9992 mm"
+    assert chair.value("play.gap") == 0.012 and chair.unit("play.gap") == ("m", "mm")
+    turned = chair.with_values({"play.gap": "1 deg"})
+    assert str(turned.parameters["play.gap"]) == "1 deg" and turned.readable("play.gap")[0] == "deg"
+
+
 def test_si_and_text() -> None:
     found = case("fig8a_original")
     assert found.si("lock_pin.backlash", "0.6 deg") == pytest.approx(np.radians(0.6))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -42,9 +43,22 @@ def test_cycles_as_json() -> None:
     assert [c["stable"] for c in case["result"]["cycles"]] == [True]
 
 
+def test_cycles_are_in_units_that_people_read() -> None:
+    output = run("cycles", "fig8a_original").output
+    assert "theta 4.3941249 deg peak to peak" in output and "rad " not in output
+
+
+def test_a_branch_is_in_units_that_people_read() -> None:
+    output = run(
+        "branch", "wheelchair", "--over", "play.gap", "--from", "12 mm", "--to", "10 mm", "--points", "8"
+    ).output
+    assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
+
+
 def test_picture_of_all_cycles() -> None:
     found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system())
     left, right = found.plot().axes
+    assert found.plot().get_suptitle() == "relay_deadzone: 1 stable and 1 unstable limit cycles"
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["unstable, 0.1211 Hz", "stable, 0.158 Hz"]
     # The waveform begins where its fundamental rises through zero; here it is odd, so it begins at zero.
     assert abs(left.lines[1].get_ydata()[0]) < 0.05 * found[1].peak_to_peak["x"]

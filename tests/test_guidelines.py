@@ -94,6 +94,15 @@ def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
     assert len(widths) == 3 and min(widths) > 0.1
 
 
+def test_regions_are_told_apart_without_colour_and_named(guide: Guide) -> None:
+    figure = guide.plot()
+    assert len({area.get_hatch() for area in figure.axes[0].collections}) == 3
+    assert figure.get_suptitle() == "fig8a_original: backlash over gain"
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
+
+
 @pytest.mark.parametrize("suffix", FILES)
 def test_every_format_is_written(guide: Guide, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"guide{suffix}"

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.plots import plot_ladder, plot_limit_cycle, plot_nyquist, plot_trajectory
+from eppanalysis.methods.continuation import Branch
+from eppanalysis.plots import plot_branch, plot_ladder, plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results import Status
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
@@ -23,9 +24,16 @@ def labels(figure):
 def test_trajectory_has_one_panel_a_signal_with_its_unit():
     run = trajectory()
     figure = plot_trajectory(run)
-    assert labels(figure) == ["theta [rad]", "voltage [V]"]
+    assert labels(figure) == ["theta [deg]", "voltage [V]"]
     assert figure.axes[-1].get_xlabel() == "time [s]"
-    np.testing.assert_array_equal(figure.axes[0].lines[0].get_ydata(), run.signals["theta"])
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), np.degrees(run.signals["theta"]))
+    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), run.signals["voltage"])
+
+
+@pytest.mark.parametrize(("status", "shade"), [(Status.SETTLED, "at rest"), (Status.LIMIT_CYCLE, "on the limit cycle")])
+def test_marks_and_shades_of_a_run_are_explained(status, shade):
+    (legend,) = plot_trajectory(trajectory(status)).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["switch of an element", f"{shade} (from 0.5 s on)"]
 
 
 @pytest.mark.parametrize("status", list(Status))
@@ -47,7 +55,10 @@ def test_unknown_signal_is_one_sentence():
 def test_cycle_without_waveform_is_drawn_from_its_harmonics():
     figure = plot_limit_cycle(cycle())
     time, theta = figure.axes[0].lines[0].get_data()
-    np.testing.assert_allclose(theta, 0.8 + 0.05 * np.cos(4 * np.pi * np.asarray(time)), atol=1e-14)
+    np.testing.assert_allclose(theta, np.degrees(0.8 + 0.05 * np.cos(4 * np.pi * np.asarray(time))), atol=1e-12)
+    assert labels(figure) == ["theta [deg]", "voltage [V]"]
+    assert figure.axes[0].lines[1].get_ydata()[0] == pytest.approx(np.degrees(0.8))
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mean", "switch of an element"]
 
 
 def test_nyquist_marks_every_cycle_where_the_response_has_its_frequency():
@@ -58,6 +69,8 @@ def test_nyquist_marks_every_cycle_where_the_response_has_its_frequency():
     for mark in marks:
         np.testing.assert_allclose([mark.get_xdata()[0], mark.get_ydata()[0]], [-2.5, 0.0])
     assert [mark.get_markerfacecolor() for mark in marks] == ["none", "#009E73"]
+    # Tables print peak to peak: a legend says that it does not.
+    assert marks[0].get_label() == "1 unstable: 0.159 Hz, theta amplitude 60.8 deg"
     assert ax.get_xlim()[0] < -2.5 < ax.get_xlim()[1]
 
 
@@ -92,7 +105,7 @@ def test_ladder_shows_the_run_the_cycle_and_the_prediction(relay_ladder):
     np.testing.assert_array_equal(run_x.lines[0].get_ydata(), relay_ladder.run.signals["x"])
     assert nyquist.get_title() == "1 limit cycle predicted"
     # The verdict stands above, wrapped.
-    assert " ".join(figure.get_suptitle().split()) == relay_ladder.verdict
+    assert " ".join(figure.get_suptitle().split()) == f"relay_ideal_khalil79: {relay_ladder.verdict}"
 
 
 def test_predicted_cycle_lies_over_the_simulated_one_in_phase_and_size(relay_ladder):
@@ -121,6 +134,59 @@ def test_angles_are_in_degrees_in_the_ladder():
 def test_ladder_without_prediction_says_so():
     figure = plot_ladder(epp.ladder(epp.case("two_mass_damped_shaft")))
     assert [text.get_text() for text in figure.axes[-1].texts] == ["no describing function"]
+
+
+NAMED = [{"system": "my_loop"}, {"settings": {"system": "my_loop"}}, {"case": "my_loop"}, {"case": {"case": "my_loop"}}]
+
+
+@pytest.mark.parametrize("facts", NAMED)
+def test_titles_name_the_case_or_the_system(facts):
+    assert plot_trajectory(replace(trajectory(), provenance=facts)).get_suptitle().startswith("my_loop: The motion")
+    title = plot_limit_cycle(replace(cycle(), provenance=facts)).get_suptitle()
+    assert title == "my_loop: describing function, 2 Hz, stable"
+    assert plot_nyquist(replace(prediction(), provenance=facts)).axes[0].get_title() == (
+        "my_loop: 2 limit cycles predicted"
+    )
+
+
+def test_a_name_is_no_formula():
+    figure = plot_trajectory(replace(trajectory(), provenance={"case": r"a $\frac{$ case"}))
+    figure.draw_without_rendering()
+    assert figure.get_suptitle().startswith(r"a \$\frac{\$ case: ")
+
+
+def branch_of(gap: tuple[float, float], frequency: tuple[float, float], unit: str = "") -> Branch:
+    """A stable branch of two points of a loop with play."""
+    columns = {"value": gap, "period": (4.0, 4.0), "x": (2.0, 4.0), "frequency": frequency}
+    points = {name: np.array(values) for name, values in columns.items()} | {"stable": np.array([True, True])}
+    return Branch(
+        "play.gap", unit, points, (), Status.CONVERGED, "", signals=("x",), provenance={"case": "backlash_servo"}
+    )
+
+
+def test_a_branch_lists_what_is_drawn_and_is_named():
+    figure = plot_branch(branch_of((2.0, 4.0), (0.25, 0.26)))
+    assert figure.get_suptitle() == "backlash_servo"
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["stable"]
+
+
+def test_rounding_errors_of_a_constant_are_drawn_as_a_flat_line():
+    figure = plot_branch(branch_of((2.0, 4.0), (0.25, 0.25 + 1e-14)))
+    figure.draw_without_rendering()
+    ax = figure.axes[1]
+    assert ax.get_ylim() == pytest.approx((0.2375, 0.2625))
+    assert ax.yaxis.get_offset_text().get_text() == ""
+    # What changes, however little, keeps its axis.
+    low, high = plot_branch(branch_of((2.0, 4.0), (0.25, 0.2501))).axes[1].get_ylim()
+    assert high - low < 2e-4
+
+
+def test_a_run_at_rest_is_flat_from_the_begin_on():
+    run = trajectory(Status.SETTLED)
+    still = {"theta": 0.8 + 1e-15 * np.sin(np.arange(run.t.size)), "voltage": np.zeros(run.t.size)}
+    theta, voltage = plot_trajectory(replace(run, signals=still)).axes
+    assert np.ptp(theta.get_ylim()) == pytest.approx(0.1 * np.degrees(0.8))
+    assert voltage.get_ylim()[0] < 0.0 < voltage.get_ylim()[1]
 
 
 def test_pictures_leave_the_global_state_alone():

@@ -81,18 +81,38 @@ def test_slices_have_a_line_for_every_value_of_the_other_axis(grid) -> None:
     assert [ax.get_ylabel() for ax in figure.axes] == ["amplitude [deg]", "frequency [Hz]"]
     assert frequency.get_xlabel() == "lock pin backlash [deg]"
     assert texts(figure) == [f"bands range {v} lbf" for v in ("2", "2.5", "3")]
+    backlash = grid["lock_pin.backlash"].values / DEG
     for line, i in zip(amplitude.lines, range(3), strict=True):
-        np.testing.assert_allclose(line.get_ydata(), grid["amplitude"].values[i] / DEG)
+        drawn = np.asarray(line.get_ydata(), float)
+        values = grid["amplitude"].values[i] / DEG
+        np.testing.assert_allclose(drawn[np.isin(line.get_xdata(), backlash)], values)
     # Dark to light, so that the lines keep apart in print.
     brightness = [float(np.mean(line.get_color()[:3])) for line in amplitude.lines]
     assert brightness == sorted(brightness)
+
+
+def test_slices_are_broken_between_rest_and_oscillation(relays) -> None:
+    for line, name in zip(plot_slices(relays).axes[0].lines, ("", "predicted_", "exact_"), strict=True):
+        x, y = (np.asarray(values, float) for values in line.get_data())
+        assert relays[f"{name}outcome"].values.tolist() == [2, 2, 1]
+        np.testing.assert_allclose(x, [0.5, 1.0, 2.5, 4.0])
+        assert np.isnan(y[2]) and not np.any(np.isnan(y[:2]))
+        # A cell between two breaks is no line; it is seen by its marker.
+        assert line.get_marker() not in ("", "None")
+
+
+def test_pictures_name_their_case(grid, relays) -> None:
+    sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
+    names = ["predicted_amplitude", "predicted_frequency"]
+    titles = [f.get_suptitle() for f in (plot_design_map(grid), plot_slices(relays), plot_parallel(sample, names))]
+    assert titles == ["fig8a_original", "relay_deadzone", "relay_deadzone"]
 
 
 def test_slices_show_methods_beside_each_other(relays) -> None:
     figure = plot_slices(relays)
     assert texts(figure) == ["run", "predicted", "exact"]
     assert [line.get_linestyle() for line in figure.axes[0].lines] == ["-", "--", ":"]
-    np.testing.assert_allclose(figure.axes[1].lines[1].get_ydata(), relays["predicted_frequency"].values)
+    np.testing.assert_allclose(figure.axes[1].lines[1].get_ydata()[[0, 1, 3]], relays["predicted_frequency"].values)
 
 
 def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
@@ -108,6 +128,9 @@ def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
         "frequency\n[Hz]",
     ]
     settles, oscillates = ax.collections
+    # Apart without colour, in the picture and in the legend.
+    assert settles.get_linestyle() != oscillates.get_linestyle()
+    assert [line.get_linestyle() for line in ax.get_legend().get_lines()] == [":", "-"]
     n = int(np.sum(found["outcome"] == 2))
     assert len(oscillates.get_segments()) == n
     assert len(settles.get_segments()) == 16 - n

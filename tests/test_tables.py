@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import html
 import re
+from dataclasses import replace
 
 import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.knock import Knock
+from eppanalysis.screen import knock_text, rungs_table
 from tests.synthetic import cycle, prediction, trajectory
 
 
@@ -39,6 +41,30 @@ def test_knocks_are_in_units_that_people_read():
         *("theta [deg]", "0.573", "1.146"),
         *("harness_position [mm]", "nothing tried starts one", "30"),
     ]
+
+
+def test_knocks_in_sentences_too():
+    assert knock_text(Knock("theta", 0.01, 0.0099, 0.0101, 0.02)) == (
+        "knock: theta by 0.578687373 deg starts a cycle; 0.567228217 deg settles."
+    )
+    found = knock_text(Knock("harness_position", float("nan"), 0.0, float("nan"), -0.03))
+    assert found == "knock: harness_position: nothing up to -30 mm starts a cycle."
+
+
+def test_an_estimate_that_cannot_tell_is_explained_beside_the_table():
+    wrong, small = (epp.table([replace(cycle(), error_estimate=share)]) for share in (2.6, 0.02))
+    sentence = "the estimate cannot say how wrong it is"
+    assert sentence in html.unescape(wrong._repr_html_())
+    assert sentence in " ".join(str(wrong).split())
+    assert sentence not in small._repr_html_() and "cannot say" not in str(small)
+
+
+def test_errors_of_the_rungs_have_one_format():
+    ladder = epp.ladder(epp.case("relay_ideal_khalil79"))
+    (periods, sizes) = (rungs_table(ladder).columns[i] for i in (4, 5))
+    shown = [text for column in (periods, sizes) for text in column.cells]
+    assert all(text in ("exact", "-") or text.endswith(" %") for text in shown), shown
+    assert any("e-" in text for text in shown), shown
 
 
 def test_nothing_found_is_said():

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from eppanalysis.readable import written
 from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity
 
 Mark = Literal["paper", "derived", "assumed", "measured"]
@@ -190,7 +191,7 @@ class AnyQuantity(_Field):
             value, unit = parse_any(given)
         except QuantityError as error:
             raise _fail(error.expected, given) from None
-        return Parameter(value, unit, unit, mark, note, _tolerance(tolerance, value, unit))
+        return Parameter(value, unit, written(unit), mark, note, _tolerance(tolerance, value, unit))
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""

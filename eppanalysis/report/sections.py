@@ -196,7 +196,7 @@ def _map(case: Case) -> str:
         if len(names) < 2:
             return ""
         axes = {name: _around(case, name) for name in names}
-        factors = [1.0, 1.0]
+        factors = [case.readable(name)[1] for name in names]
     x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(names, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
     return _MAP.format(axes=repr(axes), mark=mark)

@@ -141,6 +141,12 @@ def test_a_shipped_case_is_named_and_a_changed_one_is_not():
     assert "case_from_text" in making.make_notebook([changed]).cells[1].source
 
 
+def test_the_star_of_a_design_map_stands_in_the_units_of_its_axes():
+    """The gap is drawn in mm, the force in N."""
+    code = sections._map(epp.case("wheelchair"))
+    assert 'plot(case.value("dead_zone.upper") * 1.0, case.value("play.gap") * 1000.0, ' in code
+
+
 def test_a_full_report_has_the_guideline_at_several_gains():
     short, long = (
         making.make_notebook([epp.case("fig8a_original")], full=full).cells[-3].source for full in (False, True)
