@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class _Commands(TyperGroup):
-    """Turns an error that the user can act on into one sentence and exit code 2."""
+    """Turns an error that the user can act on into one sentence and exit code 2, an interrupt into one and 130."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -44,6 +44,9 @@ class _Commands(TyperGroup):
         except EppError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.echo("Interrupted: nothing is kept.", err=True)
+            raise typer.Exit(130) from None
 
 
 app = typer.Typer(

@@ -108,30 +108,21 @@ def progress(what: str) -> Iterator[Callable[..., None] | None]:
     Yields
     ------
     callable or None
-
-    Raises
-    ------
-    Exit
-        On an interrupt, with code 130.
     """
-    try:
-        if not sys.stderr.isatty():
-            yield None
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(what, total=None)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
 
-            def tell(done: int, total: int | None, doing: str = "") -> None:
-                bar.update(task, completed=done, total=total, description=doing or what)
+        def tell(done: int, total: int | None, doing: str = "") -> None:
+            bar.update(task, completed=done, total=total, description=doing or what)
 
-            yield tell
-    except KeyboardInterrupt:
-        typer.echo("Interrupted: nothing is kept.", err=True)
-        raise typer.Exit(130) from None
+        yield tell
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:

@@ -9,17 +9,16 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
 from typing import Any
 
 from eppanalysis.case import Case, case_from_text
 from eppanalysis.errors import EppError
+from eppanalysis.workers import Workers
 
 #: Plain data: what jobs take and give.
 Facts = dict[str, Any]
@@ -138,22 +137,10 @@ def _quietly(job: Callable[..., Facts], args: tuple[Any, ...]) -> Facts:
 
 
 def _begin() -> None:
-    """A worker leaves the processor to the page, and interrupts to its parent."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """A worker leaves the processor to the page."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(AttributeError, OSError):
         os.nice(5)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A worker does not outlive the page's process, however that ends."""
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(0)
 
 
 class Workshop:
@@ -165,8 +152,8 @@ class Workshop:
         self._lock = threading.Lock()
 
     @staticmethod
-    def _fresh() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin)
+    def _fresh() -> Workers:
+        return Workers(1, _begin)
 
     def ask(self, job: Callable[..., Facts], args: tuple[Any, ...], then: Callable[[Facts], None]) -> Future[Facts]:
         """Have a job done; `then` is called from another thread with what it gives.
@@ -211,7 +198,4 @@ class Workshop:
     def close(self) -> None:
         """End the processes, whatever they are doing."""
         for pool in self._pools.values():
-            processes: Mapping[int, Any] = dict(getattr(pool, "_processes", None) or {})
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in processes.values():
-                process.terminate()
+            pool.end()

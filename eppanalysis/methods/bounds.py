@@ -9,9 +9,8 @@ and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +26,7 @@ from eppanalysis.methods.bounds_verify import Verification, check_verification, 
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation import Branch
 from eppanalysis.provenance import provenance
+from eppanalysis.workers import workers as worker_processes
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
 
@@ -227,7 +227,8 @@ def _cells(
         if report is not None:
             report(done, len(values))
 
-    with _pool(workers) as pool:
+    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
+    with worker_processes(workers) as pool:
         sweep = HarmonicSweep(question, each=map if pool is None else pool.map)
         for i, value in enumerate(values):
             here, bound = sweep.bound(value)
@@ -249,26 +250,6 @@ def _cells(
         for k, (ready, future) in waiting.items():
             finish(k, ready, future.result())
     return [c for c in cells if c is not None]
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[Executor | None]:
-    """Processes, or None for one worker; what has not begun is dropped on an interrupt."""
-    if workers == 1:
-        yield None
-        return
-    from multiprocessing import get_context
-
-    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    try:
-        for _ in range(workers):
-            pool.submit(cores)  # any call: the processes start while the first bound is sought
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()
 
 
 def cores() -> int:

@@ -1,0 +1,86 @@
+"""Processes that work for this one: they leave interrupts to it, and end with it however it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Workers(ProcessPoolExecutor):
+    """A pool of new processes, for functions and data that can be pickled.
+
+    Parameters
+    ----------
+    n : int
+    begin : callable, optional
+        What each does first.
+    """
+
+    def __init__(self, n: int, begin: Callable[[], None] | None = None) -> None:
+        super().__init__(n, mp_context=get_context("spawn"), initializer=_begin, initargs=(begin,))
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """As of every pool; a process that starts for it is deaf to interrupts from its first moment on."""
+        with _interrupts_wait():
+            return super().submit(fn, *args, **kwargs)
+
+    def end(self) -> None:
+        """End the processes, whatever they are doing."""
+        processes: dict[int, Any] = dict(getattr(self, "_processes", None) or {})
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in processes.values():
+            process.terminate()
+
+
+@contextmanager
+def workers(n: int) -> Iterator[Executor | None]:
+    """Processes, or None for one worker; they are ended at once where the block does not end well."""
+    if n == 1:
+        yield None
+        return
+    pool = Workers(n)
+    try:
+        for _ in range(n):
+            pool.submit(os.getpid)  # any call: the processes start while the caller has work of its own
+        yield pool
+    except BaseException:
+        pool.end()
+        raise
+    pool.shutdown()
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """An interrupt comes after the block; a process that is started in it inherits that it hears none."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker is deaf only once it has begun
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(begin: Callable[[], None] | None) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if begin is not None:
+        begin()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(0)

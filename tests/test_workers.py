@@ -1,0 +1,94 @@
+"""Processes that work for another: no interrupt reaches them, and none outlives the one that it works for."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+
+#: Three processes that sleep longer than any test; their numbers are printed one a line.
+SCRIPT = """
+import os, sys, time
+
+from eppanalysis.workers import workers
+
+def sleep(_):
+    os.write(1, f"{os.getpid()}\\n".encode())
+    time.sleep(300)
+
+if __name__ == "__main__":
+    try:
+        with workers(3) as pool:
+            list(pool.map(sleep, range(3)))
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
+        sys.exit(130)
+"""
+
+
+@pytest.fixture
+def parent(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A process with three workers, in a group of its own as a terminal makes one."""
+    script = tmp_path / "parent.py"
+    script.write_text(SCRIPT)
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    yield process
+    with contextlib.suppress(ProcessLookupError):  # what a failed test has left
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def gone(pids: list[int]) -> bool:
+    """Whether processes have ended within some seconds."""
+    for _ in range(100):
+        if not any(alive(pid) for pid in pids):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_an_interrupt_of_the_whole_group_ends_workers_without_a_word(parent: subprocess.Popen[str]) -> None:
+    pids = [int(parent.stdout.readline()) for _ in range(3)]
+    os.killpg(parent.pid, signal.SIGINT)
+    said, errors = parent.communicate(timeout=20)
+    assert (parent.returncode, said, errors) == (130, "interrupted\n", "")
+    assert gone(pids)
+
+
+def test_an_interrupt_while_workers_start_is_no_different(parent: subprocess.Popen[str]) -> None:
+    children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
+    if not children.exists():
+        pytest.skip("no list of children")
+    while len(children.read_text().split()) < 3:  # the keeper of shared things, and two workers
+        time.sleep(0.001)
+    pids = [int(pid) for pid in children.read_text().split()]
+    os.killpg(parent.pid, signal.SIGINT)
+    _, errors = parent.communicate(timeout=20)
+    assert "Traceback" not in errors
+    assert gone(pids)
+
+
+def test_workers_do_not_outlive_a_parent_that_is_killed(parent: subprocess.Popen[str]) -> None:
+    pids = [int(parent.stdout.readline()) for _ in range(3)]
+    parent.kill()
+    parent.wait()
+    assert gone(pids)
