@@ -63,13 +63,12 @@ def guide(
 ) -> None:
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
     from eppanalysis.cli_bounds import range_of
-    from eppanalysis.export import check_target
-    from eppanalysis.guide_files import FILES
+    from eppanalysis.guide_files import check_file
     from eppanalysis.guidelines import design_guide
     from eppanalysis.methods.bounds import cores
 
     for path in outputs:
-        check_target(path, FILES)
+        check_file(path)
     found = load_case(case, settings)
     with progress(f"guide {found.name}") as report:
         result = design_guide(

@@ -29,15 +29,31 @@ footer { color: #666; font-size: 12px; margin-top: 2rem; overflow-wrap: anywhere
 """
 
 
+def check_file(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed for it.
+
+    Raises
+    ------
+    EppError
+        If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
+    """
+    from importlib.util import find_spec
+
+    check_target(path, FILES)
+    needed = _NEEDED.get(path.suffix.lower())
+    if needed is not None and find_spec(needed) is None:
+        raise EppError(f"{path}: needs the package {needed}; expected it installed: {_INSTALL}.")
+
+
 def write_guide(guide: Guide, path: Path) -> None:
     """Write a guide as the ending of `path` says.
 
     Raises
     ------
     EppError
-        If the ending is not known, a library that it needs is not there, or the file cannot be written.
+        If the ending is not known, a library that it needs is not there or too old, or the file cannot be written.
     """
-    check_target(path, FILES)
+    check_file(path)
     if path.suffix.lower() in PICTURES:
         write_figure(guide.plot(), path)
         return
@@ -46,9 +62,7 @@ def write_guide(guide: Guide, path: Path) -> None:
         try:
             writer(guide, part)
         except ImportError as error:
-            raise EppError(
-                f"{path}: needs the package {error.name!r}; expected it installed: pip install 'eppanalysis[tables]'."
-            ) from error
+            raise EppError(f"{path}: cannot be written ({error}); expected what {_INSTALL} installs.") from error
 
 
 def title(guide: Guide) -> str:
@@ -155,3 +169,6 @@ _WRITERS: dict[str, Callable[[Guide, Path], None]] = {
     ".xlsx": _excel,
 }
 FILES = (*_WRITERS, *PICTURES)
+#: What pandas needs for an ending besides itself.
+_NEEDED = {".md": "tabulate", ".tex": "jinja2", ".html": "jinja2", ".xlsx": "openpyxl"}
+_INSTALL = "pip install 'eppanalysis[tables]'"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -203,6 +204,23 @@ def test_command_line_refuses_with_a_sentence(arguments: list[str], words: str) 
     assert result.exit_code == 2
     assert words in result.output
     assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("suffix", "package"), [(".md", "tabulate"), (".tex", "jinja2"), (".html", "jinja2"), (".xlsx", "openpyxl")]
+)
+def test_a_package_that_an_ending_needs_is_missed_before_anything_is_computed(
+    guide: Guide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setattr("eppanalysis.guidelines.design_guide", lambda *_, **__: pytest.fail("computed"))
+    path = tmp_path / f"guide{suffix}"
+    result = CliRunner().invoke(app, ["guide", "fig8a_original", "--gains", "2.5 lbf", "-o", str(path)])
+    assert result.exit_code == 2, result.output
+    assert f"needs the package {package}; expected it installed: pip install 'eppanalysis[tables]'." in result.stderr
+    with pytest.raises(epp.EppError, match="pip install"):
+        guide.write(path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
