@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from eppanalysis.cli_bounds import bounds
 from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json, progress
@@ -47,6 +47,22 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             typer.echo("Interrupted: nothing is kept.", err=True)
             raise typer.Exit(130) from None
+
+
+class _Command(TyperCommand):
+    """Refuses an option that is given twice but holds one value: the first would be dropped without a word."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = [option for option in self.make_parser(ctx).parse_args(args=list(args))[2] if _holds_one(option)]
+        twice = next((option for option in given if given.count(option) > 1), None)
+        if twice is not None:
+            raise EppError(f"{'/'.join(twice.opts)}: is given {given.count(twice)} times; expected it once.")
+        return super().parse_args(ctx, args)
+
+
+def _holds_one(option: Any) -> bool:
+    """Whether it is an option with one value: no argument, no flag, not repeatable."""
+    return option.param_type_name == "option" and not (option.multiple or option.is_flag or option.count)
 
 
 app = typer.Typer(
@@ -87,7 +103,7 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
         raise typer.Exit
 
 
-@app.command()
+@app.command(cls=_Command)
 def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
     """Check case files: every field, its unit and its range."""
     from eppanalysis.screen import parameters_table
@@ -109,7 +125,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         raise typer.Exit(2)
 
 
-@app.command()
+@app.command(cls=_Command)
 def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Predict all limit cycles with describing functions, stable and unstable."""
     from eppanalysis.export import prediction_table
@@ -121,7 +137,7 @@ def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, o
     _carry_out("predict", cases, settings, as_json, output, _Verb(run, prediction_table, _show_prediction))
 
 
-@app.command()
+@app.command(cls=_Command)
 def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Simulate with every switch located, and say whether the motion settles or repeats itself."""
     from eppanalysis.export import trajectory_table
@@ -133,7 +149,7 @@ def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, 
     _carry_out("simulate", cases, settings, as_json, output, _Verb(run, trajectory_table, _show_trajectory))
 
 
-@app.command()
+@app.command(cls=_Command)
 def validate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Put prediction and simulation side by side, signal by signal, with their differences in per cent.
 
@@ -146,7 +162,7 @@ def validate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, 
     _carry_out("validate", cases, settings, as_json, output, verb)
 
 
-@app.command("cases")
+@app.command("cases", cls=_Command)
 def list_cases(as_json: Json = False) -> None:
     """List the cases that ship with the package."""
     from eppanalysis.case import case as shipped, shipped_cases
@@ -160,14 +176,14 @@ def list_cases(as_json: Json = False) -> None:
     _print(cases_table(found))
 
 
-app.command("cycles")(cycles)
-app.command("branch")(branch)
-app.command("bounds")(bounds)
-app.command("guide")(guide)
-app.command("sweep")(sweep)
-app.command("identify")(identify)
-app.command("report")(report)
-app.command("explore")(explore)
+app.command("cycles", cls=_Command)(cycles)
+app.command("branch", cls=_Command)(branch)
+app.command("bounds", cls=_Command)(bounds)
+app.command("guide", cls=_Command)(guide)
+app.command("sweep", cls=_Command)(sweep)
+app.command("identify", cls=_Command)(identify)
+app.command("report", cls=_Command)(report)
+app.command("explore", cls=_Command)(explore)
 
 
 @dataclass(frozen=True)

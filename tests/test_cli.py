@@ -253,6 +253,26 @@ def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, mon
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("predict", "relay_deadzone", "-o", "a.png", "-o", "b.png"), "-o/--output"),
+        (("report", "relay_deadzone", "-o", "a.html", "--output", "b.pdf"), "-o/--output"),
+        (("identify", "fig8a_original", "--tray", "a.csv", "--tray", "b.csv"), "--tray"),
+        (("branch", "play_tank", "--over", "x", "--from", "1", "--to", "2", "--points", "3", "--points=4"), "--points"),
+    ],
+)
+def test_an_option_of_one_value_is_not_given_twice(tmp_path, monkeypatch, arguments, option):
+    monkeypatch.chdir(tmp_path)
+    assert one_sentence(run(*arguments)) == f"{option}: is given 2 times; expected it once."
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_that_may_be_repeated_still_may():
+    twice = ("--set", "lock_pin.backlash=2 deg", "--set", "lock_pin.stiffness=900 N*m/rad", "--json", "--json")
+    assert run("check", "fig8a_original", *twice).exit_code == 0
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_interrupt_ends_with_130_and_no_file(tmp_path):
     code = (
