@@ -63,7 +63,7 @@ def bounds(
             margin=margin,
             starts=starts,
             seed=seed,
-            workers=workers or cores(),
+            workers=cores() if workers is None else workers,
             progress=report,
         )
     if as_json:

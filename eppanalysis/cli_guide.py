@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +23,7 @@ from eppanalysis.cli_common import (
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
+    from eppanalysis.case import Case
     from eppanalysis.guidelines import Guide
 
 _GAINS = "1.5 lbf,2.5 lbf,3.5 lbf"
@@ -64,17 +66,20 @@ def guide(
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
     from eppanalysis.cli_bounds import range_of
     from eppanalysis.guide_files import check_file
-    from eppanalysis.guidelines import design_guide
+    from eppanalysis.guidelines import GAIN, design_guide
     from eppanalysis.methods.bounds import cores
 
     for path in outputs:
         check_file(path)
     found = load_case(case, settings)
+    chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
+    for option, values in (("--gains", {GAIN: _values(gains)}), ("--vary", chosen)):
+        _check_values(found, option, values)
     with progress(f"guide {found.name}") as report:
         result = design_guide(
             found,
             _values(gains),
-            variants={name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)},
+            variants=chosen,
             tolerances=dict(split_pair(t, "--tolerance", "FIELD=VALUE") for t in tolerances) or None,
             margins={
                 name: _factor(name, text) for name, text in (split_pair(m, "--margin", "FIELD=FACTOR") for m in margins)
@@ -82,7 +87,7 @@ def guide(
             within=range_of(within),
             samples=samples,
             starts=starts,
-            workers=workers or cores(),
+            workers=cores() if workers is None else workers,
             seed=seed,
             progress=report,
         )
@@ -92,6 +97,17 @@ def guide(
         _show(result)
     for path in outputs:
         result.write(path)
+
+
+def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:
+    """Refuse values that the case cannot take, by the name of the option that holds them."""
+    if case.kind != "elbow":
+        return  # refused as such in a moment, which says more than what its fields are
+    for name, texts in values.items():
+        if not texts:
+            raise EppError(f"{option}: holds no value of {name}; expected one or more, at commas.")
+        for text in texts:
+            case.with_values({name: text}, option)
 
 
 def _values(text: str) -> list[str]:

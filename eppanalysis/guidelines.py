@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds import Settings, bound_of_branch, design_bounds, range_within
+from eppanalysis.methods.bounds import Settings, bound_of_branch, check_counts, design_bounds, range_within
 from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell
-from eppanalysis.methods.bounds_tolerance import ToleranceBound, tolerance_bound
+from eppanalysis.methods.bounds_tolerance import ToleranceBound, check_tolerances, tolerance_bound
 from eppanalysis.methods.cases import require_case
 from eppanalysis.provenance import provenance
 from eppanalysis.readable import cut, cut_text
@@ -285,9 +285,13 @@ def design_guide(
                 f"guide: the margin of {name} is {factor}; expected a factor of 1 or more on {GAIN} or {LIMIT}."
             )
     ranges = [case.si(GAIN, g) for g in gains]
+    counts = {"samples": (samples, 0), "starts": (starts, 1), "workers": (workers, 1), "seed": (seed, 0)}
+    check_counts("guide", counts)
     names = tuple(variants or {})
     combinations = [dict(zip(names, values, strict=True)) for values in itertools.product(*(variants or {}).values())]
     work = _Work(ranges, given, tolerances, within, samples, starts, workers, seed, branch)
+    for combination in combinations:
+        work.check(case.with_values(combination) if combination else case)
     rows: list[GuideRow] = []
     total = len(ranges) * len(combinations)
     for combination in combinations:
@@ -333,6 +337,16 @@ class _Work:
     seed: int
     branch: Branch | None
 
+    def check(self, case: Case) -> None:
+        """Refuse tolerances that one variant cannot have, before anything is computed."""
+        if self.tolerances is None and not any(p.tolerance for p in case.parameters.values()):
+            return
+        for gain in self.ranges:
+            check_tolerances(self._question(case.with_values({GAIN: gain})), self.tolerances)
+
+    def _question(self, case: Case) -> Question:
+        return Question(case, LIMIT, *range_within(case, LIMIT, self.within))
+
     def rows(self, case: Case, varied: tuple[str, ...], tell: Report) -> list[GuideRow]:
         """Rows of one variant."""
         known = self._known(case)
@@ -364,8 +378,7 @@ class _Work:
         """The bound at the end of the branch that was given, tested; None where it has no end."""
         if self.branch is None:
             return None
-        low, high = range_within(case, LIMIT, self.within)
-        question = Question(case, LIMIT, low, high)
+        question = self._question(case)
         settings = Settings(starts=self.starts, seed=self.seed)
         cell = bound_of_branch(question, self.ranges[0], self.branch, settings)
         return None if cell is None else (question, cell)

@@ -96,6 +96,7 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
         (("--axis", "bands.range=1:2:2:lbf", "--run", "dance"), "one or several of"),
         (("--axis", "bands.range=1:2:2:lbf", "--design", "magic"), "expected grid, zip"),
         (("--axis", "bands.range=1:2:2:lbf", "--design", "tolerances"), "no place in a sample of tolerances"),
+        (("--axis", "bands.range=1:2:lbf", "--design", "latin", "--seed", "-1"), "seed is -1"),
         (("--axis", "bands.range=1:2:2:lbf", "-o", "map.docx"), ".zarr"),
         (("--axis", "bands.range=1:2:2:lbf", "-o", "nowhere/map.zarr"), "does not exist"),
         (("--axis", "bands.range=1:2:2:lbf", "--picture", "map.zarr"), ".png"),

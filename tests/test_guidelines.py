@@ -28,6 +28,7 @@ from eppanalysis.readable import cut
 from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
 
+BOUNDS = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
 DEGREE = math.pi / 180.0
 LBF = 4.4482216152605
 #: The fold in backlash of the original elbow at a profile range of 2.5 lbf, from a branch of exact orbits [rad].
@@ -197,13 +198,43 @@ def test_the_end_of_a_known_branch_is_the_bound() -> None:
         (["guide", "backlash_servo"], "expected a case of the elbow"),
         (["guide", "fig8a_original", "--margin", "bands.range=big"], "is no factor"),
         (["guide", "fig8a_original", "-o", "guide.doc"], "cannot write"),
+        (["guide", "fig8a_original", "--tolerance", "foo.bar=10 %"], "tolerance of foo.bar: "),
+        (["guide", "fig8a_original", "--tolerance", "cable.stiffness=-10 %"], "expected one that is not negative"),
+        (["guide", "fig8a_original", "--tolerance", "cable.stiffness=120 %"], "cable.stiffness: at one end"),
+        (["guide", "fig8a_original", "--tolerance", "pulley.friction=0.01"], "holds no number for it but 0"),
+        (["guide", "fig8a_original", "--samples", "-5"], "samples is -5; expected 0 or more."),
+        (["guide", "fig8a_original", "--seed", "-5"], "seed is -5; expected 0 or more."),
+        (["guide", "fig8a_original", "--workers", "0"], "workers is 0; expected 1 or more."),
+        (["guide", "fig8a_original", "--gains", "2 lbf,-1 lbf"], "--gains: bands.range is '-1 lbf'"),
+        (["guide", "fig8a_original", "--gains", ","], "--gains: holds no value of bands.range"),
+        (["guide", "fig8a_original", "--vary", "cable.stiffness=1 N/m,0 N/m"], "--vary: cable.stiffness is '0 N/m'"),
+        ([*BOUNDS, "--starts", "0"], "starts is 0; expected 1 or more."),
+        ([*BOUNDS, "--workers", "0"], "workers is 0; expected 1 or more."),
+        ([*BOUNDS, "--seed", "-1"], "seed is -1; expected 0 or more."),
     ],
 )  # fmt: skip
-def test_command_line_refuses_with_a_sentence(arguments: list[str], words: str) -> None:
+def test_command_line_refuses_with_a_sentence(
+    arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for place in ("guidelines.design_bounds", "methods.bounds._cells"):
+        monkeypatch.setattr(f"eppanalysis.{place}", lambda *_, **__: pytest.fail("computed"))
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
-    assert words in result.output
-    assert "Traceback" not in result.output
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_bounds_at_no_value_are_refused() -> None:
+    with pytest.raises(epp.EppError, match=r"at is empty; expected one value of bands.range"):
+        epp.design_bounds(epp.case("fig8a_original"), "bands.range", "lock_pin.backlash", at=[])
+
+
+@pytest.mark.parametrize("name", ["pulley.friction", "bands.slack"])
+def test_a_tolerance_without_an_elasticity_is_a_sentence(name: str) -> None:
+    with pytest.raises(epp.EppError, match=rf"{name}.*expected a parameter that is given and not zero"):
+        epp.tolerance_bound(
+            epp.case("fig8a_original"), "lock_pin.backlash", {name: 0.01}, within=(0.1 * DEGREE, 5 * DEGREE)
+        )
 
 
 @pytest.mark.parametrize(

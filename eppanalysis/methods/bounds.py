@@ -9,7 +9,7 @@ and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
@@ -119,12 +119,18 @@ def design_bounds(
     """
     require_case(case, "design_bounds")
     check_verification(margin, starts)
-    if points < 1 or workers < 1:
-        wrong = f"points is {points}" if points < 1 else f"workers is {workers}"
-        raise EppError(f"design_bounds: {wrong}; expected 1 or more.")
+    least = {
+        "points": (points, 1),
+        "workers": (workers, 1),
+        "starts": (starts, int(verify and exact)),
+        "seed": (seed, 0),
+    }
+    check_counts("design_bounds", least)
     if over == limit:
         raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
     values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
+    if not values:
+        raise EppError(f"design_bounds: at is empty; expected one value of {over} or more.")
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
@@ -144,6 +150,26 @@ def design_bounds(
         cells=tuple(cells),
         provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
     )
+
+
+def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
+    """Refuse a count that is too small.
+
+    Parameters
+    ----------
+    who : str
+        Whose counts they are, for the message.
+    least : mapping of str to (int, int)
+        By name: what is given, and the least that may be.
+
+    Raises
+    ------
+    EppError
+        On the first that is less than it may be.
+    """
+    for name, (given, at_least) in least.items():
+        if given < at_least:
+            raise EppError(f"{who}: {name} is {given}; expected {at_least} or more.")
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:

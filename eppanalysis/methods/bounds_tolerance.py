@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
-from eppanalysis.methods.bounds_elasticity import exact_elasticities
+from eppanalysis.methods.bounds_elasticity import exact_elasticities, parameters_of
 from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, inputs_at_end
@@ -144,7 +144,11 @@ def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[s
             text = str(width).strip()
             share = text.endswith("%")
             try:
-                size = abs(case.value(name)) * float(text[:-1]) / 100.0 if share else case.si(name, width)
+                value = case.value(name)
+            except EppError as error:
+                raise EppError(f"tolerance of {name}: {error}") from None
+            try:
+                size = abs(value) * float(text[:-1]) / 100.0 if share else case.si(name, width)
             except ValueError:
                 raise EppError(f"tolerance of {name} is {width!r}; expected a quantity or a percentage.") from None
             if not (math.isfinite(size) and size >= 0):
@@ -153,6 +157,35 @@ def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[s
     if not found:
         raise EppError(f"{case.name}: no parameter has a tolerance; expected at least one.")
     return found
+
+
+def check_tolerances(question: Question, tolerances: Mapping[str, object] | None) -> dict[str, float]:
+    """Half-widths of the tolerances [SI], if a bound under them can be asked for.
+
+    Parameters
+    ----------
+    question : Question
+    tolerances : mapping of str to quantity or percentage, optional
+        As :func:`half_widths_of` takes them.
+
+    Raises
+    ------
+    EppError
+        If one is not valid, is of a parameter by which a bound has no elasticity, or leads to values that the case
+        cannot take.
+    """
+    case, widths = question.case, half_widths_of(question.case, tolerances)
+    known = (*parameters_of(question), question.limit)
+    for name, width in widths.items():
+        if name not in known:
+            why = f"the case holds no number for it but {case.value(name):g}"
+            raise EppError(f"tolerance of {name}: {why}; expected a parameter that is given and not zero.")
+        for end in () if name == question.limit else (case.value(name) - width, case.value(name) + width):
+            try:
+                case.with_values({name: end})
+            except EppError as error:
+                raise EppError(f"tolerance of {name}: at one end of it {error}") from None
+    return widths
 
 
 def tolerance_bound(
@@ -202,9 +235,10 @@ def tolerance_bound(
     require_case(case, "tolerance_bound")
     if distribution not in ("uniform", "normal"):
         raise EppError(f"tolerance_bound: the distribution is {distribution!r}; expected 'uniform' or 'normal'.")
-    widths = half_widths_of(case, tolerances)
+    question = Question(case, limit, *within)
+    widths = check_tolerances(question, tolerances)
     own = widths.pop(limit, 0.0)
-    box = _Box.of(Question(case, limit, *within), widths, sweep)
+    box = _Box.of(question, widths, sweep)
     worst, message, n_corners = box.worst()
     draws, offset = np.zeros(0), float("nan")
     if samples:

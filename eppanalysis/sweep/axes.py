@@ -239,6 +239,8 @@ def _points(kind: str, dimensions: int, n: int, seed: int) -> Array:
 
     if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= _MOST_VALUES:
         raise EppError(f"sweep: the sample has {n} cells; expected 1 to {_MOST_VALUES}.")
+    if seed < 0:
+        raise EppError(f"sweep: seed is {seed}; expected zero or a positive number.")
     if dimensions == 0:
         raise EppError("sweep: the sample has no parameter; expected at least one.")
     if kind == "latin":
