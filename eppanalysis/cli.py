@@ -17,7 +17,18 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eppanalysis.cli_bounds import bounds
-from eppanalysis.cli_common import NOTHING, Json, Settings, expanded, load_case, print_json, progress
+from eppanalysis.cli_common import (
+    NOTHING,
+    Json,
+    Settings,
+    check_output,
+    count,
+    expanded,
+    heading,
+    load_case,
+    print_json,
+    progress,
+)
 from eppanalysis.cli_cycles import branch, cycles
 from eppanalysis.cli_explore import explore
 from eppanalysis.cli_guide import guide
@@ -118,7 +129,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         print_json("check", [(case, {"valid": True, **case.provenance()}) for case in valid], settings)
     else:
         for case in valid:
-            typer.echo(f"{case.name}: valid ({case.kind}): {case.title}")
+            heading(f"{case.name}: valid ({case.kind}): {case.title}", settings)
             if len(texts) == 1:
                 _print(parameters_table(case))
     if len(valid) < len(texts):
@@ -205,14 +216,20 @@ def _carry_out(
     if output is not None:
         _check_output(output, len(texts))
     cases = [load_case(text, settings) for text in texts]
+    if output is not None:
+        _check_names(output, cases)
     together = verb.show_all if len(cases) > 1 else None
     results = []
     for case in cases:
         with progress(f"{command} {case.name}"):
             results.append(verb.run(case))
         if not as_json and together is None:
+            typer.echo()
+            heading(f"{case.name}: {case.title}", settings)
             verb.show(case, results[-1])
     if not as_json and together is not None:
+        if settings:
+            heading(f"{len(cases)} cases", settings)
         together(cases, results)
     if as_json:
         found = [
@@ -225,11 +242,19 @@ def _carry_out(
 
 
 def _check_output(output: Path, n_cases: int) -> None:
-    from eppanalysis.export import check_target
-
-    check_target(output)
+    check_output(output, stands_for=("case",))
     if n_cases > 1 and "{case}" not in output.name and output.suffix.lower() != ".csv":
         raise EppError(f"{output}: is one file for {n_cases} cases; expected {{case}} in its name, or a table (.csv).")
+
+
+def _check_names(output: Path, cases: Sequence[Case]) -> None:
+    """Refuse one name for the files of several cases."""
+    names = [case.name for case in cases]
+    for case in cases:
+        if "{case}" in output.name and names.count(case.name) > 1:
+            raise EppError(
+                f"{output}: {names.count(case.name)} cases are called {case.name}; expected a name for each."
+            )
 
 
 def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], verb: _Verb) -> None:
@@ -249,7 +274,7 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     from eppanalysis.screen import cycles_table, margins_text
 
     n = len(prediction)
-    _heading(case, f"{n or 'no'} limit cycle{'' if n == 1 else 's'} predicted. {prediction.search}")
+    typer.echo(f"{count(n, 'limit cycle')} predicted. {prediction.search}".strip())
     if not prediction.status.ok:
         typer.echo(prediction.status.value)
     if n:
@@ -262,7 +287,7 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.screen import cycles_table, rest_table
 
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
-    _heading(case, f"{run.status.value}{since} {len(run.events)} events.")
+    typer.echo(f"{run.status.value}{since} {count(len(run.events), 'event')}.")
     if run.limit_cycle is not None:
         _print(cycles_table([run.limit_cycle]))
     elif run.settled_at:
@@ -272,7 +297,7 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
 def _show_ladder(case: Case, ladder: Ladder) -> None:
     from eppanalysis.screen import as_found, ladder_table, rungs_table
 
-    _heading(case, ladder.verdict)
+    typer.echo(ladder.verdict)
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {as_found(case, ladder)})" if expected.outcome else ""
@@ -284,7 +309,7 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     typer.echo("errors against the exact cycle; a cycle without a number has no exact counterpart.")
     parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
     if ladder.probes:
-        parts.append(f"{len(ladder.probes)} runs from the predicted cycles {ladder.probe_seconds:.2f} s")
+        parts.append(f"{count(len(ladder.probes), 'run')} from the predicted cycles {ladder.probe_seconds:.2f} s")
     if parts:
         typer.echo("time of the rest: " + ", ".join(parts))
 
@@ -307,12 +332,6 @@ def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
     expected, found = case.expected, as_found(case, ladder)
     known = {"paper": expected.paper, "finding": expected.finding, "must": expected.outcome}
     return {**known, "as_found": (found == "ok") if found else None}
-
-
-def _heading(case: Case, sentence: str) -> None:
-    typer.echo()
-    typer.secho(f"{case.name}: {case.title}", bold=True)
-    typer.echo(sentence.strip())
 
 
 def _print(table: RichTable) -> None:

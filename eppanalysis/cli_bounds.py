@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json, progress
+from eppanalysis.cli_common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    count,
+    heading,
+    load_case,
+    print_json,
+    progress,
+)
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -44,11 +56,10 @@ def bounds(
     output: Output = None,
 ) -> None:
     """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
-    from eppanalysis.export import check_target
     from eppanalysis.methods.bounds import cores, design_bounds
 
     if output is not None:
-        check_target(output)
+        check_output(output)
     found = load_case(case, settings)
     with progress(f"bounds {found.name}") as report:
         result = design_bounds(
@@ -69,6 +80,7 @@ def bounds(
     if as_json:
         print_json("bounds", [(found, result.to_dict())], settings)
     else:
+        heading(f"{found.name}: {found.title}", settings)
         _show(found, result)
     if output is not None:
         from eppanalysis.export import write_result
@@ -123,7 +135,6 @@ def _show(case: Case, result: DesignBounds) -> None:
 
     from eppanalysis.screen import bounds_table
 
-    typer.secho(f"{case.name}: {case.title}", bold=True)
     if result.own:
         typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
     Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 200).print(bounds_table(result))
@@ -137,7 +148,7 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     n_bounds = sum(c.finding == "bound" for c in result)
     if n_bounds:
         margin = result.provenance["settings"]["margin"]
-        yield f"{n_good} of {n_bounds} bounds verified {100 * margin:g} % away from them on both sides."
+        yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:
         worst = max(unsafe, key=lambda c: abs(c.first_order_error))

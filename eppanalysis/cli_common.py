@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -55,7 +57,7 @@ def load_case(text: str, settings: Sequence[str]) -> Case:
     """
     from eppanalysis.case import case, read_case
 
-    is_file = text.endswith(".toml") or Path(text).is_file()
+    is_file = text.endswith(".toml") or os.path.isfile(text)
     found = read_case(text) if is_file else case(text)
     values = given_values(settings)
     return found.with_values(values, "--set") if values else found
@@ -123,6 +125,57 @@ def progress(what: str) -> Iterator[Callable[..., None] | None]:
             bar.update(task, completed=done, total=total, description=doing or what)
 
         yield tell
+
+
+def heading(text: str, settings: Sequence[str]) -> None:
+    """What a table is about; below it what ``--set`` has changed, as the case's own title still names the old values.
+
+    Parameters
+    ----------
+    text : str
+    settings : sequence of str
+        As ``--set`` takes them.
+    """
+    typer.secho(text, bold=True)
+    if settings:
+        typer.echo(f"with {', '.join(' = '.join(split_pair(s, '--set', 'FIELD=VALUE')) for s in settings)}")
+
+
+def count(n: int, noun: str) -> str:
+    """A number of things in words.
+
+    Examples
+    --------
+    >>> count(1, "orbit"), count(2, "orbit"), count(0, "branch")
+    ('1 orbit', '2 orbits', 'no branches')
+    """
+    plural = f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
+    return f"{n or 'no'} {noun if n == 1 else plural}"
+
+
+def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
+    """Refuse a file that cannot be written, or whose name holds braces that stand for nothing.
+
+    Parameters
+    ----------
+    path : Path
+    suffixes : sequence of str, optional
+        Pictures and tables by default.
+    stands_for : sequence of str
+        What may stand in braces in the name.
+
+    Raises
+    ------
+    EppError
+        If it cannot be written.
+    """
+    from eppanalysis.export import PICTURES, TABLES, check_target
+
+    known = [f"{{{name}}}" for name in stands_for]
+    for found in re.findall(r"\{[^{}]*\}", path.name):
+        if found not in known:
+            raise EppError(f"{path}: {found} stands for nothing; expected {' or '.join(known) or 'a name without it'}.")
+    check_target(path, PICTURES + TABLES if suffixes is None else suffixes)
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:

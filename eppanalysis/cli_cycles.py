@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Output, Settings, load_case, print_json, progress
+from eppanalysis.cli_common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    count,
+    heading,
+    load_case,
+    print_json,
+    progress,
+)
+from eppanalysis.errors import EppError
+from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
     from eppanalysis.methods.continuation import Branch
     from eppanalysis.methods.cycles import CycleSearch
+    from eppanalysis.methods.knock import Knock
 
 Picture = Annotated[
     Path | None,
@@ -28,13 +44,12 @@ def cycles(
     output: Output = None,
 ) -> None:
     """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
-    from eppanalysis.export import check_target, cycle_table, write_result
+    from eppanalysis.export import cycle_table, write_result
     from eppanalysis.methods.cycles import find_limit_cycles
     from eppanalysis.methods.knock import knock
-    from eppanalysis.screen import knock_text
 
     if output is not None:
-        check_target(output)
+        check_output(output)
     found = load_case(case, settings)
     system, value = found.to_system(), found.final_input()
     with progress(f"cycles {found.name}") as report:
@@ -43,9 +58,10 @@ def cycles(
     if as_json:
         print_json("cycles", [(found, {**search.to_dict(), "knocks": [k.to_dict() for k in hits]})], settings)
     else:
+        heading(f"{found.name}: {found.title}", settings)
         _show_cycles(found, search)
         for hit in hits:
-            typer.echo(knock_text(hit))
+            typer.echo(f"knock: {_knock_text(found, hit)}")
     if output is not None:
         write_result(search, lambda result: cycle_table(result.cycles), output)
 
@@ -61,17 +77,22 @@ def branch(
     output: Picture = None,
 ) -> None:
     """Follow a limit cycle over a parameter, through folds, and name every special point."""
-    from eppanalysis.export import PICTURES, check_target, write_figure
+    from eppanalysis.export import PICTURES, write_figure
     from eppanalysis.methods.continuation import continue_branch
 
     if output is not None:
-        check_target(output, PICTURES)
+        check_output(output, PICTURES)
+    if points < 1:
+        raise EppError(f"--points {points}: is no number of orbits; expected 1 or more.")
     found = load_case(case, settings)
+    for option, value in (("--from", start), ("--to", stop)):
+        found.with_values({over: value}, option)
     with progress(f"branch {found.name}"):
         result = continue_branch(found, over, start, stop, n_points=points)
     if as_json:
         print_json("branch", [(found, result.to_dict())], settings)
     else:
+        heading(f"{found.name}: {found.title}", settings)
         _show_branch(found, over, result)
     if output is not None:
         write_figure(result.plot(found.expected.signal), output)
@@ -80,9 +101,7 @@ def branch(
 def _show_cycles(case: Case, search: CycleSearch) -> None:
     from eppanalysis.readable import quantity
 
-    n = len(search)
-    typer.secho(f"{case.name}: {case.title}", bold=True)
-    typer.echo(f"{n or 'no'} limit cycle{'' if n == 1 else 's'}. {search.status.value} Sought with {search.search}")
+    typer.echo(f"{count(len(search), 'limit cycle')}. {search.status.value} Sought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
@@ -92,10 +111,24 @@ def _show_cycles(case: Case, search: CycleSearch) -> None:
         )
 
 
+def _knock_text(case: Case, hit: Knock) -> str:
+    """The threshold between its two sides, with as many digits as tell them apart."""
+    system = case.to_system()
+    units = dict(zip(system.signals.names, system.signals.units, strict=False))
+    unit, factor = readable(case.input_unit if hit.name in system.input_names else units.get(hit.name, ""))
+    tail = f" {unit}".rstrip()
+    if math.isnan(hit.size):
+        return f"{hit.name} by up to {hit.tried * factor:.6g}{tail} starts no cycle."
+    for digits in range(6, 18):
+        starts, settles = (f"{value * factor:.{digits}g}" for value in (hit.starts, hit.settles))
+        if starts != settles:
+            break
+    return f"{hit.name} by {starts}{tail} starts a cycle; {settles}{tail} settles."
+
+
 def _show_branch(case: Case, over: str, result: Branch) -> None:
     value = result.points["value"]
-    typer.secho(f"{case.name}: {case.title}", bold=True)
     low, high = (case.text(over, float(v)) for v in (value.min(), value.max()))
-    typer.echo(f"{len(result)} orbits over {over} between {low} and {high}. {result.message}")
+    typer.echo(f"{count(len(result), 'orbit')} over {over} between {low} and {high}. {result.message}")
     for special in result.special:
         typer.echo(f"  {special.kind} at {case.text(over, special.value, 10)}: {special.note}")

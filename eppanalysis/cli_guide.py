@@ -15,6 +15,8 @@ from eppanalysis.cli_common import (
     CaseName,
     Json,
     Settings,
+    check_output,
+    heading,
     load_case,
     print_json,
     progress,
@@ -65,11 +67,12 @@ def guide(
 ) -> None:
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
     from eppanalysis.cli_bounds import range_of
-    from eppanalysis.guide_files import check_file
+    from eppanalysis.guide_files import FILES, check_file, title
     from eppanalysis.guidelines import GAIN, design_guide
     from eppanalysis.methods.bounds import cores
 
     for path in outputs:
+        check_output(path, FILES)
         check_file(path)
     found = load_case(case, settings)
     chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
@@ -94,6 +97,7 @@ def guide(
     if as_json:
         print_json("guide", [(found, result.to_dict())], settings)
     else:
+        heading(title(result), settings)
         _show(result)
     for path in outputs:
         result.write(path)
@@ -124,10 +128,9 @@ def _factor(name: str, text: str) -> float:
 def _show(result: Guide) -> None:
     from rich.console import Console
 
-    from eppanalysis.guide_files import facts, title
+    from eppanalysis.guide_files import facts
     from eppanalysis.screen import frame_table
 
-    typer.secho(title(result), bold=True)
     Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(
         frame_table(result.rounded())
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli_common import NO_FILES, NOTHING, load_case, print_json, progress
+from eppanalysis.cli_common import NO_FILES, NOTHING, check_output, load_case, print_json, progress
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -124,9 +124,7 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 
 def _check_output(output: Path, benches: Sequence[str]) -> None:
-    from eppanalysis.export import check_target
-
-    check_target(output, _FILES)
+    check_output(output, _FILES, stands_for=("bench",) if output.suffix.lower() in _PICTURES else ())
     if output.suffix.lower() in _PICTURES and len(benches) > 1 and "{bench}" not in output.name:
         raise EppError(f"{output}: is one picture for {len(benches)} tests; expected {{bench}} in its name.")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, Settings, expanded, load_case, progress
+from eppanalysis.cli_common import NOTHING, Settings, check_output, expanded, load_case, progress
 
 Target = Annotated[
     Path,
@@ -37,8 +37,9 @@ def report(
 
     The page is one file that opens without a network; the notebook opens and runs again in Jupyter as it is.
     """
-    from eppanalysis.report import check, report as write_report
+    from eppanalysis.report import SUFFIXES, check, report as write_report
 
+    check_output(output, SUFFIXES)
     check(output)
     found = [load_case(text, settings) for text in expanded(cases)]
     with progress("report") as tell:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, load_case, print_json, split_pair
+from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, check_output, load_case, print_json, split_pair
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -159,15 +159,13 @@ def _one_or_more(names: Sequence[str]) -> Any:
 
 
 def _check_output(output: Path | None, picture: Path | None) -> None:
-    from eppanalysis.export import check_target
-
     if output is not None and output.suffix == ".zarr":
         if not output.absolute().parent.is_dir():
             raise EppError(f"{output}: the folder {str(output.parent)!r} does not exist; expected an existing one.")
     elif output is not None:
-        check_target(output, (".zarr", ".nc", *_PICTURES))
+        check_output(output, (".zarr", ".nc", *_PICTURES))
     if picture is not None:
-        check_target(picture, _PICTURES)
+        check_output(picture, _PICTURES)
 
 
 def _check_boundaries(names: Sequence[str], axes: Axes, picture: Path | None) -> None:

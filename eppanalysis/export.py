@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 TABLES = (".csv", ".nc")
+#: Most systems take 255 bytes; a file that is being written has some more letters in its name.
+_LONGEST_NAME = 200
 _Engine = Literal["h5netcdf", "netcdf4"]
 _FORMULA_SIGNS = ("=", "+", "-", "@", "|", "＝", "＋", "－", "＠")
 _INNER_FORMULA = re.compile(r"([;\t\r\n]\s*)(?=[-=+@|＝＋－＠])")
@@ -131,15 +133,18 @@ def check_target(path: Path, suffixes: Sequence[str] = PICTURES + TABLES) -> Non
     Raises
     ------
     EppError
-        If the suffix is not one of `suffixes`, the folder does not exist, or the path is a folder itself.
+        If the suffix is not one of `suffixes`, the folder does not exist, the path is a folder itself, or its name is
+        too long for a file.
     """
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
     if path.suffix.lower() not in suffixes:
         raise EppError(
             f"{path}: cannot write a file that ends in {path.suffix!r}; expected one of {', '.join(suffixes)}."
         )
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
-    if path.is_dir():
+    if os.path.isdir(path):
         raise EppError(f"{path}: is a folder; expected the name of a file.")
 
 

@@ -81,17 +81,6 @@ def knocks_table(knocks: Sequence[Knock]) -> Table:
     return table
 
 
-def knock_text(knock: Knock) -> str:
-    """What one knock does, in a sentence."""
-    unit = _KNOCKED.get(knock.name, "")
-    if math.isnan(knock.size):
-        return f"knock: {knock.name}: nothing up to {quantity(knock.tried, unit, 6)} starts a cycle."
-    return (
-        f"knock: {knock.name} by {quantity(knock.starts, unit, 9)} starts a cycle; "
-        f"{quantity(knock.settles, unit, 9)} settles."
-    )
-
-
 def provenance_table(facts: Mapping[str, Any]) -> Table:
     """Where a result comes from, one fact a row; parameters have a table of their own."""
     table = _table("", "", numbers=False)

@@ -259,12 +259,58 @@ def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, mon
         (("predict", "relay_deadzone", "-o", "a.png", "-o", "b.png"), "-o/--output"),
         (("report", "relay_deadzone", "-o", "a.html", "--output", "b.pdf"), "-o/--output"),
         (("identify", "fig8a_original", "--tray", "a.csv", "--tray", "b.csv"), "--tray"),
-        (("branch", "play_tank", "--over", "x", "--from", "1", "--to", "2", "--points", "3", "--points=4"), "--points"),
+        (
+            ("branch", "backlash_servo", "--over", "x", "--from", "1", "--to", "2", "--points", "3", "--points=4"),
+            "--points",
+        ),
     ],
 )
 def test_an_option_of_one_value_is_not_given_twice(tmp_path, monkeypatch, arguments, option):
     monkeypatch.chdir(tmp_path)
     assert one_sentence(run(*arguments)) == f"{option}: is given 2 times; expected it once."
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["check", "predict", "simulate", "validate", "cycles"])
+def test_a_heading_names_what_is_overridden(command):
+    """The title of a case still tells of the old values."""
+    plain, changed = (run(command, "backlash_servo", *more) for more in ((), ("--set", "play.gap=0.3")))
+    assert changed.exit_code == 0, changed.stderr
+    lines = [line for line in changed.stdout.splitlines() if line]
+    assert lines[0].startswith("backlash_servo: ") and lines[1] == "with play.gap = 0.3"
+    assert "with play.gap" not in plain.stdout
+
+
+def test_two_cases_of_one_name_are_not_written_over_each_other(tmp_path, monkeypatch):
+    monkeypatch.setattr("eppanalysis.methods.describing.predict_limit_cycles", lambda *_: pytest.fail("computed"))
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.toml").write_text('base = "relay_deadzone"\n')
+    cases = [str(tmp_path / folder / "x.toml") for folder in ("a", "b")]
+    sentence = one_sentence(run("predict", *cases, "-o", str(tmp_path / "out_{case}.csv")))
+    assert "2 cases are called x; expected a name for each" in sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("predict", "relay_deadzone", "-o", "{foo}.png"), "{foo}.png: {foo} stands for nothing; expected {case}."),
+        (("cycles", "relay_deadzone", "-o", "{case}.png"), "{case} stands for nothing; expected a name without it."),
+        (("identify", "fig8a_original", "--tray", "x.csv", "-o", "{foo}.png"), "expected {bench}."),
+        (("predict", "relay_deadzone", "-o", "x" * 5000 + ".png"), "is a name of 5004 letters; expected at most 200."),
+        (("predict", "relay_deadzone", "-o", "x" * 5000), "is a name of 5000 letters; expected at most 200."),
+        (("predict", "x" * 5000), "is missing; expected a case file, or the name of a shipped case."),
+        (
+            ("branch", "backlash_servo", "--over", "play.gap", "--from", "0.1", "--to", "1", "--points", "0"),
+            "--points 0",
+        ),
+        (("branch", "fig8a_original", "--over", "bands.range", "--from", "2", "--to", "-1"), "--to: bands.range is"),
+        (("branch", "fig8a_original", "--over", "bands.range", "--from", "-2", "--to", "1"), "--from: bands.range is"),
+    ],
+)
+def test_names_and_values_that_cannot_be_are_one_sentence(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert words in one_sentence(run(*arguments))
     assert not list(tmp_path.iterdir())
 
 

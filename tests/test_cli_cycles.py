@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli import app
 from eppanalysis.errors import EppError
+from eppanalysis.methods.knock import Knock
 from eppanalysis.plots_cycles import plot_cycles
 
 
@@ -53,6 +55,28 @@ def test_a_branch_is_in_units_that_people_read() -> None:
         "branch", "wheelchair", "--over", "play.gap", "--from", "12 mm", "--to", "10 mm", "--points", "8"
     ).output
     assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
+
+
+def test_a_knock_is_told_in_readable_units_by_two_numbers_that_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    hits = (
+        Knock("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0),
+        Knock("theta", 0.01, 0.009999999, 0.01, 1.0),
+        Knock("theta_dot", math.nan, 0.0, math.nan, 2.0),
+    )
+    monkeypatch.setattr("eppanalysis.methods.knock.knock", lambda *_, **__: hits)
+    found = [
+        line for line in run("cycles", "fig8a_original", "--knock").stdout.splitlines() if line.startswith("knock")
+    ]
+    assert found == [
+        "knock: harness_position by -0.24566038 mm starts a cycle; -0.24566037 mm settles.",
+        "knock: theta by 0.5729578 deg starts a cycle; 0.5729577 deg settles.",
+        "knock: theta_dot by up to 114.592 deg/s starts no cycle.",
+    ]
+
+
+def test_a_branch_of_one_orbit_is_one_orbit() -> None:
+    ends = ("--over", "lock_pin.backlash", "--from", "1 deg", "--to", "2 deg")
+    assert "\n1 orbit over" in run("branch", "fig8a_original", *ends, "--points", "1").stdout
 
 
 def test_picture_of_all_cycles() -> None:

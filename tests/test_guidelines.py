@@ -268,7 +268,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     base = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
     shown = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.png")])
     assert shown.exit_code == 0, shown.output
-    assert "0.773493" in shown.output and "1 of 1 bounds verified 1 % away" in shown.output
+    assert "0.773493" in shown.output and "1 of 1 bound verified 1 % away" in shown.output
     assert "No limit cycle exists anywhere" in shown.output
     assert (tmp_path / "b.png").stat().st_size > 5000
     printed = CliRunner().invoke(app, [*base, "--json", "-o", str(tmp_path / "b.csv")])

@@ -11,7 +11,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.knock import Knock
-from eppanalysis.screen import knock_text, rungs_table
+from eppanalysis.screen import rungs_table
 from tests.synthetic import cycle, prediction, trajectory
 
 
@@ -41,14 +41,6 @@ def test_knocks_are_in_units_that_people_read():
         *("theta [deg]", "0.573", "1.146"),
         *("harness_position [mm]", "nothing tried starts one", "30"),
     ]
-
-
-def test_knocks_in_sentences_too():
-    assert knock_text(Knock("theta", 0.01, 0.0099, 0.0101, 0.02)) == (
-        "knock: theta by 0.578687373 deg starts a cycle; 0.567228217 deg settles."
-    )
-    found = knock_text(Knock("harness_position", float("nan"), 0.0, float("nan"), -0.03))
-    assert found == "knock: harness_position: nothing up to -30 mm starts a cycle."
 
 
 def test_an_estimate_that_cannot_tell_is_explained_beside_the_table():
