@@ -5,10 +5,12 @@ Whatever computes is imported inside the command that needs it, so that ``eppana
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -51,13 +53,31 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()  # here, where a full disk is a sentence
         except EppError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:
             typer.echo("Interrupted: nothing is kept.", err=True)
             raise typer.Exit(130) from None
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # the reader has seen enough
+                raise
+            typer.echo(
+                f"{_place(error)}: {error.strerror or error}; expected a place to read from or write to.", err=True
+            )
+            raise typer.Exit(2) from error
+        return result
+
+
+def _place(error: OSError) -> str:
+    """Which file an error is of; the standard output is given up where none is named, as Python writes to it again."""
+    if error.filename is not None:
+        return str(error.filename)
+    with suppress(OSError, ValueError):  # no output that belongs to the system, as in a notebook
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return "standard output"
 
 
 class _Command(TyperCommand):
@@ -143,7 +163,9 @@ def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, o
     from eppanalysis.methods.describing import predict_limit_cycles
 
     def run(case: Case) -> Prediction:
-        return predict_limit_cycles(case.to_system(), case.final_input())
+        found = predict_limit_cycles(case.to_system(), case.final_input())
+        len(found.margins)  # made when they are first asked for: now, before a part of the output is out
+        return found
 
     _carry_out("predict", cases, settings, as_json, output, _Verb(run, prediction_table, _show_prediction))
 

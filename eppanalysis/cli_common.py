@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -110,10 +110,29 @@ def progress(what: str) -> Iterator[Callable[..., None] | None]:
     Yields
     ------
     callable or None
+
+    Raises
+    ------
+    EppError
+        If the numbers of what is computed inside grow beyond all range.
     """
-    if not sys.stderr.isatty():
-        yield None
-        return
+    try:
+        with _bar(what) if sys.stderr.isatty() else nullcontext() as tell:
+            yield tell
+    except (OverflowError, FloatingPointError, ValueError) as error:
+        if not _out_of_range(error):
+            raise
+        raise EppError(f"{what}: numbers beyond all range ({error}); expected values of ordinary magnitude.") from error
+
+
+def _out_of_range(error: ArithmeticError | ValueError) -> bool:
+    from numpy.linalg import LinAlgError
+
+    return isinstance(error, ArithmeticError | LinAlgError)
+
+
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[..., None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

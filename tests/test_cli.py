@@ -314,6 +314,27 @@ def test_names_and_values_that_cannot_be_are_one_sentence(tmp_path, monkeypatch,
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", ["predict", "validate", "cycles"])
+@pytest.mark.parametrize("setting", ["play.gap=1e308", "loop.num=[1e300]"])
+def test_numbers_beyond_all_range_are_one_sentence(command, setting):
+    result = run(command, "backlash_servo", "--set", setting)
+    if command == "predict" or "gap" in setting:  # a loop whose motion grows without bound is an answer, too
+        assert "backlash_servo: numbers beyond all range" in one_sentence(result)
+        assert not result.stdout
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no disk that is always full")
+@pytest.mark.parametrize("arguments", [("cases",), ("cases", "--json"), ("--version",), ("check", "sat_am165")])
+def test_a_full_disk_behind_the_standard_output_is_one_sentence(arguments):
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "eppanalysis", *arguments]
+        process = subprocess.run(command, check=False, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == [
+        "standard output: No space left on device; expected a place to read from or write to."
+    ]
+
+
 def test_options_that_may_be_repeated_still_may():
     twice = ("--set", "lock_pin.backlash=2 deg", "--set", "lock_pin.stiffness=900 N*m/rad", "--json", "--json")
     assert run("check", "fig8a_original", *twice).exit_code == 0
