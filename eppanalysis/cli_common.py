@@ -55,9 +55,13 @@ def load_case(text: str, settings: Sequence[str]) -> Case:
     EppError
         If there is no such case, or a setting is not FIELD=VALUE or not valid.
     """
-    from eppanalysis.case import case, read_case
+    from eppanalysis.case import case, read_case, shipped_cases
+    from eppanalysis.errors import CaseError
 
-    is_file = text.endswith(".toml") or os.path.isfile(text)
+    if not text.strip():
+        raise CaseError("CASE", "", text, "a case file, or the name of a shipped case")
+    # A folder may bear the name of a shipped case, and is none; any other is named as what it is.
+    is_file = text.endswith(".toml") or os.path.isfile(text) or (os.path.exists(text) and text not in shipped_cases())
     found = read_case(text) if is_file else case(text)
     values = given_values(settings)
     return found.with_values(values, "--set") if values else found

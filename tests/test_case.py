@@ -157,7 +157,7 @@ def test_files_that_are_refused(tmp_path: Path, text: str, expected: str) -> Non
 
 def test_files_that_are_not_there_or_no_text(tmp_path: Path) -> None:
     assert refusal(tmp_path / "none.toml").expected == "a case file"
-    assert refusal(tmp_path).value == "not a file"
+    assert refusal(tmp_path).value == "a folder"
     (tmp_path / "latin.toml").write_bytes(b'title = "\xff\xfe"')
     assert "UTF-8" in refusal(tmp_path / "latin.toml").expected
 
@@ -229,7 +229,7 @@ def test_error_in_a_base_names_the_base(tmp_path: Path) -> None:
         (("gap = 2.0", "gap = true"), "loop.elements.0.gap", "a number"),
         (("num = [5.0]", "num = [5.0]\nA = [[1]]"), "loop", "exactly one of"),
         (("num = [5.0]", "num = [5.0]\nD = [[1]]"), "loop.D", "beside A, B and C"),
-        (("num = [5.0]", "num = [5.0]\ninitial_state = [1, 2, 3]"), "loop", ""),
+        (("num = [5.0]", "num = [5.0]\ninitial_state = [1, 2, 3]"), "loop.initial_state", "2 numbers"),
         (("num = [5.0]", "num = [5.0]\nfeedback = 2"), "loop.feedback", "-1 or 1"),
         (("num = [5.0]\nden = [1, 1, 0]", "A = [[1, 2], [3]]\nB = [[1]]\nC = [[1]]"), "loop.A", "rows of equal"),
         (("num = [5.0]\nden = [1, 1, 0]", "A = [[1, 2]]\nB = [[1]]\nC = [[1]]"), "loop.A", "a square"),

@@ -112,6 +112,12 @@ BAD = {
         "slack < low < high < max",
     ),
     "negative stiffness": (ELBOW + '[cable]\nstiffness = "-5 N/m"', "cable.stiffness is '-5 N/m'", "a positive number"),
+    "kind left out": ('title = "x"\n[loop]\nnum = [1]\n', "kind is missing", "'loop'"),
+    "initial state": (
+        LOOP + "num = [9]\nden = [1, 3, 2, 0]\ninitial_state = [0.0, 0.1]",
+        "loop.initial_state is [0.0, 0.1]",
+        "3 numbers",
+    ),
     "nan": (ELBOW + "[lock_pin]\nbacklash = nan", "lock_pin.backlash is nan", "a finite number"),
     "infinity": (ELBOW + '[lock_pin]\nbacklash = "inf deg"', "lock_pin.backlash is 'inf deg'", "an angle"),
     "empty": ("", "is 'empty'", "a case file"),
@@ -120,6 +126,23 @@ BAD = {
     "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1.0, 2.0, 3.0]", "improper"),
     "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
 }
+
+
+@pytest.mark.parametrize(("name", "what"), [(".", "a folder"), ("", "CASE is ''"), ("/dev/null", "not a file")])
+def test_what_is_no_case_file_is_named_as_what_it_is(name, what):
+    sentence = one_sentence(run("check", name))
+    assert what in sentence and "expected a case file" in sentence
+
+
+def test_a_folder_that_bears_the_name_of_a_shipped_case_does_not_hide_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sat_am165").mkdir()
+    assert run("check", "sat_am165").exit_code == 0
+
+
+def test_a_byte_order_mark_is_read(tmp_path):
+    (tmp_path / "marked.toml").write_text('base = "sat_am165"\n', encoding="utf-8-sig")
+    assert run("check", str(tmp_path / "marked.toml")).exit_code == 0
 
 
 @pytest.mark.parametrize("kind", BAD)

@@ -167,7 +167,8 @@ def _checked(text: str, source: str) -> dict[str, Any]:
 def _read_text(path: Path, source: str) -> str:
     try:
         if not path.is_file():
-            raise CaseError(source, "", "not a file" if path.exists() else Missing(), "a case file")
+            there = "a folder" if path.is_dir() else "not a file" if path.exists() else Missing()
+            raise CaseError(source, "", there, "a case file")
         if path.stat().st_size > LARGEST_FILE:
             raise CaseError(source, "", f"{path.stat().st_size} bytes long", f"at most {LARGEST_FILE} bytes")
         return path.read_text(encoding="utf-8")
@@ -179,7 +180,7 @@ def _read_text(path: Path, source: str) -> str:
 
 def _parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(text.removeprefix("\ufeff"))  # the mark that some editors put before UTF-8
     except tomllib.TOMLDecodeError as error:
         raise CaseError(source, "", f"not TOML: {error}", "a TOML file") from None
     except RecursionError:

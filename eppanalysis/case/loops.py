@@ -17,7 +17,7 @@ from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import AnyQuantity, Parameter
 from eppanalysis.case.schema import LoopSection
 from eppanalysis.errors import CaseError, ModelError
-from eppanalysis.models.linear import as_state_space
+from eppanalysis.models.linear import StateSpace, as_state_space
 from eppanalysis.models.lure import LureSystem, SignalMap
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 
@@ -222,6 +222,10 @@ def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Non
     if gain != 1.0:
         ring.append(as_state_space(([gain], [1.0]), None if loop.time_step is None else float(loop.time_step.value)))
     elements = [b for b in blocks if b.kind]
+    n = sum(part.A.shape[0] for part in ring if isinstance(part, StateSpace))
+    if loop.initial_state is not None and len(loop.initial_state) != n:
+        numbers = "1 number, of the one state" if n == 1 else f"{n} numbers, one for each state"
+        raise CaseError(raw.origin("loop.initial_state"), "loop.initial_state", loop.initial_state, numbers)
     return LureSystem.from_blocks(
         ring,
         delay=0.0 if loop.delay is None else float(loop.delay.value),
@@ -300,7 +304,14 @@ def _from_state_space(
     for name, length in (("initial_state", n), ("states", n)):
         given = getattr(loop, name)
         if given is not None and len(given) != length:
-            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", given, f"{length} entries, one for each state")
+            raise CaseError(
+                raw.origin(f"loop.{name}"),
+                f"loop.{name}",
+                given,
+                f"{length} numbers, one for each state"
+                if name == "initial_state"
+                else f"{length} names, one for each state",
+            )
     return LureSystem.build(
         np.array(loop.A, float),
         gain * np.array(loop.B, float),

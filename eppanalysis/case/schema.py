@@ -324,6 +324,8 @@ def validate(raw: RawCase) -> ElbowFile | LoopFile:
     CaseError
         On the first thing that is wrong: a field that is not known before one that is missing or has a wrong value.
     """
+    if "kind" not in raw.data and "loop" in raw.data and "drive" not in raw.data:
+        raise CaseError(raw.source, "kind", Missing(), "'loop', as the file has a section of that name")
     kind = raw.data.get("kind", "elbow")
     model = FILES.get(kind) if isinstance(kind, str) else None
     if model is None:
