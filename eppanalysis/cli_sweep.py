@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _PICTURES = (".png", ".svg", ".pdf")
 _BOUNDARIES = ("folds", "predict", "cycles", "simulate")
+#: Cells of a sample; a power of two, as a Sobol sample takes it.
+_CELLS = 1024
 #: Values along each axis of the grid from which a boundary is refined.
 _COARSE = 11
 
@@ -78,7 +80,7 @@ def sweep(
     run: RunOption = NOTHING,
     signals: SignalsOption = NOTHING,
     design: Design = "grid",
-    n: Annotated[int, typer.Option("--n", help="Cells of a sample.")] = 1024,
+    n: Annotated[int | None, typer.Option("--n", help="Cells of a sample. [1024]", show_default=False)] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of a sample.")] = 0,
     scheduler: Scheduler = "threads",
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
@@ -129,7 +131,7 @@ def sweep(
     _report(dataset, counts, curves)
 
 
-def _axes(texts: Sequence[str], design: str, n: int, seed: int) -> Axes:
+def _axes(texts: Sequence[str], design: str, n: int | None, seed: int) -> Axes:
     """Axes of the command line: "start:stop:count:unit" and "low:high:unit" as they are, lists at their commas."""
     from eppanalysis.sweep import LatinHypercube, Sobol, Tolerances, Zipped
 
@@ -138,10 +140,11 @@ def _axes(texts: Sequence[str], design: str, n: int, seed: int) -> Axes:
         raise EppError("--axis: a field is given twice; expected each once.")
     ranges = dict(pairs)
     lists: dict[str, Any] = {k: v if ":" in v else [x.strip() for x in v.split(",") if x.strip()] for k, v in pairs}
-    if design == "grid":
-        return lists
-    if design == "zip":
-        return Zipped(lists)
+    if design in ("grid", "zip"):
+        if n is not None:
+            raise EppError(f"--n {n}: is of a sample; expected --design latin, sobol or tolerances beside it.")
+        return lists if design == "grid" else Zipped(lists)
+    n = _CELLS if n is None else n
     if design == "latin":
         return LatinHypercube(ranges, n, seed)
     if design == "sobol":

@@ -118,6 +118,11 @@ BAD = {
         "loop.initial_state is [0.0, 0.1]",
         "3 numbers",
     ),
+    "tolerance of a count": (
+        ELBOW + '[sensor]\nbits = {value=12, tolerance="2"}',
+        "sensor.bits is '2'",
+        "no tolerance",
+    ),
     "nan": (ELBOW + "[lock_pin]\nbacklash = nan", "lock_pin.backlash is nan", "a finite number"),
     "infinity": (ELBOW + '[lock_pin]\nbacklash = "inf deg"', "lock_pin.backlash is 'inf deg'", "an angle"),
     "empty": ("", "is 'empty'", "a case file"),

@@ -55,7 +55,8 @@ def test_designs_and_their_pictures(tmp_path, design, axes) -> None:
     )
     options = [text for axis in axes for text in ("--axis", axis)]
     picture = tmp_path / "sample.svg"
-    found = summary("sweep", str(case), *options, "--design", design, "--n", "2", "-o", str(picture))
+    size = () if design == "zip" else ("--n", "2")
+    found = summary("sweep", str(case), *options, "--design", design, *size, "-o", str(picture))
     assert found["cells"] == 2
     assert "bands range" in picture.read_text(encoding="utf-8")
 
@@ -97,6 +98,11 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
         (("--axis", "bands.range=1:2:2:lbf", "--design", "magic"), "expected grid, zip"),
         (("--axis", "bands.range=1:2:2:lbf", "--design", "tolerances"), "no place in a sample of tolerances"),
         (("--axis", "bands.range=1:2:lbf", "--design", "latin", "--seed", "-1"), "seed is -1"),
+        (("--axis", "bands.range=1:2:3", "--design", "latin"), "expected low:high:unit, without the count"),
+        (("--axis", "bands.range=1:2:3:lbf", "--design", "sobol"), "expected low:high:unit, without the count"),
+        (("--axis", "bands.range=1:2:1000000000"), "expected a count of at most 10000000"),
+        (("--axis", "bands.range=1:2:2:lbf", "--n", "50"), "--n 50: is of a sample"),
+        (("--axis", "bands.range=1 lbf", "--design", "zip", "--n", "50"), "--n 50: is of a sample"),
         (("--axis", "bands.range=1:2:2:lbf", "-o", "map.docx"), ".zarr"),
         (("--axis", "bands.range=1:2:2:lbf", "-o", "nowhere/map.zarr"), "does not exist"),
         (("--axis", "bands.range=1:2:2:lbf", "--picture", "map.zarr"), ".png"),

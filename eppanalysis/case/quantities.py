@@ -85,6 +85,14 @@ def _split_table(raw: Any) -> tuple[Any, Mark, str, Any]:
     return raw["value"], mark, plain_text(note), raw.get("tolerance")
 
 
+def _without_tolerance(raw: Any) -> tuple[Any, Mark, str]:
+    """Value, mark and note of what is a count or a choice and has no tolerance."""
+    given, mark, note, tolerance = _split_table(raw)
+    if tolerance is not None:
+        raise _fail("no tolerance, as this is no quantity", tolerance)
+    return given, mark, note
+
+
 def _tolerance(raw: Any, value: float, unit: str) -> float | None:
     """Tolerance in SI units; a percentage is of the value."""
     if raw is None:
@@ -207,7 +215,7 @@ class Count(_Field):
 
     def read(self, raw: Any) -> Parameter:
         """The parameter."""
-        given, mark, note, _ = _split_table(raw)
+        given, mark, note = _without_tolerance(raw)
         if isinstance(given, str) and given.strip().isdigit() and len(given) < 10:
             given = int(given)
         whole = isinstance(given, int) and not isinstance(given, bool)
@@ -226,7 +234,7 @@ class Flag(_Field):
 
     def read(self, raw: Any) -> Parameter:
         """The parameter."""
-        given, mark, note, _ = _split_table(raw)
+        given, mark, note = _without_tolerance(raw)
         if isinstance(given, str) and given.strip().lower() in ("true", "false"):
             given = given.strip().lower() == "true"
         if not isinstance(given, bool):

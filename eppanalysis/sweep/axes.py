@@ -199,11 +199,11 @@ def _range(case: Case, name: str, text: str) -> tuple[Any, ...]:
     if len(parts) == 1:
         return (_value(case, name, text),)
     expected = "start:stop:count:unit, as in 1:5:41:lbf"
-    if len(parts) not in (3, 4) or not parts[2].isdigit() or len(parts[2]) > 9:
+    if len(parts) not in (3, 4) or not parts[2].isdecimal():
         raise EppError(f"sweep: axis {name} is {_shown(text)}; expected {expected}.")
+    if len(parts[2]) > len(str(_MOST_VALUES)) or int(parts[2]) > _MOST_VALUES:
+        raise EppError(f"sweep: axis {name} is {_shown(text)}; expected a count of at most {_MOST_VALUES}.")
     count = int(parts[2])
-    if count > _MOST_VALUES:
-        raise EppError(f"sweep: axis {name} has {count} values; expected at most {_MOST_VALUES}.")
     unit = parts[3] if len(parts) == 4 else ""
     start, stop = (case.si(name, f"{part} {unit}".strip()) for part in parts[:2])
     return tuple(_value(case, name, x) for x in np.linspace(start, stop, count))
@@ -222,6 +222,10 @@ def _limits(case: Case, name: str, limits: Limits) -> tuple[float, float]:
     ends: Sequence[Any] = limits
     if isinstance(limits, str):
         parts = [part.strip() for part in limits.split(":")]
+        if len(parts) > 3 or (len(parts) == 3 and parts[2].isdecimal()):
+            raise EppError(
+                f"sweep: the range of {name} is {_shown(limits)}; expected low:high:unit, without the count of an axis."
+            )
         unit = parts.pop() if len(parts) == 3 else ""
         ends = [f"{part} {unit}".strip() for part in parts]
     if len(ends) != 2:
