@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -119,6 +121,9 @@ def sweep(
     except KeyboardInterrupt:
         where = "what is done is kept; the same command goes on." if store else "nothing is kept without -o FILE.zarr."
         typer.echo(f"Interrupted: {where}", err=True)
+        if scheduler == "threads":  # which would first finish their blocks, for a minute if need be; a store bears it
+            sys.stdout.flush()
+            os._exit(130)
         raise typer.Exit(130) from None
     _write(dataset, None if store else output, picture, curves)
     counts = _counts(dataset)

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import wait
 from typing import Any, ParamSpec, TypeVar
 
@@ -31,7 +31,7 @@ class Workers(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As of every pool; a process that starts for it is deaf to interrupts from its first moment on."""
-        with _interrupts_wait():
+        with interrupts_wait():
             return super().submit(fn, *args, **kwargs)
 
     def end(self) -> None:
@@ -60,11 +60,12 @@ def workers(n: int) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """An interrupt comes after the block; a process that is started in it inherits that it hears none."""
+def interrupts_wait() -> Iterator[None]:
+    """An interrupt comes after the block; what is started in it, threads too, inherits that it hears none."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker is deaf only once it has begun
         yield
         return
+    resource_tracker.ensure_running()  # which would let interrupts through again when it is started inside
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import time
 
 import pytest
 import xarray
@@ -115,6 +119,31 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch, arguments, words) 
     monkeypatch.chdir(tmp_path)
     assert words in one_sentence(run("sweep", "fig8a_original", "--set", "run.t_end=0.1 s", *arguments))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("scheduler", ["threads", "processes"])
+def test_an_interrupt_ends_in_one_sentence_and_at_once(tmp_path, scheduler) -> None:
+    """Also while a thread has work for long, and while processes begin."""
+    code = (
+        "import importlib, os, signal, time\n"
+        "schedule = importlib.import_module('eppanalysis.sweep.schedule')\n"
+        "def interrupted(*_):\n"
+        "    os.killpg(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(60)\n"
+        "schedule.Work.block = interrupted\n"
+        "schedule._on_cluster = interrupted\n"
+        "if __name__ == '__main__':\n"
+        "    importlib.import_module('eppanalysis.cli').main()\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    command = [sys.executable, str(script), *SHORT, "--scheduler", scheduler]
+    begin = time.monotonic()
+    process = subprocess.run(command, check=False, capture_output=True, text=True, start_new_session=True, timeout=50)
+    assert process.returncode == 130
+    assert process.stderr.splitlines() == ["Interrupted: nothing is kept without -o FILE.zarr."]
+    assert time.monotonic() - begin < 45
 
 
 def test_a_store_of_another_case_is_refused_and_kept(tmp_path) -> None:

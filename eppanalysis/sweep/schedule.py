@@ -14,6 +14,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.verbs import Columns, Task
 from eppanalysis.sweep.work import Work
+from eppanalysis.workers import interrupts_wait
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -85,16 +86,15 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected {extra}.") from error
 
     if scheduler == "processes":
-        with (
-            LocalCluster(
+        with interrupts_wait():  # they are the parent's: a worker that hears one dies with a traceback
+            local = LocalCluster(
                 n_workers=workers or _cores(),
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
                 silence_logs=50,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
+            )
+        with local as cluster, Client(cluster) as client:
             yield client
         return
     if "://" not in scheduler:
