@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eppanalysis.cli_common import NOTHING, CaseName, Json, Settings, check_output, load_case, print_json, split_pair
+from eppanalysis.cli_common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Settings,
+    check_output,
+    count,
+    load_case,
+    print_json,
+    split_pair,
+)
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -229,7 +239,7 @@ def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Bo
     for name, found in counts.items():
         if name != "cells":
             parts = ", ".join(f"{number} {word.replace('_', ' ')}" for word, number in found.items())
-            typer.echo(f"{name.replace('_', ' ')} of {counts['cells']} cells: {parts}")
+            typer.echo(f"{name.replace('_', ' ')} of {count(counts['cells'], 'cell')}: {parts}")
     for curve in curves:
         typer.echo(f"boundary by {curve.label}: {curve.message}")
     if "failed" in counts["status"]:

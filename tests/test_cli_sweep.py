@@ -83,6 +83,11 @@ def test_boundaries_are_drawn_on_a_map(tmp_path) -> None:
     assert "run in time" in picture.read_text(encoding="utf-8")
 
 
+def test_one_cell_is_one_cell() -> None:
+    shown = run("sweep", "fig8a_original", "--axis", "lock_pin.backlash=1 deg", "--set", "run.t_end=0.1 s").stdout
+    assert "status of 1 cell: 1 undecided" in shown
+
+
 def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
     axis = ("--axis", "forearm.inertia=0.03,-1", "--set", "run.t_end=0.1 s")
     result = run("sweep", "fig8a_original", *axis)
