@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -35,4 +36,8 @@ def explore(
 
             webbrowser.open(address)
 
-    serve(load_case(case, settings), port, ready)
+    found = load_case(case, settings)
+    with suppress(KeyboardInterrupt):  # how it is meant to end: nothing to be told
+        serve(found, port, ready)
+        return
+    raise typer.Exit(130)

@@ -383,6 +383,25 @@ def test_interrupt_ends_with_130_and_no_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("command", "place", "said"),
+    [
+        ("cycles", "eppanalysis.cli_cycles.load_case", "Interrupted: nothing is kept."),
+        ("predict", "eppanalysis.cli.expanded", "Interrupted: nothing is kept."),
+        ("explore", "eppanalysis.explorer.explore", ""),
+    ],
+)
+def test_an_interrupt_is_a_sentence_wherever_it_comes(monkeypatch, command, place, said):
+    """Of a page, which has no other end, it is none."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, interrupted)
+    result = run(command, "sat_am165")
+    assert (result.exit_code, result.stderr.strip()) == (130, said)
+
+
 def test_help_loads_nothing_heavy():
     """Asking for help must stay quick: none of the numerical packages may be loaded for it."""
     code = (
