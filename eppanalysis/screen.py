@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from eppanalysis.readable import quantity, readable
+from eppanalysis.readable import readable
 
 if TYPE_CHECKING:
     import pandas
