@@ -309,7 +309,7 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.screen import cycles_table, rest_table
 
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
-    typer.echo(f"{run.status.value}{since} {count(len(run.events), 'event')}.")
+    typer.echo(f"{run.status.value}{since} {count(run.n_events, 'event')}.")
     if run.limit_cycle is not None:
         _print(cycles_table([run.limit_cycle]))
     elif run.settled_at:

@@ -199,7 +199,7 @@ class Trajectory(Brief):
     signals : dict of str to array, shape (nt,)
         Named signals in SI units.
     events : tuple of Event
-        Every switch of every element.
+        Every switch of every element; the last 20,000 where there were more (see `n_events`).
     status : Status
         SETTLED, LIMIT_CYCLE, UNDECIDED, DIVERGED or EVENT_LIMIT.
     limit_cycle : LimitCycle or None
@@ -220,6 +220,11 @@ class Trajectory(Brief):
     units: dict[str, str] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def n_events(self) -> int:
+        """Switches in all, those included that `events` no longer holds."""
+        return int(self.provenance.get("statistics", {}).get("events", len(self.events)))
+
     def to_dict(self) -> dict[str, Any]:
         """Verdict and cycle as plain data in SI units, as ``--json`` prints it (the signals go to files)."""
         return {
@@ -228,7 +233,7 @@ class Trajectory(Brief):
             "settled_at": dict(self.settled_at),
             "settled_since": self.settled_since,
             "limit_cycle": None if self.limit_cycle is None else self.limit_cycle.to_dict(),
-            "n_events": len(self.events),
+            "n_events": self.n_events,
             "end_time": float(self.t[-1]) if self.t.size else float("nan"),
             "provenance": dict(self.provenance),
         }

@@ -31,7 +31,8 @@ def linear_margins(system: LureSystem) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        ``gain_margin`` (factor), ``phase_margin`` [rad], ``disk_margin``, and the crossover frequencies
+        ``gain_margin`` (factor), ``phase_margin`` [rad], ``disk_margin`` (0 where the linearised loop is unstable; the
+        other two then say how far it is from stability, and in which direction), and the crossover frequencies
         ``phase_crossover``, ``gain_crossover`` [rad/s]; empty where an element jumps or has no slope.
     """
     gains = [element_slope(e) for e in system.elements]
@@ -49,13 +50,24 @@ def linear_margins(system: LureSystem) -> dict[str, float]:
     gain_margin, phase_crossover = _nearest(gm, np.log(np.maximum(gm, 1e-300)), wg, low, high)
     phase_margin, gain_crossover = _nearest(np.deg2rad(pm), pm, wp, low, high)
     omega = np.geomspace(low, min(high, top), 500)
+    # No disk of gains and phases keeps stable what is unstable to begin with; python-control does not ask.
+    disk_margin = float(np.asarray(control.disk_margins(loop, omega)[0])) if _closes_stably(loop) else 0.0
     return {
         "gain_margin": gain_margin,
         "phase_margin": phase_margin,
-        "disk_margin": float(np.asarray(control.disk_margins(loop, omega)[0])),
+        "disk_margin": disk_margin,
         "phase_crossover": phase_crossover,
         "gain_crossover": gain_crossover,
     }
+
+
+def _closes_stably(loop: Any) -> bool:
+    """Whether no pole of the closed loop grows, but for rounding."""
+    import control
+
+    poles = np.asarray(control.feedback(loop).poles())
+    growth = np.abs(poles) - 1.0 if loop.isdtime(strict=True) else poles.real
+    return bool(np.all(growth <= 1e-9 * np.abs(poles).max(initial=1.0)))
 
 
 def _nearest(margins: Array, distance: Array, omega: Array, low: float, high: float) -> tuple[float, float]:

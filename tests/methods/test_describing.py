@@ -501,3 +501,12 @@ class TestPythonControl:
         # The exact fundamental is 3.3957 about a mean of -1.39.
         assert a == pytest.approx(4.102, abs=1e-3)
         assert answers(LOOPS["asymmetric saturation"][0])[0][0] == pytest.approx(2.798229231045058)
+
+
+@pytest.mark.parametrize(("gain", "stable"), [(5.9, True), (6.1, False), (24.0, False)])
+def test_a_disk_margin_is_for_loops_that_are_stable(gain: float, stable: bool) -> None:
+    """By Routh, ``gain / (s (s + 1) (s + 2))`` closes stably up to a gain of 6."""
+    loop = LureSystem.from_tf(([gain], [1.0, 3.0, 2.0, 0.0]), Saturation())
+    margins = predict_limit_cycles(loop).margins
+    assert margins["gain_margin"] == pytest.approx(6.0 / gain, rel=1e-6)
+    assert (margins["disk_margin"] > 0.0) == stable

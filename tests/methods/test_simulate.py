@@ -539,3 +539,12 @@ def test_grid_of_a_run_that_has_come_far_in_time() -> None:
 def test_step_must_be_positive(step: float) -> None:
     with pytest.raises(EppError, match=f"step is {step}; expected a positive number of seconds"):
         epp.simulate(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), step=step)
+
+
+def test_events_are_counted_beyond_those_that_are_kept() -> None:
+    """Two switches in each of 35,000 periods."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    run = epp.simulate(loop, t_end=160_000.0, t_eval=[0.0, 1.0])
+    assert len(run.events) == 20_000
+    assert run.n_events == run.to_dict()["n_events"]
+    assert run.n_events == pytest.approx(2 * 160_000.0 / run.limit_cycle.period, abs=10)
