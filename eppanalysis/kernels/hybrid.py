@@ -247,7 +247,10 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         if code != DONE:
             break
         if last >= 0:
-            which, best = _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift, D, top, forced)
+            clock = t / d if delayed else 0.0
+            which, best = _first_guard(
+                slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constant, lift, D, top, forced
+            )  # fmt: skip
             if ahead < d and best > ahead / d:
                 which, best = -1, 2.0
         forced = False
@@ -340,7 +343,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
 
 
 @njit(**INLINE)
-def _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift, D, top, forced):
+def _first_guard(slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constant, lift, D, top, forced):
     """The guard that rises first on the series, and where in [0, 1]; -1 and 2.0 when none does."""
     which, best, sized = -1, 2.0, False
     size_sum(X, last, D)
@@ -353,9 +356,9 @@ def _first_guard(slots, q, X, last, Sg, H, d, recent, Y, wide, p, constant, lift
         if p[0] < 0.0 and not may_rise(p):
             continue
         if not sized:
-            term_sizes(slots, q, X, Sg, H, d, recent, 0, 2, Y, wide)
+            term_sizes(slots, q, X, Sg, H, d, recent, clock, 0, 2, Y, wide)
             sized = True
-        u = rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced)
+        u = rise_from_start(slots, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p, forced)
         if u < best:
             best, which = u, g
     return which, best

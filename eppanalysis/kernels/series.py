@@ -157,11 +157,12 @@ def guard_series(slots, q, g, X, last, Sg, constant, h, p):
 
 
 @njit(**INLINE)
-def term_sizes(slots, q, X, Sg, H, h, recent, first, last, Y, wide):
+def term_sizes(slots, q, X, Sg, H, h, recent, clock, first, last, Y, wide):
     """Rows first..last of Y: sizes of the terms that were added up to make the rows of X.
 
     Rounding comes from these, not from what is left after they cancel; `recent` holds the sizes from which the state at
-    the start was computed. `wide` is scratch room.
+    the start was computed. What comes out of the past comes with the rounding of the time at which it is read: `clock`
+    is that time in steps, 0 where nothing is delayed. `wide` is scratch room.
     """
     n, n_s = slots.N.shape[1], Sg.shape[1]
     if first == 0:
@@ -177,7 +178,7 @@ def term_sizes(slots, q, X, Sg, H, h, recent, first, last, Y, wide):
                 Y[1, i] += v * h
         for j in range(n_s):
             for i in range(n):
-                Y[k, i] += abs(slots.S[q, i, j] * Sg[k - 1, j]) * h / k
+                Y[k, i] += abs(slots.S[q, i, j]) * (abs(Sg[k - 1, j]) + clock * k * abs(Sg[k, j])) * h / k
 
 
 @njit(**INLINE)

@@ -9,13 +9,13 @@ from eppanalysis.kernels.tables import HOT, INLINE
 
 
 @njit(**INLINE)
-def rise_from_start(slots, q, g, X, last, Sg, H, d, recent, Y, wide, p, forced):
+def rise_from_start(slots, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p, forced):
     """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
     terms = min(6, last - 1)
     for k in range(max(1, terms)):
         if k == 2:
             # Two terms decide nearly always; more are wanted only where the guard touches.
-            term_sizes(slots, q, X, Sg, H, d, recent, 3, terms + 1, Y, wide)
+            term_sizes(slots, q, X, Sg, H, d, recent, clock, 3, terms + 1, Y, wide)
         noise = guard_noise(slots, q, g, k, Sg, H, d, Y)
         if p[k] < -noise:
             if k > 0:

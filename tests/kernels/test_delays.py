@@ -111,3 +111,15 @@ def test_a_dead_time_that_is_none_is_refused():
     loop = epp.LureSystem.from_tf(([1.2], [1.0, 1.5, 0.5, 0.0]), epp.Saturation(), delay=1e-9)
     with pytest.raises(ModelError, match=r"dead time of 1e-09 s is nothing beside .* expected 0, or at least 1e-07 s"):
         epp.simulate(loop, t_end=1.0)
+
+
+@pytest.mark.parametrize("step", [0.05, 0.02, 0.01, 0.005])
+def test_play_lets_go_once_whatever_the_step(step: float) -> None:
+    """It lets go where its input turns, to rounding of the time at which the past is read."""
+    loop = epp.LureSystem.from_tf(([41.6, 5.2], [80.0, 8.0, 0.0]), epp.Play(1.0), delay=2.0, x0=[0.0, 200.0])
+    times = np.arange(0.0, 101.0, 5.0)
+    found, coarse = (epp.simulate(loop, t_end=100.0, t_eval=times, step=h) for h in (step, 0.1))
+    np.testing.assert_allclose([e.time for e in found.events], [e.time for e in coarse.events], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found.signals["x"], coarse.signals["x"], rtol=0.0, atol=1e-7)
+    later = [e.name.split()[0] for e in found.events if e.time > 1.0]
+    assert later == (["lets", "meets"] * len(later))[: len(later)]
