@@ -24,7 +24,6 @@ from eppanalysis.cli_common import (
     Json,
     Settings,
     check_output,
-    count,
     expanded,
     heading,
     load_case,
@@ -38,6 +37,7 @@ from eppanalysis.cli_identify import identify
 from eppanalysis.cli_report import report
 from eppanalysis.cli_sweep import sweep
 from eppanalysis.errors import EppError
+from eppanalysis.readable import count
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

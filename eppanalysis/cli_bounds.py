@@ -15,13 +15,13 @@ from eppanalysis.cli_common import (
     Output,
     Settings,
     check_output,
-    count,
     heading,
     load_case,
     print_json,
     progress,
 )
 from eppanalysis.errors import EppError
+from eppanalysis.readable import count
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case

@@ -164,18 +164,6 @@ def heading(text: str, settings: Sequence[str]) -> None:
         typer.echo(f"with {', '.join(' = '.join(split_pair(s, '--set', 'FIELD=VALUE')) for s in settings)}")
 
 
-def count(n: int, noun: str) -> str:
-    """A number of things in words.
-
-    Examples
-    --------
-    >>> count(1, "orbit"), count(2, "orbit"), count(0, "branch")
-    ('1 orbit', '2 orbits', 'no branches')
-    """
-    plural = f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
-    return f"{n or 'no'} {noun if n == 1 else plural}"
-
-
 def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
     """Refuse a file that cannot be written, or whose name holds braces that stand for nothing.
 

@@ -15,14 +15,13 @@ from eppanalysis.cli_common import (
     Output,
     Settings,
     check_output,
-    count,
     heading,
     load_case,
     print_json,
     progress,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import readable
+from eppanalysis.readable import count, quantity, readable
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -99,8 +98,6 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:
-    from eppanalysis.readable import quantity
-
     typer.echo(f"{count(len(search), 'limit cycle')}. {search.status.value} Sought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))

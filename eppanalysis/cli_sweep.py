@@ -16,12 +16,12 @@ from eppanalysis.cli_common import (
     Json,
     Settings,
     check_output,
-    count,
     load_case,
     print_json,
     split_pair,
 )
 from eppanalysis.errors import EppError
+from eppanalysis.readable import count
 
 if TYPE_CHECKING:
     import xarray

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.readable import readable
+from eppanalysis.readable import count, readable
 from eppanalysis.results import Status
 
 if TYPE_CHECKING:
@@ -164,8 +164,7 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
         _draw_nyquist(ax, prediction)
     else:
         _draw_loop_gain(ax, prediction)
-    n = len(prediction)
-    text = f"{n or 'no'} limit cycle{'' if n == 1 else 's'} predicted"
+    text = f"{count(len(prediction), 'limit cycle')} predicted"
     ax.set_title(with_name(text, prediction.provenance if own else {}), fontsize=10)
     return figure
 

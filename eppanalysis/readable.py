@@ -58,3 +58,15 @@ def cut_text(value: float | str, digits: int = 4) -> str:
     if isinstance(value, str):
         return value
     return "-" if math.isnan(value) else f"{cut(value, digits):.{digits}g}"
+
+
+def count(n: int, noun: str) -> str:
+    """A number of things in words.
+
+    Examples
+    --------
+    >>> count(1, "orbit"), count(2, "orbit"), count(0, "branch")
+    ('1 orbit', '2 orbits', 'no branches')
+    """
+    plural = f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
+    return f"{n or 'no'} {noun if n == 1 else plural}"

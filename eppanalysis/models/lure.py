@@ -143,22 +143,23 @@ class LureSystem:
         _require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
         waits = array("delays", delays, (nw,))
         _require(name, "delays", waits.tolist(), bool(np.all(waits >= 0)), "zero or positive numbers")
+        C, D = array("C", C, (nz, n)), array("D", D, (nz, nw))
+        D_input, constant_input = array("D_input", D_input, (nz, nv)), array("constant_input", constant_input, (nz,))
         if signals is None:
-            rows = array("C", C, (nz, n)), array("D", D, (nz, nw)), array("D_input", D_input, (nz, nv))
-            signals = _element_signals(elements, labels, *rows, array("constant_input", constant_input, (nz,)))
+            signals = _element_signals(elements, labels, C, D, D_input, constant_input)
         return cls(
             A=array("A", A, (n, n)),
             B=array("B", B, (n, nw)),
-            C=array("C", C, (nz, n)),
-            D=array("D", D, (nz, nw)),
+            C=C,
+            D=D,
             elements=tuple(elements),
             element_names=labels,
             signals=signals,
             B_input=array("B_input", B_input, (n, nv)),
-            D_input=array("D_input", D_input, (nz, nv)),
+            D_input=D_input,
             input_names=tuple(input_names),
             constant_state=array("constant_state", constant_state, (n,)),
-            constant_input=array("constant_input", constant_input, (nz,)),
+            constant_input=constant_input,
             x0=array("x0", x0, (n,)),
             v0=array("v0", v0, (nv,)),
             memory=starts,
