@@ -65,7 +65,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
             if vanished:
                 return SETTLED
             d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
-            rest_change = _rest_change(ev_t, ev_x, count, keep, p, local, size, compared, rounding)
+            rest_change = _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding)
             if d1 < 0.02 and rest_change < CYCLE_TOLERANCE:
                 once = _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
                 found[0], found[3] = once, rest_change
@@ -76,13 +76,12 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
 
 
 @njit(cache=True, nogil=True)
-def _rest_change(ev_t, ev_x, count, keep, p, local, size, compared, rounding):
-    """What all periods to come will change: a geometric series, but for what is rounding; 1e300 where it grows.
+def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding):
+    """What all periods to come will change after `d1`: a geometric series, but for rounding; 1e300 where it grows.
 
     Changes that fall or grow evenly go on so, however small they are: a state that creeps back changes little in one
     period, and a run that began on an unstable cycle leaves it from rounding.
     """
-    d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
     d2 = _change(ev_t, ev_x, count, p, keep, p, local, size, compared)
     d3 = _change(ev_t, ev_x, count, 2 * p, keep, p, local, size, compared) if min(count, keep) > 3 * p else 0.0
     since = ev_t[(count - 1) % keep]
