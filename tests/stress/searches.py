@@ -1,0 +1,120 @@
+"""Searches against runs from spread starts: nothing that a run ends on is missing, nothing listed is no cycle.
+
+Each search is set against runs from 200 starts spread over a box larger than all its cycles, and each cycle it lists is
+closed by the slow integrator from its own state and memory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.results import LimitCycle, Status, Trajectory
+from tests.stress.families import Problem, problem
+from tests.stress.machine import Machine
+
+STARTS = 200
+#: Periods of the slowest cycle (or time constants) that a run is given, and how much longer one without a verdict is.
+_PERIODS, _LONGER = 60.0, 8.0
+#: Differences of period and sizes within which a run is on a listed cycle.
+_SAME_PERIOD, _SAME_SIZE = 1e-5, 1e-3
+#: How near the slow integrator comes back, relative to the cycle and to the largest multiplier.
+CLOSES = 1e-6
+
+
+def spread(system: LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
+    """Sobol points of a box twice as large as all cycles and the start, half of them in one a tenth as large."""
+    n = system.A.shape[0]
+    half = np.abs(system.x0) + 1e-3
+    for cycle in cycles:
+        half = np.maximum(half, [abs(cycle.mean[f"x{i}"]) + cycle.peak_to_peak[f"x{i}"] for i in range(n)])
+    points = 4.0 * qmc.Sobol(n, seed=3).random(2 ** int(np.ceil(np.log2(count))))[:count] - 2.0
+    points[::2] *= 0.1
+    return points * half
+
+
+def _known(cycle: LimitCycle, listed: epp.CycleSearch) -> bool:
+    """Whether a run's cycle is among the stable ones listed (a run may take some periods for one)."""
+    for c in listed:
+        turns = max(1, round(cycle.period / c.period))
+        size = max(c.peak_to_peak.values())
+        apart = [abs(cycle.peak_to_peak[k] - c.peak_to_peak[k]) + abs(cycle.mean[k] - c.mean[k]) for k in c.mean]
+        if abs(cycle.period / (turns * c.period) - 1.0) < _SAME_PERIOD and max(apart) < _SAME_SIZE * size:
+            return bool(c.stable) or "continuum" in listed.search
+    return False
+
+
+def _slowest(system: LureSystem) -> float:
+    rates = np.abs(np.linalg.eigvals(system.A))
+    slow = rates[rates > 1e-6 * max(float(rates.max()), 1e-300)]
+    return 1.0 / float(slow.min()) if slow.size else 1.0
+
+
+def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
+    begun = replace(system, x0=start)
+    run = epp.simulate(begun, t_end=t_end, t_eval=[0.0, t_end])
+    return epp.simulate(begun, t_end=_LONGER * t_end, t_eval=[0.0]) if run.status is Status.UNDECIDED else run
+
+
+def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
+    """How runs from spread starts end, and how many so."""
+    t_end = _PERIODS * max([c.period for c in found] or [_slowest(system)])
+    ends: dict[str, int] = {}
+    for start in spread(system, found, STARTS):
+        run = _run(system, start, t_end)
+        what = run.status.name
+        if run.limit_cycle is not None:
+            what = "LISTED" if _known(run.limit_cycle, found) else "UNKNOWN"
+        ends[what] = ends.get(what, 0) + 1
+    return ends
+
+
+def closes(case: Problem, cycle: LimitCycle) -> float:
+    """How far from its begin the slow integrator ends after one period, relative to the cycle's size."""
+    if not cycle.state.size:
+        return float("nan")
+    system = replace(case.system, x0=cycle.state, memory=cycle.memory or case.system.memory)
+    x = Machine(system, {}).run(np.array([0.0, cycle.period]))
+    size = max(cycle.peak_to_peak[f"x{i}"] for i in range(system.A.shape[0]))
+    most = 1.0 if cycle.multipliers is None else max(1.0, float(np.max(np.abs(cycle.multipliers), initial=0.0)))
+    return float(np.max(np.abs(x[-1] - x[0]))) / (size * most)
+
+
+def search(family: str, seed: int) -> dict[str, Any]:
+    """One search and what speaks against it."""
+    case = problem(family, seed)
+    row: dict[str, Any] = {"family": family, "seed": seed}
+    try:
+        found = epp.find_limit_cycles(case.system)
+    except EppError as refused:
+        return row | {"outcome": "refused", "why": str(refused)[:160]}
+    row |= {"status": found.status.name, "cycles": len(found), "stable": len(found.stable)}
+    ends = row["ends"] = _ends(case.system, found)
+    row["said"] = {"rests": found.rests, "diverges": found.diverges}
+    against = [
+        what
+        for end, said, what in (
+            ("UNKNOWN", False, "a run ends on a cycle that is not listed"),
+            ("SETTLED", found.rests, "a run comes to rest, and none was said to"),
+            ("DIVERGED", found.diverges, "a run grows without bound, and none was said to"),
+        )
+        if ends.get(end) and not said
+    ]
+    row["open"], row["not_closed"] = [], 0
+    for i, cycle in enumerate(found):
+        try:
+            gap = closes(case, cycle)
+        except (RuntimeError, ValueError, NotImplementedError):
+            gap = float("nan")
+        if not gap < CLOSES:
+            row["not_closed"] += int(np.isnan(gap))
+            row["open"] += [] if np.isnan(gap) else [(i, cycle.method, gap)]
+    if row["open"]:
+        against.append("a cycle that is listed does not close")
+    return row | {"against": against, "outcome": "contradicted" if against else "borne out"}
