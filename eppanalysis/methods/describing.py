@@ -86,6 +86,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     """
     require_system(system, "predict_limit_cycles")
     value = system.input_vector(input_value)
+    system, coordinates = system.with_integrators_apart
     with np.errstate(all="ignore"):
         if not system.elements:
             raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
@@ -94,7 +95,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         found = search_one(balance) if single else search_several(balance)
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
         points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
-        cycles = tuple(_cycle(balance, p, value) for p in points)
+        cycles = tuple(_cycle(balance, p, value, coordinates) for p in points)
         if single:
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
@@ -109,7 +110,8 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     )
 
 
-def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
+def _cycle(balance: Balance, p: Point, value: Array, coordinates: Array) -> LimitCycle:
+    """One predicted cycle; `coordinates` bring the state of the balance's loop back to that of the user."""
     system = balance.system
     turn = np.exp(-1j * p.phase[0])
     W = p.gain * (p.amplitude * np.exp(1j * p.phase) * turn)[balance.owner]
@@ -138,7 +140,7 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
         error_estimate=error,
         time=time,
         waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
-        state=x + swing.imag,
+        state=coordinates @ (x + swing.imag),
         memory=tuple(
             e.held_at((p.mean + W.imag)[ws]) for e, ws in zip(system.elements, system.output_slices, strict=True)
         ),
@@ -149,6 +151,6 @@ def _cycle(balance: Balance, p: Point, value: Array) -> LimitCycle:
                 for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
             },
             "harmonic_content": content,
-            "mean_state": x.tolist(),
+            "mean_state": (coordinates @ x).tolist(),
         },
     )

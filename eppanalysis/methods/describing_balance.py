@@ -27,6 +27,8 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
+#: Share of its terms below which a sum of the static balance is rounding.
+_REMAINDER = 1e-12
 #: Last step of Newton's method for points of a curve that are only steps on the way to a limit cycle.
 ON_THE_WAY = 1e-7
 
@@ -326,14 +328,29 @@ def make_balance(system: LureSystem, pivot: int, value: Array) -> Balance:
     left = _left_null(state, A, system.C[rows])
     if left.shape[0] != m:
         raise ModelError(f"{system.name}: the static balance has {left.shape[0]} equations for {m} means.")
-    on_bias = left[:, n:]
-    on_mean = -(left[:, :n] @ system.B + left[:, n:] @ system.D[rows])
-    forced = np.concatenate(
-        [system.B_input @ value + system.constant_state, system.D_input[rows] @ value + system.constant_input[rows]]
-    )
-    prescribed = left @ forced
-    on_bias = np.where(np.abs(on_bias) > 1e-13 * np.abs(on_bias).max(initial=0.0), on_bias, 0.0)
-    return Balance(system, pivot, on_bias, on_mean, prescribed)
+    outputs = np.vstack([system.B, system.D[rows]])
+    inputs = np.vstack([system.B_input, system.D_input[rows]])
+    constants = np.concatenate([system.constant_state, system.constant_input[rows]])
+    on_mean = -without_rounding(left @ outputs, np.abs(left) @ np.abs(outputs))
+    forced_size = np.abs(inputs) @ np.abs(value) + np.abs(constants)
+    prescribed = without_rounding(left @ (inputs @ value + constants), np.abs(left) @ forced_size)
+    sign = _signs(left[:, n:], on_mean)
+    return Balance(system, pivot, sign * left[:, n:], sign * on_mean, sign[:, 0] * prescribed)
+
+
+def _signs(on_bias: Array, on_mean: Array) -> Array:
+    """The sign of each equation, which a null vector leaves open, shape (m, 1).
+
+    Where a loop integrates, means above zero are balanced below it: then contours do not run along the edge of a region
+    in which an element with a dead zone leaves any bias as it is.
+    """
+    leading = np.where(np.any(on_bias, axis=1), on_bias.sum(1), -on_mean.sum(1))
+    return np.where(leading < 0, -1.0, 1.0)[:, None]
+
+
+def without_rounding(values: Array, terms: Array) -> Array:
+    """Sums with zero where the sizes of their terms show them to be rounding."""
+    return np.where(np.abs(values) > _REMAINDER * terms, values, 0.0)
 
 
 def _left_null(state: Array, A: Array, C: Array) -> Array:
@@ -348,7 +365,7 @@ def _left_null(state: Array, A: Array, C: Array) -> Array:
     scaled = row[:, None] * state * column
     u, s, vt = np.linalg.svd(scaled)
     rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
-    left = u[:, rank:].T * row
+    left = without_rounding(u[:, rank:].T, np.ones(1)) * row
     if rank == n:
         return left
     hidden = column[:, None] * vt[rank:].T
@@ -383,6 +400,9 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
     z = np.zeros(system.C.shape[0])
     for _ in range(len(rows) + 1):
         z = system.C @ system.x0 + system.D @ w + system.D_input @ system.v0 + system.constant_input
+        terms = [(system.C, system.x0), (system.D, w), (system.D_input, system.v0)]
+        size = sum((np.abs(matrix) @ np.abs(vector) for matrix, vector in terms), np.abs(system.constant_input))
+        z = without_rounding(z, size)
         for i, e in enumerate(system.elements):
             scale = float(np.min(e.thresholds(), initial=np.inf))
             scale = 1e-9 * (scale if np.isfinite(scale) else 1.0)

@@ -103,8 +103,8 @@ def _perturbation_sign(balance: Balance, p: Point, mu: float) -> float:
     top = np.hstack([in_a, in_phase, in_bias * p.amplitude])
     static = np.hstack([means[0] / p.amplitude[:, None], np.zeros((m, m)), _scaled(means[1], p.amplitude) - np.eye(m)])
     sign = np.linalg.slogdet(np.vstack([top.real, top.imag, static]))[0]
-    A = system.A - (np.exp(mu * system.time_step) if system.time_step else mu) * np.eye(system.A.shape[0])
-    return float(sign * np.linalg.slogdet(-A)[0]) if A.size else float(sign)
+    A = (np.exp(mu * system.time_step) if system.time_step else mu) * np.eye(system.A.shape[0]) - system.A
+    return float(sign * np.linalg.slogdet(A)[0]) if A.size else float(sign)
 
 
 def _scaled(matrix: Array, amplitude: Array) -> Array:

@@ -6,13 +6,13 @@ poles, zeros and dead time; nothing is measured in absolute units.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray, equilibrate
+from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray
 from eppanalysis.methods.describing_curves import (
     at_index,
     contour_lines,
@@ -22,9 +22,12 @@ from eppanalysis.methods.describing_curves import (
     roots_along,
     settle,
 )
+from eppanalysis.models.linear import poles, zeros
 from eppanalysis.models.lure import LureSystem
 
 _MOST_NODES = 4000
+#: Share of a pole's or zero's imaginary part in its size from which it may resonate.
+_RESONANT = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,35 +41,26 @@ class Found:
 
 def frequency_scales(system: LureSystem) -> Array:
     """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time."""
-    A = system.A
-    values = np.linalg.eigvals(A) if A.size else np.zeros(0)
-    zeros = _zeros(system)
+    n = system.A.shape[0]
+    values = poles(system.A - np.eye(n)) + 1.0 if system.time_step else poles(system.A)
+    values = np.concatenate([values, _zeros(system)])
     if system.time_step:
-        values, zeros = (np.log(v[np.abs(v) > 1e-9].astype(complex)) / system.time_step for v in (values, zeros))
-    all_values = np.concatenate([values, zeros]).astype(complex)
-    sizes = np.concatenate([np.abs(all_values), np.abs(all_values.imag)])
-    largest = sizes.max(initial=0.0)
-    sizes = sizes[sizes > 1e-7 * largest]
+        values = np.log(values[np.abs(values) > 1e-9]) / system.time_step
+    # The imaginary part counts where it shows in a resonance; of a multiple real pole it is rounding.
+    turns = np.abs(values.imag)
+    sizes = np.concatenate([np.abs(values), turns[turns > _RESONANT * np.abs(values)]])
+    sizes = sizes[sizes > 1e-7 * sizes.max(initial=0.0)]
     late = system.delays[system.delays > 0]
     return np.unique(np.concatenate([sizes, 1.0 / late]))
 
 
 def _zeros(system: LureSystem) -> ComplexArray:
     """Finite transmission zeros of a loop with one element."""
-    if len(system.elements) != 1 or system.B.shape[1] != 1:
-        return np.zeros(0, complex)
     n = system.A.shape[0]
-    return _pencil_zeros(system.A, system.B, system.C[:1], system.D[:1]) if n else np.zeros(0, complex)
-
-
-def _pencil_zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
-    n = A.shape[0]
-    P = np.block([[A, B], [C, D]])
-    Q = np.zeros_like(P)
-    Q[:n, :n] = np.eye(n)
-    row, column = equilibrate(P)
-    values = scipy.linalg.eigvals(row[:, None] * P * column, row[:, None] * Q * column)
-    return np.asarray(values[np.isfinite(values)], complex)
+    if len(system.elements) != 1 or system.B.shape[1] != 1 or not n:
+        return np.zeros(0, complex)
+    A, B, C, D = system.A, system.B, system.C[:1], system.D[:1]
+    return zeros(A - np.eye(n), B, C, D) + 1.0 if system.time_step else zeros(A, B, C, D)
 
 
 def symmetry_candidates(system: LureSystem) -> Array:
@@ -74,7 +68,7 @@ def symmetry_candidates(system: LureSystem) -> Array:
     if system.time_step or np.any(system.delays) or system.A.shape[0] == 0:
         return np.zeros(0)
     A, B, C = system.A, system.B, system.C[:1]
-    s = _pencil_zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
+    s = zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
     s = s[(s.imag > 0) & (np.abs(s.real) < 1e-3 * np.abs(s))]
     return np.unique(s.imag)
 
@@ -149,9 +143,7 @@ def search_one(balance: Balance) -> Found:
     """All limit cycles of a loop with one element of one output whose describing function is free of omega."""
     system = balance.system
     thresholds = np.asarray(system.elements[0].thresholds(), float).ravel()
-    rough = frequency_nodes(_without_delay(system), 10)
-    crossing_gains = _crossing_gains(system, rough)
-    scales = amplitude_scales(balance, crossing_gains)
+    scales = amplitude_scales(balance, _crossing_gains(system))
     if not scales.size:
         return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
     amplitude = amplitude_nodes(scales, thresholds, 24)
@@ -165,17 +157,15 @@ def search_one(balance: Balance) -> Found:
     return Found(distinct(balance, cycles), tuple(curves), _sentence(system, real, omega, amplitude, len(lines)))
 
 
-def _without_delay(system: LureSystem) -> LureSystem:
-    return replace(system, delays=np.zeros_like(system.delays))
-
-
-def _crossing_gains(system: LureSystem, omega: Array) -> Array:
-    """Gains of the linear part that can meet the locus: at real values, or anywhere between the frequency scales."""
+def _crossing_gains(system: LureSystem) -> Array:
+    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and beside them."""
     scales = frequency_scales(system)
-    if scales.size:
-        omega = omega[(omega >= scales.min() / 10) & (omega <= scales.max() * 10)]
+    low, high = (scales.min() / 10, scales.max() * 10) if scales.size else (1e-12, 1e12)
+    n = 10 * int(np.ceil(np.log10(high / low)))
+    # In the middle of an even number of intervals, so that no point is on the pole of a single resonance.
+    omega = low * (high / low) ** ((np.arange(2 * (n // 2)) + 0.5) / (2 * (n // 2)))
     gain = np.abs(system.frequency_response(omega)[:, 0, 0])
-    return gain[np.isfinite(gain) & (gain > 0)][::5]
+    return gain[np.isfinite(gain) & (gain > 0)]
 
 
 def _lowest_gain(N: ComplexArray) -> float:

@@ -6,11 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: What is smaller than this share of the terms that it is made of is rounding: a realisation in other coordinates
+#: (rotated, balanced, identified) has such remainders where another one has zeros.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +100,116 @@ def _time_step(plant: Any) -> float | None:
     dt = getattr(plant, "dt", None)
     # True means "discrete, no time given"; note that 1.0 == True.
     return None if dt is None or dt == 0 else float(dt)
+
+
+def poles(A: Array, rounding: float | None = None) -> ComplexArray:
+    """Eigenvalues of a state matrix, those at zero exactly zero whatever the coordinates of the state.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+    rounding : float, optional
+        See :func:`integrators_apart`.
+
+    Returns
+    -------
+    array, shape (n,)
+        In the unit of `A`, zeros last.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Q = np.linalg.qr(np.arange(9.0).reshape(3, 3) % 5 + np.eye(3))[0]
+    >>> np.abs(poles(Q @ np.diag([1.0, 1.0], 1) @ Q.T)).tolist()
+    [0.0, 0.0, 0.0]
+    """
+    rest = scipy.linalg.matrix_balance(A, permute=False)[0] if rounding is None and A.size else A
+    apart, _, k = integrators_apart(rest, rounding)
+    out = np.zeros(len(A), complex)
+    out[:k] = np.linalg.eigvals(apart[:k, :k])
+    return out
+
+
+def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, Array, int]:
+    """Orthogonal coordinates in which the integrators of a state matrix show as rows of zeros.
+
+    An integrator is an eigenvalue of zero, and a chain of k of them comes out of a QR iteration at the k-th root of
+    rounding errors. So the directions into which nothing flows are taken off first, one link of all chains at a time.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+    rounding : float, optional
+        Singular values below are zero; by default a share of the matrix's norm.
+
+    Returns
+    -------
+    (A', Q, k) : array (n, n), array (n, n), int
+        ``A' = Q' A Q``; its first k rows and columns hold all other eigenvalues, and below them it is zero up to the
+        block above the diagonal with which integrators feed each other.
+    """
+    apart, Q, k = A.copy(), np.eye(len(A)), len(A)
+    least = np.linalg.norm(A) * ROUNDING if rounding is None else rounding
+    while k:
+        U, s, _ = np.linalg.svd(apart[:k, :k])
+        rank = int(np.sum(s > least))
+        if rank == k:
+            break
+        turn = np.eye(len(A))
+        turn[:k, :k] = U
+        apart, Q = turn.T @ apart @ turn, Q @ turn
+        apart[rank:k, :k] = 0.0
+        k = rank
+    return apart, Q, k
+
+
+def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
+    """Finite zeros of ``C (s - A)^-1 B + D`` from one input to one output, whatever the coordinates of the state.
+
+    While nothing passes straight through, an output that stays zero keeps the state within the null space of C, and
+    its rate is the output of a smaller system with the same zeros (Emami-Naeini and Van Dooren 1982). The number of
+    these steps is the relative degree; whether something passes is judged against the terms of which it is made.
+
+    Parameters
+    ----------
+    A, B, C, D : array, shapes (n, n), (n, 1), (1, n), (1, 1)
+
+    Returns
+    -------
+    array, shape (n - relative degree,)
+        Empty where nothing of the input reaches the output at all.
+    """
+    n = len(A)
+    both = scipy.linalg.matrix_balance(np.block([[A, B], [C, np.zeros((1, 1))]]), permute=False)[0]
+    A, b, c, d = both[:n, :n], both[:n, n], both[n, :n], float(D[0, 0])
+    size = _Sizes(np.abs(A), np.abs(b), np.abs(c), float(np.linalg.norm(A)), float(np.linalg.norm(c)))
+    through = abs(d)
+    while abs(d) <= ROUNDING * through:
+        if not len(A) or np.linalg.norm(c) <= ROUNDING * size.of_c:
+            return np.zeros(0, complex)
+        N = np.linalg.qr(c[:, None], mode="complete")[0][:, 1:]
+        N[np.abs(N) < ROUNDING] = 0.0
+        through = size.through(b)
+        d, c, b = float(c @ b), c @ A @ N, N.T @ b
+        A, size = N.T @ A @ N, size.within(np.abs(N))
+    spread = size.a + float(np.linalg.norm(b)) * size.of_c / abs(d)
+    return poles(A - np.outer(b, c) / d, ROUNDING * spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sizes:
+    """Sizes of the terms that make up A, b and c: entry by entry, and by norms, which rotations do not blow up."""
+
+    A: Array
+    b: Array
+    c: Array
+    a: float
+    of_c: float
+
+    def through(self, b: Array) -> float:
+        """Size of the terms in ``c b``."""
+        return min(float(self.c @ self.b), self.of_c * float(np.linalg.norm(b)))
+
+    def within(self, N: Array) -> _Sizes:
+        """The same for ``N' A N``, ``N' b`` and ``c A N``."""
+        return _Sizes(N.T @ self.A @ N, N.T @ self.b, self.c @ self.A @ N, self.a, self.of_c * self.a)

@@ -10,15 +10,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.models.linear import StateSpace, as_state_space
+from eppanalysis.models.linear import StateSpace, as_state_space, integrators_apart
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 
 if TYPE_CHECKING:
@@ -296,6 +297,37 @@ class LureSystem:
                 raise ModelError(f"{self.name}: there is no input {name!r}; expected one of: {known}.")
             value[self.input_names.index(name)] = number
         return value
+
+    def in_coordinates(self, T: Array, inverse: Array) -> LureSystem:
+        """The same loop with another state y, where ``x = T y`` and ``y = inverse x``."""
+        return replace(
+            self,
+            A=inverse @ self.A @ T,
+            B=inverse @ self.B,
+            C=self.C @ T,
+            B_input=inverse @ self.B_input,
+            constant_state=inverse @ self.constant_state,
+            x0=inverse @ self.x0,
+            signals=replace(self.signals, C=self.signals.C @ T),
+        )
+
+    @cached_property
+    def with_integrators_apart(self) -> tuple[LureSystem, Array]:
+        """The loop in coordinates in which integrators have rows of zeros in A, and T of ``x = T y``.
+
+        In other coordinates (rotated, balanced, identified) rounding makes slow poles of integrators. Where they show
+        as the loop is given, it stays as it is. In discrete time an integrator has its pole at one.
+        """
+        n = self.A.shape[0]
+        unit = np.eye(n) if self.time_step else np.zeros((n, n))
+        if not n:
+            return self, unit
+        balanced, size = scipy.linalg.matrix_balance(self.A - unit, permute=False, separate=True)
+        apart, Q, k = integrators_apart(balanced)
+        if n - k <= int(np.sum(np.linalg.eigvals(self.A - unit) == 0)):
+            return self, np.eye(n)
+        T, inverse = size[0][:, None] * Q, Q.T / size[0]
+        return replace(self.in_coordinates(T, inverse), A=apart + unit), T
 
     @cached_property
     def input_slices(self) -> tuple[slice, ...]:
