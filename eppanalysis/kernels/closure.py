@@ -25,12 +25,14 @@ ROUNDING = 5e-13
 def closing(watch, count, ring, largest):
     """Events in the period on which the run has closed; 0 as long as it has not.
 
-    `watch` holds, from event to event: events in the candidate period, and how many events in a row were near their
-    predecessors.
+    `watch` holds, from event to event: events in the candidate period, how many events in a row were near their
+    predecessors, and eighths of the events seen so far. (Events that belong to one jump come together.)
     """
     c, p, keep, ev_guard, ev_x = count - 1, int(watch[0]), ring.t.size, ring.guard, ring.x
+    look = count // 8 > watch[2]
+    watch[2] = count // 8
     if p == 0:
-        if count % 8 == 0:
+        if look:
             watch[0], watch[1] = _candidate(ev_guard, count, keep), 0.0
         return 0
     if ev_guard[c % keep] != ev_guard[(c - p) % keep]:

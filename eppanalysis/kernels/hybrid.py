@@ -16,6 +16,7 @@ from numba import njit
 from eppanalysis.kernels.closure import closing, ring_on, sort_into
 from eppanalysis.kernels.delays import extend_lines, line_room, read_line, start_lines
 from eppanalysis.kernels.flow import compile_long, compile_step
+from eppanalysis.kernels.jumps import clearly_above, let_go, may_leave_behind, place_of
 from eppanalysis.kernels.lanes import (
     add,
     any_above,
@@ -41,7 +42,7 @@ from eppanalysis.kernels.series import (
     may_rise,
     term_sizes,
 )
-from eppanalysis.kernels.switches import beyond_level, reset, rise_from_start, settle_on_level, smooth_at
+from eppanalysis.kernels.switches import record, rise_from_start, smooth_at, switch
 from eppanalysis.kernels.tables import ENTRY, HOT, INLINE, LONG_DOUBLINGS, LONGS
 
 DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
@@ -99,7 +100,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     held, still, end, low, high = room.held, room.still, room.end, room.range[0], room.range[1]
     line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
     times, rows, out = samples.times, samples.rows, samples.out
-    all_samples, n_knots = samples.phases.size, model.knot_time.size
+    all_samples, n_knots, n_e, beyond = samples.phases.size, model.knot_time.size, modes.size, room.then_x[0]
     t, until, count, i_sample, n_samples = 0.0, t_end, 0, 0, all_samples
     i_knot = 0 if watched else n_knots
     origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, 0.0, 0, 0, False, False
@@ -110,7 +111,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     delayed = line_h.shape[1] > 1
     limit_same = 2 * model.mode_first[-1] + 16
     watch, keep = room.watch, ring.t.size
-    watch[0] = 0.0
+    watch[0] = watch[2] = 0.0
     code = DONE
     for i in range(8):
         stats[i] = 0.0
@@ -125,11 +126,25 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         return SINGULAR
     start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
     while True:
-        # External inputs that jump or bend now.
-        while i_knot < n_knots and model.knot_time[i_knot] <= t:
-            x[model.knot_state[i_knot]] = model.knot_value[i_knot]
-            H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
-            i_knot += 1
+        # External inputs that jump or bend now; what begins at the start is no jump, for all starts from there.
+        if i_knot < n_knots and model.knot_time[i_knot] <= t:
+            if t > 0.0 and may_leave_behind(model, modes, n_e):
+                if not entered:
+                    _enter(slots, q, H, f, constant, lift, still)
+                _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate)
+                take(beyond, x)
+                _put_inputs(model, i_knot, t, beyond)
+                q, count = let_go(
+                    model, slots, work, room, ring, q, -1, x, beyond, recent, H, Sg, 0, 0.0, modes, base_step, t, rate,
+                    count, not aside,
+                )  # fmt: skip
+                if q < 0:
+                    code = SINGULAR
+                    break
+            _put_inputs(model, i_knot, t, x)
+            while i_knot < n_knots and model.knot_time[i_knot] <= t:
+                H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
+                i_knot += 1
             armed, entered = False, False
         if not entered:
             _enter(slots, q, H, f, constant, lift, still)
@@ -292,7 +307,17 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 code = EVENT_LIMIT
                 break
             k = slots.guard[q, which]
-            q = _switch(model, slots, work, q, which, x, recent, H, Sg, last, best, modes, held, base_step)
+            if may_leave_behind(model, modes, model.guard_element[k]) and not clearly_above(
+                slots, q, which, x, recent, H, Sg, last, best
+            ):
+                q, count = let_go(
+                    model, slots, work, room, ring, q, k, x, x, recent, H, Sg, last, best, modes, base_step, t, rate,
+                    count, not aside,
+                )  # fmt: skip
+                if q >= 0:
+                    which = place_of(slots, q, k)
+            if q >= 0:
+                q = switch(model, slots, work, q, which, x, recent, H, Sg, last, best, modes, held, base_step)
             if q < 0:
                 code = SINGULAR
                 break
@@ -303,7 +328,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
             if not aside:
                 r = count % keep
                 ring.t[r], ring.guard[r] = t, k
-                _record(ring, r, x, rate, H, modes)
+                record(ring, r, x, rate, H, modes)
                 count += 1
             if watched and i_knot == n_knots and n_s == 0:
                 take_larger(largest, x, largest)
@@ -364,32 +389,6 @@ def _first_guard(slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constan
     return which, best
 
 
-@njit(**INLINE)
-def _switch(model, slots, work, q, which, x, recent, H, Sg, last, u, modes, held, base_step):
-    """Let the element of a guard that fired take its next mode; returns the new slot, -1 when none has a solution."""
-    k = slots.guard[q, which]
-    jumped = beyond_level(model, slots, q, k, x, recent, H, Sg, last, u)
-    reset(model, slots, q, k, x, H, Sg, last, u, modes, held)
-    new = slots.next[q, which]
-    if jumped:
-        modes[model.guard_element[k]] = model.guard_bypass[k]
-        new = -1
-    if new < 0:
-        before = slots.count[0]
-        new = find_slot(model, slots, work, modes, base_step)
-        if new < 0 and model.guard_bypass[k] >= 0 and not jumped:
-            # Sliding along two surfaces at once is not determined here: the newcomer crosses its own.
-            jumped = True
-            modes[model.guard_element[k]] = model.guard_bypass[k]
-            new = find_slot(model, slots, work, modes, base_step)
-        if new < 0:
-            return -1
-        if slots.count[0] >= before and not jumped:
-            slots.next[q, which] = new
-    settle_on_level(model, slots, new, model.guard_element[k], modes, x, H)
-    return new
-
-
 @njit(**HOT)
 def _forget(room, x, n):
     """Clear what an earlier run left, which may not be a number, and which reaches the padding of rows."""
@@ -397,6 +396,14 @@ def _forget(room, x, n):
         rows[:, :] = 0.0
     for row in (room.p, room.end, x[n:]):
         row[:] = 0.0
+
+
+@njit(**INLINE)
+def _put_inputs(model, i, t, x):
+    """Put external inputs where they stand behind all their knots from i on that are due."""
+    while i < model.knot_time.size and model.knot_time[i] <= t:
+        x[model.knot_state[i]] = model.knot_value[i]
+        i += 1
 
 
 @njit(**INLINE)
@@ -646,14 +653,3 @@ def _sample_series(Y, Ys, X, last, Sg, samples, rows, first, stop, t, d, still, 
             sigma = smooth_at(Sg, last, j, u)
             for i in range(Ys.shape[0]):
                 row[i] += Ys[i, j] * sigma
-
-
-@njit(**INLINE)
-def _record(ring, r, x, rate, H, modes):
-    """State just after an event and its rate just before, into place r of the ring."""
-    for i in range(ring.x.shape[1]):
-        ring.x[r, i], ring.v[r, i] = x[i], rate[i]
-    for i in range(H.size):
-        ring.H[r, i] = H[i]
-    for i in range(modes.size):
-        ring.modes[r, i] = modes[i]

@@ -227,10 +227,13 @@ def _hold_input(rate, c, B, w):
 
 @njit(**HOT)
 def compile_guards(model, slots, work, q, modes):
-    """Guard rows of the combination, on state, rate, held values and smooth channels."""
+    """Guard rows of the combination, on state, rate, held values and smooth channels, in the order of the cascade.
+
+    Of guards that a jump has passed the first one fires, so that an element meets the jump that is left behind others.
+    """
     n, n_H, n_s = model.A.shape[0], model.K.shape[1], model.S.shape[1]
     k = 0
-    for e in range(modes.size):
+    for e in model.order:
         m = model.mode_first[e] + modes[e]
         z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
         n_ze, n_we, n_he = model.first[e + 1, 0] - z0, model.first[e + 1, 1] - w0, model.first[e + 1, 2] - h0

@@ -34,14 +34,14 @@ class Channels(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W):
+def build_arcs(model, slots, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
 
     Parameters
     ----------
     model : eppanalysis.kernels.tables.Model
-    modes, guards : int arrays (p, E), (p,)
-        Modes on each arc; number of the guard at its end, -1 for none.
+    modes, guards, timing : int arrays (p, E), (p,), (p,)
+        Modes on each arc; number of the guard at its end, -1 for none, and of the guard that tells when that is.
     F, S : arrays (p, n, N), (p, n, s)
         Rate of the state.
     g, gs : arrays (p, N), (p, s)
@@ -84,7 +84,7 @@ def build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense,
         J[a] = np.eye(n + n_H)
         g[a], gs[a] = 0.0, 0.0
         if guards[a] >= 0:
-            code = _guard_rows(model, slots, q, guards[a], g[a], gs[a])
+            code = _guard_rows(model, slots, q, timing[a], g[a], gs[a])
             if code == READY:
                 code = _event_map(model, slots, q, guards[a], modes[(a + 1) % guards.size], J[a])
             if code != READY:

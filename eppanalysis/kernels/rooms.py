@@ -45,7 +45,7 @@ class Room(NamedTuple):
     held: np.ndarray  # (H,)
     guard: np.ndarray  # (7, G+)
     end: np.ndarray  # (2n+ + 2G+,)
-    watch: np.ndarray  # (2,) candidate period of a run that closes, events near their predecessors
+    watch: np.ndarray  # (3,) candidate period of a run that closes, events near their predecessors, eighths of events
     line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
     line_h: np.ndarray  # (s, ring) unit of its series
     line_c: np.ndarray  # (s, ring, order + 1)
@@ -54,6 +54,10 @@ class Room(NamedTuple):
     modes: np.ndarray  # (E,) int
     H: np.ndarray  # (H,)
     once: np.ndarray  # (events,)
+    then_x: np.ndarray  # (2, n+) state behind a jump of inputs, and that of a jump that is tried
+    then_modes: np.ndarray  # (E,) int
+    then_H: np.ndarray  # (H,)
+    before: np.ndarray  # (z,) inputs of the elements before a jump
 
 
 @by_address
@@ -94,12 +98,14 @@ def make_room(model: Model) -> Room:
         "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide),
         "Sg": (ORDER + 1, n_s), "arg": (ORDER + 1, n_s), "aux": (ORDER + 1, n_s), "p": (padded(ORDER + 1),),
         "still": (padded(model.Yx.shape[0]),), "row": (10, wide), "range": (2, wide), "held": (n_H,),
-        "guard": (7, half), "end": (2 * wide + 2 * half,), "watch": (2,),
+        "guard": (7, half), "end": (2 * wide + 2 * half,), "watch": (3,),
         "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),
         "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,),
+        "then_x": (2, wide), "then_H": (n_H,), "before": (model.C.shape[0],),
     })  # fmt: skip
     numbers["line_h"][:] = 1.0
-    return Room(**numbers, line_n=np.zeros((n_s, 2), np.int64), modes=np.zeros(n_e, np.int64))
+    places = {"line_n": (n_s, 2), "modes": (n_e,), "then_modes": (n_e,)}
+    return Room(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
 
 
 def make_rooms(model: Model) -> tuple[Slots, Work, Room]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from eppanalysis.kernels.modes import find_slot
 from eppanalysis.kernels.series import first_rise, guard_noise, term_sizes
 from eppanalysis.kernels.tables import HOT, INLINE
 
@@ -30,6 +31,32 @@ def rise_from_start(slots, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p, f
 
 
 @njit(**INLINE)
+def switch(model, slots, work, q, which, x, recent, H, Sg, last, u, modes, held, base_step):
+    """Let the element of a guard that fired take its next mode; returns the new slot, -1 when none has a solution."""
+    k = slots.guard[q, which]
+    jumped = beyond_level(model, slots, q, k, x, recent, H, Sg, last, u)
+    reset(model, slots, q, k, x, H, Sg, last, u, modes, held)
+    new = slots.next[q, which]
+    if jumped:
+        modes[model.guard_element[k]] = model.guard_bypass[k]
+        new = -1
+    if new < 0:
+        before = slots.count[0]
+        new = find_slot(model, slots, work, modes, base_step)
+        if new < 0 and model.guard_bypass[k] >= 0 and not jumped:
+            # Sliding along two surfaces at once is not determined here: the newcomer crosses its own.
+            jumped = True
+            modes[model.guard_element[k]] = model.guard_bypass[k]
+            new = find_slot(model, slots, work, modes, base_step)
+        if new < 0:
+            return -1
+        if slots.count[0] >= before and not jumped:
+            slots.next[q, which] = new
+    settle_on_level(model, slots, new, model.guard_element[k], modes, x, H)
+    return new
+
+
+@njit(**INLINE)
 def reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
     """Held values and mode of the element whose guard k fired."""
     e = model.guard_element[k]
@@ -42,7 +69,7 @@ def reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
         for b in range(n_ze):
             c = model.reset_z[k, a, b]
             if c != 0.0:
-                v += c * _input(slots, q, z0 + b, x, H, Sg, last, u)
+                v += c * input_at(slots, q, z0 + b, x, H, Sg, last, u)
         new[a] = v
     for a in range(n_he):
         H[h0 + a] = new[a]
@@ -50,7 +77,8 @@ def reset(model, slots, q, k, x, H, Sg, last, u, modes, new):
 
 
 @njit(**HOT)
-def _input(slots, q, row, x, H, Sg, last, u):
+def input_at(slots, q, row, x, H, Sg, last, u):
+    """Input of an element (its row among all) at state x."""
     v = 0.0
     for i in range(slots.Zx.shape[2]):
         v += slots.Zx[q, row, i] * x[i]
@@ -83,7 +111,7 @@ def beyond_level(model, slots, q, k, x, recent, H, Sg, last, u):
     size = abs(model.mode_level[m])
     for i in range(model.C.shape[1]):
         size += abs(model.C[z0, i]) * max(abs(x[i]), recent[i])
-    return abs(_input(slots, q, z0, x, H, Sg, last, u) - model.mode_level[m]) > 1e-9 * size
+    return abs(input_at(slots, q, z0, x, H, Sg, last, u) - model.mode_level[m]) > 1e-9 * size
 
 
 @njit(**INLINE)
@@ -107,3 +135,14 @@ def settle_on_level(model, slots, q, e, modes, x, H):
         else:
             for i in range(model.C.shape[1]):
                 x[i] -= model.B[i, w0] * left / scale
+
+
+@njit(**INLINE)
+def record(ring, r, x, rate, H, modes):
+    """State just after an event and its rate just before, into place r of the ring."""
+    for i in range(ring.x.shape[1]):
+        ring.x[r, i], ring.v[r, i] = x[i], rate[i]
+    for i in range(H.size):
+        ring.H[r, i] = H[i]
+    for i in range(modes.size):
+        ring.modes[r, i] = modes[i]

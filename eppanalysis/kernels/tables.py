@@ -40,12 +40,15 @@ class Model(NamedTuple):
     D: np.ndarray  # (z, w)
     Kz: np.ndarray  # (z, H)
     first: np.ndarray  # (E + 1, 3) int: where each element's inputs, outputs, held values begin
+    order: np.ndarray  # (E,) int: elements, each behind those whose outputs act straight on its inputs
+    reach: np.ndarray  # (E + 1, E) int: whether an element's output (last: external inputs) acts straight on an input
     mode_first: np.ndarray  # (E + 1,) int
     mode_wz: np.ndarray  # (m, w_max, z_max)
     mode_wh: np.ndarray  # (m, w_max, h_max)
     mode_ws: np.ndarray  # (m, w_max, s)
     mode_w0: np.ndarray  # (m, w_max)
     mode_stick: np.ndarray  # (m,) int
+    mode_lags: np.ndarray  # (m,) int: whether a jump of the element's input may leave it behind
     mode_level: np.ndarray  # (m,)
     guard_first: np.ndarray  # (m + 1,) int
     guard_element: np.ndarray  # (g,) int

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.simulate import Run
-from eppanalysis.models.arcs import Arcs, Itinerary
+from eppanalysis.models.arcs import LETS_GO, Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
     tau : array, shape (p,)
         Dwell times [s].
     """
-    p = guards.size
-    it = Itinerary(modes, guards, np.full((p, 3), -1), np.zeros(p, np.int64))
+    it = Itinerary(modes, guards, np.full((guards.size, 3), -1), _brought_about(hybrid.model, guards, tau))
     if np.any(hybrid.model.smooth_kind == DELAY_LINE):
         try:
             return _delayed_guess(hybrid, it, starts[0], tau)
@@ -111,12 +110,30 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
     return Guess(_marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))
 
 
+def _brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
+    """Marks, shape (p,), of the events by which an element lets go because the next event makes its input jump."""
+    marks = np.zeros(guards.size, np.int64)
+    element, lets_go = model.guard_element[guards], np.any(model.guard_rate[guards], axis=1)
+    jump = guards.size - 1
+    for a in reversed(range(guards.size - 1)):
+        if tau[a + 1] == 0.0 and lets_go[a] and model.reach[element[jump], element[a]]:
+            marks[a] = LETS_GO
+        else:
+            jump = a
+    return marks
+
+
 def _marked(arcs: Arcs, starts: Array, tau: Array) -> Itinerary:
-    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero."""
+    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero.
+
+    Those behind an event that the next one brings about end at once, too.
+    """
+    before = arcs.itinerary.at_once == LETS_GO
     parts = arcs.g * starts
     value, size = parts.sum(axis=1), np.abs(parts).sum(axis=1)
     short = tau <= 1e-12 * tau.sum()
     at_once = np.where(short & (value > 1e-9 * size), 1, np.where(~short & (np.abs(value) <= 1e-12 * size), 2, 0))
+    at_once = np.where(before, LETS_GO, np.where(np.roll(before, 1), 1, at_once))
     return replace(arcs.itinerary, at_once=at_once)
 
 
@@ -145,7 +162,7 @@ def _delayed_guess(hybrid: HybridSystem, it: Itinerary, y: Array, tau: Array) ->
         source[new_place[p + i]] = new_place[origin], channel, turns
     times = np.concatenate([t, arrivals])[at]
     new_tau = np.diff(times, prepend=0.0)
-    full = Itinerary(modes, guards, source, np.zeros(guards.size, np.int64))
+    full = Itinerary(modes, guards, source, np.concatenate([it.at_once, np.zeros(len(rows), np.int64)])[at])
     arcs = Arcs.build(hybrid, full)
     n, n_H = model.A.shape[0], model.K.shape[1]
     wide = np.zeros(arcs.size)

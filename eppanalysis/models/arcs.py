@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Mark of an event that the next one brings about.
+LETS_GO = 3
+
 
 @dataclass(frozen=True, eq=False)
 class Itinerary:
@@ -41,7 +44,8 @@ class Itinerary:
         the switch is under way; -1 elsewhere.
     at_once : int array, shape (p,)
         1 where the event follows the one before without delay; 2 where the arc begins on the guard that ends it, as
-        slip does.
+        slip does; 3 where what follows an input lets go because the next event makes that input jump: the arc ends
+        where the guard of the next event does.
     """
 
     modes: IntArray
@@ -59,6 +63,14 @@ class Itinerary:
         """The same for itineraries with the same cyclic order of events, wherever they begin."""
         events = [(int(g), int(k == 1)) for g, k in zip(self.guards, self.at_once, strict=True)]
         return min(tuple(events[i:] + events[:i]) for i in range(len(events)))
+
+    @property
+    def timing(self) -> IntArray:
+        """Number of the guard that tells when each arc ends, shape (p,)."""
+        timing = self.guards.copy()
+        for a in np.flatnonzero(self.at_once == LETS_GO)[::-1]:
+            timing[a] = timing[(a + 1) % timing.size]
+        return timing
 
     def rotated(self, first: int) -> Itinerary:
         """The same cycle, begun with arc `first`."""
@@ -138,8 +150,8 @@ class Arcs:
         J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
         Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
         slots, work = make_slots(model, 1), make_work(model)
-        modes, guards = itinerary.modes, itinerary.guards
-        code = build_arcs(model, slots, work, modes, guards, F, S, g, gs, J, smooth, sense, Y, Ys, W)
+        modes, guards, timing = itinerary.modes, itinerary.guards, itinerary.timing
+        code = build_arcs(model, slots, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
         if code != READY:
             what = (
                 "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"

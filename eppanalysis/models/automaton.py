@@ -100,6 +100,10 @@ class Automaton:
     start_held: Array = field(default_factory=lambda: np.zeros(0))
     smooth: tuple[Smooth, ...] = ()
 
+    def follows(self, mode: int) -> bool:
+        """Whether the element follows its input in a mode, and holds on to where it was where the input turns back."""
+        return self.n_held > 0 and any(g.mode == mode and np.any(g.on_rate) for g in self.guards)
+
 
 class AutomatonBuilder:
     """Collects modes and guards with the zeros filled in, so that element code states only what is not zero."""

@@ -143,6 +143,8 @@ class _Packer:
             D=D,
             Kz=Kz,
             first=self.first,
+            order=self._order(D),
+            reach=self._reach(D),
             **modes,
             **guards,
             smooth_kind=smooth["kind"],
@@ -174,6 +176,34 @@ class _Packer:
             guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
+
+    def _acts_on(self, D: Array) -> NDArray[np.bool_]:
+        """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
+        ends = [slice(*self.first[e : e + 2, 0]) for e in range(len(self.automata))]
+        starts = [slice(*self.first[e : e + 2, 1]) for e in range(len(self.automata))]
+        return np.array([[bool(np.any(D[z, w])) for w in starts] for z in ends])
+
+    def _order(self, D: Array) -> IntArray:
+        """Elements along the cascade: each behind those that act straight on it, but for algebraic loops."""
+        acts, order = self._acts_on(D), []
+        np.fill_diagonal(acts, False)
+        rest = list(range(len(acts)))
+        while rest:
+            free = next((e for e in rest if not np.any(acts[e, rest])), rest[0])
+            order.append(free)
+            rest.remove(free)
+        return np.array(order, np.int64)
+
+    def _reach(self, D: Array) -> IntArray:
+        """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
+        acts = self._acts_on(D)
+        n = len(acts)
+        given = np.zeros((len(D), self.system.D_input.shape[1]), bool)
+        given[: len(self.system.D_input)] = self.system.D_input != 0.0
+        reach = np.vstack([acts.T, [bool(np.any(given[self.first[e, 0] : self.first[e + 1, 0]])) for e in range(n)]])
+        for _ in range(n):
+            reach = reach | (reach.astype(int) @ acts.T > 0)
+        return np.asarray(reach, np.int64)
 
     def _refuse_tiny_delays(self, fastest: float) -> None:
         """A run would need ten million steps and more while the linear part hardly moves."""
@@ -303,6 +333,7 @@ class _Packer:
             "mode_ws": np.zeros((n_modes, w_max, n_s)),
             "mode_w0": np.zeros((n_modes, w_max)),
             "mode_stick": np.zeros(n_modes, np.int64),
+            "mode_lags": np.zeros(n_modes, np.int64),
             "mode_level": np.zeros(n_modes),
         }
         g = {
@@ -328,6 +359,7 @@ class _Packer:
                 m["mode_ws"][i_mode, :w, i_smooth : i_smooth + len(a.smooth)] = mode.from_smooth
                 m["mode_w0"][i_mode, :w] = mode.constant
                 m["mode_stick"][i_mode], m["mode_level"][i_mode] = mode.sticking, mode.level
+                m["mode_lags"][i_mode] = mode.sticking or a.follows(k)
                 for guard in (q for q in a.guards if q.mode == k):
                     g["guard_element"][i_guard] = e
                     g["guard_target"][i_guard] = self._target(e, guard, B, C, D)
