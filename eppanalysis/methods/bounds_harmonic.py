@@ -51,14 +51,21 @@ class Finding(Enum):
     """What is known of a cell; the value is a sentence for people."""
 
     BOUND = "A bound was found."
-    NONE = "No limit cycle exists anywhere in the range of the limiting parameter, so nothing bounds it there."
+    NONE = (
+        "The exact search finds no limit cycle at either end of the range of the limiting parameter nor at the values "
+        "tried between, so nothing bounds it there."
+    )
     ALWAYS = (
-        "A limit cycle exists at both ends of the range of the limiting parameter and at all values tried between: no "
-        "value in it is free of them."
+        "A limit cycle exists at both ends of the range of the limiting parameter and at all values tried between: "
+        "none of them is free of cycles."
     )
     BETWEEN = (
         "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: ask "
         "for a narrower range, which begins or ends among these."
+    )
+    UNSURE = (
+        "Whether a limit cycle exists in the range of the limiting parameter is not known: the exact search found none "
+        "at some values, but left runs undecided there."
     )
     SCALES = (
         "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
@@ -155,8 +162,41 @@ class Outlook:
     note: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The cycles at one value of the limiting parameter: first order's, and what the exact search found.
+
+    Attributes
+    ----------
+    value : float
+        [SI]
+    predicted, exact : list of Cycle
+        As inputs of the elements, smallest first.
+    complete : bool
+        Whether every run of the exact search came to an end that it lists.
+    """
+
+    value: float
+    predicted: list[Cycle] = field(default_factory=list)
+    exact: list[Cycle] = field(default_factory=list)
+    complete: bool = False
+
+    @property
+    def there(self) -> bool | None:
+        """Whether a cycle exists; None where the exact search cannot tell."""
+        return True if self.exact else (False if self.complete else None)
+
+    @property
+    def cycles(self) -> list[Cycle]:
+        """From which harmonic balance begins: those of first order, else the exact ones."""
+        return self.predicted or self.exact
+
+
 def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     """Scan the range of the limiting parameter for cycles.
+
+    Whether a cycle exists at a value is what the exact search says of it: first order sees some cycles that are not
+    there, and misses others (friction with integral action, jumps).
 
     Parameters
     ----------
@@ -171,28 +211,42 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
     if idle(question, values):
         return Outlook(Finding.IDLE)
-    found = list(each(partial(_cycles_at, question, predict_limit_cycles), values))
-    # What first order says of every value is put to the exact search before it is believed.
-    if not any(found):
-        for i in {0, n_scan // 2, n_scan - 1}:
-            found[i] = _cycles_at(question, find_limit_cycles, values[i])
-    elif all(found):
-        own = value_of(question.case, question.limit)
-        values = sorted({*values, own} if own is not None and question.low < own < question.high else values)
-        found = list(each(partial(_cycles_at, question, find_limit_cycles), values))
-    there = [bool(f) for f in found]
+    seen = list(each(partial(_seen_at, question), values))
+    own = value_of(question.case, question.limit)
+    if all(s.there for s in seen) and own is not None and question.low < own < question.high:
+        seen = sorted([*seen, _seen_at(question, own)], key=lambda s: s.value)
+    return _outlook(question, seen)
+
+
+def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
+    """What the cycles at all values mean together."""
+    there = [s.there for s in seen]
+    if None in there:
+        # A bound is tested where it is found, so that there first order's word will do; for other answers nothing else
+        # is asked.
+        there = [bool(s.predicted) if s.there is None else s.there for s in seen]
+        if there[0] == there[-1]:
+            return Outlook(Finding.UNSURE, note=f"It is undecided at {_told(question, seen, None)}.")
     if not any(there):
         return Outlook(Finding.NONE)
-    first = found[-1] or next(f for f in found if f)
+    first = (seen[-1] if there[-1] else next(s for s, t in zip(seen, there, strict=True) if t)).cycles
     if scales(question, first[-1]):
         return Outlook(Finding.SCALES)
     if there[0] and there[-1]:
-        return Outlook(Finding.ALWAYS if all(there) else Finding.BETWEEN)
+        if all(there):
+            return Outlook(Finding.ALWAYS)
+        return Outlook(Finding.BETWEEN, note=f"There is none at {_told(question, seen, False)}.")
     if there[-1] or not there[0]:
         last = max(i for i, t in enumerate(there) if t)
-        above = "" if there[-1] else f"No cycle is left above {values[last + 1]:.6g} either."
-        return Outlook(Finding.BOUND, 1.0, tuple(found[last]), above)
-    return Outlook(Finding.BOUND, -1.0, tuple(found[0]))
+        above = "" if there[-1] else f"No cycle is left above {seen[last + 1].value:.6g} either."
+        return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
+    return Outlook(Finding.BOUND, -1.0, tuple(seen[0].cycles))
+
+
+def _told(question: Question, seen: Sequence[_Seen], there: bool | None) -> str:
+    """The values of one answer, in the unit that people use."""
+    unit, factor = question.case.readable(question.limit)
+    return ", ".join(f"{factor * s.value:.4g} {unit}".rstrip() for s in seen if s.there is there)
 
 
 def idle(question: Question, values: Iterable[float]) -> bool:
@@ -209,16 +263,22 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     return True
 
 
-def _cycles_at(question: Question, search: Callable[..., Iterable[LimitCycle]], value: float) -> list[Cycle]:
-    """Cycles at a value, as inputs of the elements, smallest first."""
+def _seen_at(question: Question, value: float) -> _Seen:
+    """The cycles at a value; nothing is known where the loop cannot be searched there."""
     case = question.case_at(value)
     system = case.to_system()
+    inputs = inputs_at_end(case, system)
+    loop = steady_loop(case)
     try:
-        loop = steady_loop(case)
-        found = search(system, inputs_at_end(case, system))
-        return [_of_order_one(loop, value, c) for c in found]
+        predicted = predict_limit_cycles(system, inputs).cycles
+    except ModelError:  # an element without a describing function
+        predicted = ()
+    try:
+        search = find_limit_cycles(system, inputs, predicted=predicted)
     except ModelError:
-        return []
+        return _Seen(value, [_of_order_one(loop, value, c) for c in predicted])
+    first, exact = ([_of_order_one(loop, value, c) for c in found] for found in (predicted, search))
+    return _Seen(value, first, exact, search.status.ok)
 
 
 def _of_order_one(loop: Loop, value: float, cycle: LimitCycle) -> Cycle:

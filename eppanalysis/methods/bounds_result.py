@@ -28,7 +28,7 @@ class BoundCell(Brief):
     value : float
         Of the parameter that runs [SI].
     finding : str
-        "bound", or why there is none: "none", "always", "between", "scales", "idle", "beyond", "failed".
+        "bound", or why there is none: "none", "always", "between", "unsure", "scales", "idle", "beyond", "failed".
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
     first_order, harmonic, exact : float

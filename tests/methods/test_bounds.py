@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -177,8 +178,8 @@ def test_a_loop_whose_cycles_scale_with_the_gap_has_no_bound_on_it() -> None:
 @pytest.mark.parametrize(
     ("within", "finding", "words"),
     [
-        ((0.3, 0.6), "none", "No limit cycle exists anywhere"),
-        ((1.0, 1.3), "always", "no value in it is free"),
+        ((0.3, 0.6), "none", "The exact search finds no limit cycle"),
+        ((1.0, 1.3), "always", "none of them is free"),
     ],
 )
 def test_questions_without_a_bound_get_a_sentence(
@@ -189,6 +190,62 @@ def test_questions_without_a_bound_get_a_sentence(
     assert words in result[0].message
     assert math.isnan(result[0].bound)
     assert result.status.ok
+
+
+HUNTING = """
+kind = "loop"
+title = "Positioning with integral action and stiction"
+[loop]
+A = [[0, 1, 0], [-25.0, -3.0, {integral}], [1, 0, 0]]
+B = [[0], [-1.0], [0]]
+C = [[0, 1, 0]]
+initial_state = [0.1, 0, 0]
+[[loop.elements]]
+element = "friction"
+name = "friction"
+coulomb = "1 N"
+static = "1.5 N"
+[run]
+t_end = "120 s"
+"""
+
+
+@pytest.mark.parametrize("integral", [-20.0, -10.0])
+def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral: float) -> None:
+    """Hunting: no describing function sees it, and no value between those that are asked first is free of it."""
+    case = epp.case_from_text(HUNTING.format(integral=integral))
+    assert len(epp.predict_limit_cycles(case.to_system())) == 0
+    for value in (1.8, 2.6):
+        there = case.with_values({"friction.static": value})
+        assert epp.simulate(there.to_system(), t_end=400.0).status is epp.Status.LIMIT_CYCLE
+    assert look(Question(case, "friction.static", 1.5, 3.0)).finding is Finding.ALWAYS
+
+
+def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    undecided = CycleSearch((), epp.Status.UNDECIDED, True, False, "blind")
+    monkeypatch.setattr("eppanalysis.methods.bounds_harmonic.find_limit_cycles", lambda *_, **__: undecided)
+    result = design_bounds(wheelchair, "play.gap", "loop.gain", at=[0.012], within=(0.3, 0.6))
+    assert result[0].finding == "unsure" and not result.status.ok
+    assert "left runs undecided" in result[0].message and "0.3, 0.3568" in result[0].message
+
+
+def test_every_slow_run_beside_a_bound_is_looked_at_to_its_end(wheelchair: epp.Case) -> None:
+    """Of a thousand runs 1 % beside the fold more than two hundred are slow, and none of them stays."""
+    question = Question(wheelchair, "loop.gain", 0.05, 2.0)
+    there = wheelchair.with_values({"loop.gain": 0.85})
+    orbit = epp.find_limit_cycles(there.to_system())[0]
+    test = verify(question, 0.8462571577, 1.0, orbit, margin=0.01, n_starts=1000, seed=20050901)
+    assert test.verified and test.n_settled == 1000, test.message
+
+
+def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> None:
+    question = Question(wheelchair, "loop.gain", 0.05, 2.0)
+    orbit = epp.find_limit_cycles(wheelchair.to_system()).stable[0]
+    test = verify(question, 1.0, 1.0, orbit, margin=0.01, n_starts=200, seed=1)
+    assert not test.verified and "of " in test.message
+    moving = int(re.search(r"(\d+) of (\d+) runs did not come to rest", test.message)[1])  # type: ignore[index]
+    left = int(re.search(r"(\d+) slow runs were not looked at", test.message)[1])  # type: ignore[index]
+    assert moving == 50 and test.n_settled + moving + left == 200
 
 
 def test_first_order_is_not_believed_that_cycles_are_everywhere(case: epp.Case) -> None:
