@@ -237,7 +237,7 @@ def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Arra
 
 
 def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
-    """How a run comes to rest (all of one that does not), and the reach of the stable cycle predicted."""
+    """How a run comes to rest (all of one that does not), and the reach of the stable cycles predicted and missed."""
     run = ladder.run
     label, factor = _shown(name, run.units)
     y = factor * run.signals[name]
@@ -249,6 +249,14 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
             middle = factor * cycle.mean[name]
             bands.append((middle - half, middle + half))
             ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
+    text = "stable cycle that first order misses"
+    for number in ladder.missed if ladder.search is not None else ():
+        cycle = ladder.search[number]
+        half, middle = 0.5 * factor * cycle.peak_to_peak[name], factor * cycle.mean[name]
+        bands.append((middle - half, middle + half))
+        style: dict[str, Any] = {"facecolor": "none", "edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
+        ax.axhspan(*bands[-1], **style, label=text)
+        text = ""
     ax.set_ylabel(label)
     if run.settled_at and np.ptp(y) > 0:
         edges = [abs(edge - float(y[-1])) for band in bands for edge in band]

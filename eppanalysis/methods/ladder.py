@@ -19,11 +19,12 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.cycles import CycleSearch
 from eppanalysis.methods.describing import predict_limit_cycles
-from eppanalysis.methods.rungs import FACTOR, Clock, Rung, climb, distance, largest_harmonic, load_kernels
+from eppanalysis.methods.rungs import FACTOR, Climb, Clock, Rung, climb, distance, largest_harmonic, load_kernels
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.signals import Constant, Motion
 from eppanalysis.provenance import provenance
+from eppanalysis.readable import count
 from eppanalysis.results import Brief, LimitCycle, Prediction, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Agreement(Enum):
     """What prediction and simulation mean together."""
 
     AGREE = "Prediction and simulation agree: the run settles on the stable cycle that first order predicts."
-    FREE = "Prediction and simulation agree: first order has no limit cycle, and the run settles at rest."
+    FREE = "Prediction and simulation agree: first order has no stable limit cycle, and the run settles at rest."
     GUARDED = (
         "A stable cycle exists as predicted, but this start does not reach it: "
         "an unstable cycle guards the resting state."
@@ -43,6 +44,14 @@ class Agreement(Enum):
     NOT_THERE = (
         "First order predicts a stable cycle, but no such cycle exists: "
         "runs started on it, below it and above it all leave it."
+    )
+    MISSED = (
+        "First order misses stable limit cycles that exist: the exact search finds what it does not predict. "
+        "The run is on none of them by its end."
+    )
+    CONFIRMED = (
+        "The exact search confirms what first order predicts; the run itself is undecided by its end, "
+        "simulate for longer to see it there."
     )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
@@ -83,6 +92,8 @@ class Ladder(Brief):
     run : Trajectory
     matched : int or None
         Number of the predicted cycle that the run is on.
+    missed : tuple of int
+        Numbers of the stable exact cycles (of `search`) that first order does not predict.
     errors : dict of str to dict of str to float
         For the matched cycle: relative errors of "peak_to_peak", "fundamental" and "mean" (the last relative to the
         peak-to-peak) of every named signal, and of the frequency under "frequency".
@@ -113,6 +124,7 @@ class Ladder(Brief):
     verdict: str
     rows: tuple[Rung, ...]
     units: dict[str, str]
+    missed: tuple[int, ...] = ()
     swings: int = 1
     probe_seconds: float = 0.0
     search: CycleSearch | None = None
@@ -139,6 +151,7 @@ class Ladder(Brief):
             "verdict": self.verdict,
             "signal": self.signal,
             "matched": self.matched,
+            "missed": list(self.missed),
             "swings": self.swings,
             "errors": {k: dict(v) for k, v in self.errors.items()},
             "prediction": None if self.prediction is None else self.prediction.to_dict(),
@@ -222,8 +235,8 @@ def ladder(case: _ExpectingCase) -> Ladder:
     probe_seconds = clock.lap()
     swings = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
     errors = _errors(cycles[matched], run.limit_cycle, swings) if matched is not None and run.limit_cycle else {}
-    agreement = _agreement(prediction, run, matched, probes, signal)
     found = climb(system, final, (prediction, predict_seconds), (run, run_seconds), signal)
+    agreement = _agreement(prediction, run, matched, bool(_confirmed(probes, cycles, signal)), found)
     sentences = [agreement.value, *([why_not] if why_not else []), *_cycle_sentences(run.limit_cycle, errors, signal)]
     return Ladder(
         signal=signal,
@@ -235,7 +248,8 @@ def ladder(case: _ExpectingCase) -> Ladder:
         probes=probes,
         probe_seconds=probe_seconds,
         agreement=agreement,
-        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence]),
+        missed=found.missed,
+        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence, *_missed_sentences(found)]),
         rows=found.rows,
         search=found.search,
         search_seconds=found.search_seconds,
@@ -304,17 +318,38 @@ def _confirmed(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...], signal
 
 
 def _agreement(
-    prediction: Prediction | None, run: Trajectory, matched: int | None, probes: tuple[Probe, ...], signal: str
+    prediction: Prediction | None, run: Trajectory, matched: int | None, stays: bool, found: Climb
 ) -> Agreement:
+    """What it all means: `stays` says whether a run started near a predicted stable cycle stays there."""
     if prediction is None:
         return Agreement.NO_PREDICTION
     if run.status is Status.LIMIT_CYCLE:
         return Agreement.AGREE if matched is not None else Agreement.NOT_PREDICTED
+    predicted = any(c.stable for c in prediction.cycles)
+    if found.missed and not (stays or found.confirmed):
+        return Agreement.MISSED
     if run.status is not Status.SETTLED:
-        return Agreement.UNDECIDED
-    if not any(c.stable for c in prediction.cycles):
+        return _by_search(predicted, found)
+    if not predicted:
         return Agreement.FREE
-    return Agreement.GUARDED if _confirmed(probes, prediction.cycles, signal) else Agreement.NOT_THERE
+    return Agreement.GUARDED if stays or found.confirmed else Agreement.NOT_THERE
+
+
+def _by_search(predicted: bool, found: Climb) -> Agreement:
+    """What the exact search says of the prediction where the run says nothing."""
+    if found.search is None:
+        return Agreement.UNDECIDED
+    if found.missed:
+        return Agreement.MISSED
+    agrees = found.confirmed if predicted else found.search.status.ok
+    return Agreement.CONFIRMED if agrees else Agreement.UNDECIDED
+
+
+def _missed_sentences(found: Climb) -> list[str]:
+    """How many of the stable exact cycles first order does not predict."""
+    if not found.missed or found.search is None:
+        return []
+    return [f"First order misses {len(found.missed)} of {count(len(found.search.stable), 'stable limit cycle')}."]
 
 
 def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:

@@ -112,12 +112,19 @@ class Climb:
     search_seconds : float
     sentence : str
         How many exact cycles there are, or why there are none.
+    missed : tuple of int
+        Numbers of the stable exact cycles near which first order predicts none that may be stable; empty where it
+        predicts nothing for want of a describing function.
+    confirmed : bool
+        Whether a stable exact cycle is near one that first order predicts to be stable.
     """
 
     rows: tuple[Rung, ...]
     search: CycleSearch | None
     search_seconds: float
     sentence: str
+    missed: tuple[int, ...] = ()
+    confirmed: bool = False
 
 
 def climb(
@@ -140,7 +147,21 @@ def climb(
     exact = () if search is None else _exact(system, final, search, (*balances, *first), search_seconds, signal)
     last = _simulated(*run, signal)
     rows = (*first, *balances, *exact, *_belonging((last,), truth, signal))
-    return Climb(rows, search, search_seconds, _sentence(system, search, why_not))
+    near = _foreseen(prediction[0], search, signal)
+    missed = tuple(i for i, known in near.items() if not known)
+    return Climb(rows, search, search_seconds, _sentence(system, search, why_not), missed, any(near.values()))
+
+
+def _foreseen(prediction: Prediction | None, search: CycleSearch | None, signal: str) -> dict[int, bool]:
+    """By the number of each stable exact cycle: whether first order predicts one near it that may be stable."""
+    if prediction is None or search is None:
+        return {}
+    may_be = [c for c in prediction if c.stable is not False]
+    return {
+        i: any(distance(p, cycle, signal) < np.log(FACTOR) for p in may_be)
+        for i, cycle in enumerate(search)
+        if cycle.stable
+    }
 
 
 def _search(

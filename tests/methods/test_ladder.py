@@ -181,10 +181,56 @@ def test_an_independent_integrator_comes_to_rest_there_too() -> None:
 
 
 # The other verdicts ---------------------------------------------------------------------------------------------------
-def test_a_run_that_is_too_short_leaves_the_question_open() -> None:
+def test_a_run_that_is_too_short_is_no_witness_but_the_exact_search_is() -> None:
     result = epp.ladder(epp.case("relay_ideal_khalil79").with_values({"run.t_end": "3 s"}))
-    assert result.agreement is Agreement.UNDECIDED and result.outcome == "undecided"
-    assert "simulate for longer" in result.verdict
+    assert result.agreement is Agreement.CONFIRMED and result.outcome == "undecided"
+    assert "simulate for longer" in result.verdict and not result.missed
+
+
+def test_a_run_that_is_too_short_leaves_the_question_open_where_nothing_else_can_tell() -> None:
+    result = epp.ladder(epp.case("backlash_discrete_pi_kp05_ki01").with_values({"run.t_end": "3 s"}))
+    assert result.agreement is Agreement.UNDECIDED and result.search is None
+    assert "neither confirmed nor refuted" in result.verdict
+
+
+HUNTING = """
+kind = "loop"
+title = "Positioning with integral action and stiction"
+[loop]
+A = [[0, 1, 0], [-25.0, -3.0, -20.0], [1, 0, 0]]
+B = [[0], [-1.0], [0]]
+C = [[0, 1, 0]]
+initial_state = [{start}, 0, 0]
+[[loop.elements]]
+element = "friction"
+name = "friction"
+coulomb = "1 N"
+static = "1.5 N"
+[loop.signals]
+position = {{ state = [1, 0, 0], unit = "m" }}
+[run]
+t_end = "{t_end} s"
+[expected]
+signal = "position"
+"""
+
+
+@pytest.mark.parametrize(("start", "t_end"), [(0.1, 12), (0.0, 12)])
+def test_stable_cycles_that_exist_and_are_not_predicted_are_missed(start: float, t_end: float) -> None:
+    """Whether the run is undecided or rests by its end, the exact search has the answer that first order has not."""
+    case = epp.case_from_text(HUNTING.format(start=start, t_end=t_end))
+    result = epp.ladder(case)
+    assert result.prediction is not None and len(result.prediction) == 0 and result.search is not None
+    assert result.agreement is Agreement.MISSED and result.to_dict()["agreement"] == "missed"
+    assert result.missed == (0,) and result.search[0].stable
+    assert "First order misses 1 of 1 stable limit cycle." in result.verdict and "refuted" not in result.verdict
+    # Witness: a longer run of the engine is on that cycle.
+    longer = epp.simulate(case.with_values({"loop.initial_state": [0.1, 0, 0]}).to_system(), t_end=300.0).limit_cycle
+    assert longer is not None and longer.period == pytest.approx(result.search[0].period, rel=1e-6)
+    figure = result.plot()
+    drawn = {text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()}
+    assert "stable cycle that first order misses" in drawn
+    assert "First order misses" in (figure.get_suptitle() or "").replace("\n", " ")
 
 
 def test_an_element_without_a_describing_function_has_only_its_simulation() -> None:
