@@ -210,8 +210,10 @@ class Follower(Handler):
         if motion and motion * now.rate < 0.0:
             motion, held = 0, now.z - motion * self.lag
         if motion == 0 and abs(now.z - held) > self.reach * (1.0 + 1e-9):
-            side = 1.0 if now.z > held else -1.0
+            side = 1 if now.z > held else -1
             held = now.z - side * self.lag
+            # It follows in that direction until the input reverses: only then a new break-away is due.
+            motion = 0 if side * now.rate < 0.0 else side
         return (motion, held)
 
 
