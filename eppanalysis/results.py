@@ -115,9 +115,10 @@ class LimitCycle(Brief):
     events : tuple of Event
     time, waveform : array, dict of str to array
         One period, sampled.
-    state, memory : array, shape (n,), tuple of (float or None)
-        State and held values of the loop at the begin of the period, from which a run can be started; empty when
-        unknown.
+    state, memory : array, shape (n,), tuple
+        State of the loop at the begin of the period, and what each element remembers there (as its ``output`` takes it:
+        a number, a ``Slip``, a pair; None for nothing): what `x0` and `memory` of a system are, from which a run goes
+        on. Empty when unknown. What is on its way through a dead time is not part of it.
     provenance : dict
     """
 
@@ -136,7 +137,7 @@ class LimitCycle(Brief):
     time: Array = field(default_factory=lambda: np.zeros(0))
     waveform: dict[str, Array] = field(default_factory=dict)
     state: Array = field(default_factory=lambda: np.zeros(0))
-    memory: tuple[float | None, ...] = ()
+    memory: tuple[Any, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
 

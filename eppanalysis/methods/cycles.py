@@ -228,7 +228,7 @@ class _Reached:
         told = provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
         told |= {"corners": states[:, :n].tolist()}
         cycle = cycle_of_run(system, start, run, facts, told)
-        return cls(replace(cycle, state=states[0, :n].copy()), (run.guard[events], states, size))
+        return cls(cycle, (run.guard[events], states, size))
 
 
 @dataclass

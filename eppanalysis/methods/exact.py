@@ -18,6 +18,7 @@ from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.models.signals import Constant
+from eppanalysis.models.starts import begun
 from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
@@ -126,10 +127,5 @@ def orbits_by_balance(
 
 def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:
     """State with inputs, and held values, at the begin of a cycle (or at another state with its memory)."""
-    x, H = hybrid.x0.copy(), hybrid.H0.copy()
-    x[: hybrid.n_plant] = cycle.state if state is None else state
-    for e, value in enumerate(cycle.memory):
-        first = int(hybrid.model.first[e, 2])
-        if value is not None and hybrid.model.first[e + 1, 2] > first:
-            H[first] = value
-    return x, H
+    start = begun(hybrid, cycle.state if state is None else state, cycle.memory)
+    return start.x0, start.H0

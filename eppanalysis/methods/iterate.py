@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.nonlinearities.memory import Slip
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.provenance import provenance
 from eppanalysis.results import LimitCycle, Status, Trajectory
@@ -60,6 +63,9 @@ def iterate(
     status, period, change = _verdict(X, Y)
     facts = provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = _cycle(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
+    if cycle is not None and not np.any(lag):
+        # What is on its way through a dead time would be missing. A whole number of periods lies behind the begin.
+        cycle = replace(cycle, state=x, memory=tuple(map(_plain, memory)))
     return Trajectory(
         t=t[shown],
         signals={k: y[shown] for k, y in signals.items()},
@@ -71,6 +77,13 @@ def iterate(
         units=dict(zip(s.names, s.units or [""] * len(s.names), strict=True)),
         provenance=facts,
     )
+
+
+def _plain(memory: Any) -> Any:
+    """A memory in plain numbers."""
+    if isinstance(memory, tuple):
+        return Slip(*map(_plain, memory)) if isinstance(memory, Slip) else tuple(map(_plain, memory))
+    return memory.item() if isinstance(memory, np.ndarray | np.generic) else memory
 
 
 def _samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int64]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +10,7 @@ from eppanalysis.methods.shooting import CONVERGED, Orbit, middle, restarted
 from eppanalysis.methods.simulate import named_events, run_hybrid
 from eppanalysis.methods.stability import describe, is_stable
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.starts import remembered
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status
 
@@ -53,7 +52,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         time=shape.time,
         waveform=shape.waveform,
         state=y[:n].copy(),
-        memory=_memory(system, orbit),
+        memory=remembered(orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.held], orbit.arcs.itinerary.modes[0]),
         units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
         provenance=facts,
     )
@@ -105,21 +104,3 @@ def _events(orbit: Orbit) -> tuple[Event, ...]:
     real = it.guards >= 0
     after = np.roll(it.modes, -1, axis=0)
     return named_events(hybrid, np.cumsum(orbit.tau)[real], it.guards[real], after[real])
-
-
-def _memory(system: LureSystem, orbit: Orbit) -> tuple[float | None, ...]:
-    """Held value of each element from which its start mode gives the output that it has on the orbit."""
-    model, arcs = orbit.hybrid.model, orbit.arcs
-    held = orbit.y[arcs.held]
-    w = arcs.W[0] @ orbit.y
-    out: list[Any] = []
-    for e in range(len(system.elements)):
-        first_h, last_h = int(model.first[e, 2]), int(model.first[e + 1, 2])
-        if first_h == last_h:
-            out.append(None)
-            continue
-        start = model.mode_first[e] + system.elements[e].automaton().start_mode
-        from_held = float(model.mode_wh[start, 0, 0])
-        at_rest = from_held != 0.0 and not np.any(model.mode_wz[start, 0])
-        out.append(float(w[model.first[e, 1]] / from_held) if at_rest else float(held[first_h]))
-    return tuple(out)

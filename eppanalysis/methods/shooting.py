@@ -246,7 +246,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     Returns
     -------
     Orbit or None
-        Begun where its longest arc begins; its residual is near rounding.
+        Begun where its longest arc begins (with dead time: of those on which nothing is on its way); its residual is
+        near rounding.
     """
     seen: set[bytes] = set()
     for _ in range(_MOST_SEQUENCES):
@@ -281,7 +282,7 @@ def _moves(orbit: Orbit) -> bool:
 
 
 def _finished(orbit: Orbit) -> Orbit:
-    """Taken back to one turn, begun at the longest arc."""
+    """Taken back to one turn, begun at its longest arc."""
     p = orbit.arcs.n_arcs
     for q in range(1, p // 2 + 1):
         if p % q == 0 and _repeats(orbit, q):
@@ -290,11 +291,22 @@ def _finished(orbit: Orbit) -> Orbit:
             if once is not None and once.residual < CONVERGED:
                 orbit = once
             break
-    first = int(np.argmax(orbit.tau))
+    first = _begin(orbit)
     if first == 0:
         return orbit
     turned = orbit.rotated(first)
     return turned if turned.residual < _ROUNDING else solve(turned.hybrid, turned.guess, turned.arcs)
+
+
+def _begin(orbit: Orbit) -> int:
+    """The longest arc, of those on which nothing is on its way through a dead time if there are any."""
+    source, p = orbit.arcs.itinerary.source, orbit.arcs.n_arcs
+    quiet = np.ones(p, bool)
+    for arrival in np.flatnonzero(orbit.arcs.itinerary.guards < 0):
+        origin, _, turns = source[arrival]
+        under_way = p if turns else (arrival - origin - 1) % p + 1
+        quiet[(arrival - np.arange(under_way)) % p] = False
+    return int(np.argmax(np.where(quiet, orbit.tau, -1.0) if quiet.any() else orbit.tau))
 
 
 def _once(orbit: Orbit, q: int) -> Guess | None:

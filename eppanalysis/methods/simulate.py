@@ -18,6 +18,7 @@ from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.models.signals import Motion, motions_by_name
+from eppanalysis.models.starts import remembered
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 
@@ -373,7 +374,8 @@ def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Arra
     """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
-    start, begin = _from_event(hybrid, run, int(run.order[-p - 1]))
+    first = int(run.order[-p - 1])
+    start, begin = _from_event(hybrid, run, first)
 
     def sample(times: Array) -> Array:
         again = run_hybrid(
@@ -396,6 +398,8 @@ def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Arra
         events=_events(hybrid, run, run.held - p, float(marks[0])),
         time=shape.time,
         waveform=shape.waveform,
+        state=run.state[first, : hybrid.n_plant].copy(),
+        memory=remembered(hybrid, run.state[first], run.held_values[first], run.modes[first]),
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True)),
         provenance=facts,
     )

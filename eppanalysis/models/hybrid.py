@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Guard
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.nonlinearities.base import Nonlinearity
 from eppanalysis.models.signals import Constant, Motion, Sine
+from eppanalysis.models.starts import admitted, begun
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.tables import Model
@@ -49,6 +51,8 @@ class HybridSystem:
         For the event list; guards are numbered through all elements and modes.
     time_scale : float
         Length of a step on which the linear part moves moderately [s].
+    elements, automata : tuples
+        Of the loop; the automata may end with that of an observer.
     """
 
     model: Model
@@ -61,6 +65,8 @@ class HybridSystem:
     mode_names: tuple[tuple[str, ...], ...]
     guard_names: tuple[str, ...]
     time_scale: float
+    elements: tuple[Nonlinearity, ...]
+    automata: tuple[Automaton, ...]
 
     @classmethod
     def from_lure(cls, system: LureSystem, motions: Mapping[str, Motion] | None = None) -> HybridSystem:
@@ -164,11 +170,13 @@ class _Packer:
         self._refuse_tiny_delays(fastest)
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
         exo = np.arange(n) >= self.n
-        return HybridSystem(
+        plain = HybridSystem(
+            elements=tuple(system.elements),
+            automata=tuple(self.automata),
             model=model,
             x0=x0,
-            H0=self._held(),
-            modes0=np.array([self._start_mode(e, model, x0) for e in range(len(self.automata))], np.int64),
+            H0=np.append(np.zeros(self.n_H - 1), 1.0),
+            modes0=np.array([a.start_mode for a in self.automata], np.int64),
             n_plant=self.n,
             compared=~(clock | exo),
             element_names=tuple(self.names),
@@ -176,6 +184,7 @@ class _Packer:
             guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
+        return begun(plain, system.x0, system.memory)
 
     def _acts_on(self, D: Array) -> NDArray[np.bool_]:
         """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
@@ -213,35 +222,6 @@ class _Packer:
                     f"{self.system.name}: a dead time of {delay:g} s is nothing beside the loop's fastest time "
                     f"constant, {1.0 / fastest:g} s; expected 0, or at least {_LEAST_DELAY / fastest:g} s."
                 )
-
-    def _start_mode(self, e: int, model: Model, x0: Array) -> int:
-        """Where an element starts: in a sticking mode only if its input stands on the level, else on its side."""
-        automaton = self.automata[e]
-        start = automaton.modes[automaton.start_mode]
-        if not start.sticking:
-            return automaton.start_mode
-        row = self.first[e, 0]
-        z = float(model.C[row] @ x0 + model.Kz[row, -1])
-        size = float(np.abs(model.C[row]) @ np.abs(x0) + abs(model.Kz[row, -1]))
-        admitted = self._admitted(e, start.jump, model.B, model.C, model.D)
-        if admitted and abs(z - start.level) <= 1e-12 * size:
-            return automaton.start_mode
-        above = z > start.level
-        for guard in automaton.guards:
-            if guard.target == automaton.start_mode and (guard.on_input[0] < 0) == above:
-                return guard.mode
-        return automaton.start_mode
-
-    def _held(self) -> Array:
-        H = np.zeros(self.n_H)
-        H[-1] = 1.0
-        memory = [*self.system.memory, *([None] * (len(self.automata) - len(self.system.memory)))]
-        for e, (a, value) in enumerate(zip(self.automata, memory, strict=True)):
-            start = a.start_held.copy()
-            if value is not None and a.n_held:
-                start[0] = value
-            H[self.first[e, 2] : self.first[e + 1, 2]] = start
-        return H
 
     def _inputs(self) -> tuple[Array, Array, Array, Array, dict[str, Array], Array]:
         """State with the inputs appended: start, A, K, map V from the input states, knots, constant part."""
@@ -381,16 +361,9 @@ class _Packer:
     def _target(self, e: int, guard: Guard, B: Array, C: Array, D: Array) -> int:
         """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
         target = self.automata[e].modes[guard.target]
-        if not target.sticking or self._admitted(e, target.jump, B, C, D):
+        if not target.sticking or admitted(target.jump, *self.first[e, :2], B, C, D):
             return guard.target
         return guard.bypass
-
-    def _admitted(self, e: int, jump: float, B: Array, C: Array, D: Array) -> bool:
-        """Whether the loop pulls an element's input back against its jump."""
-        z, w = self.first[e, 0], self.first[e, 1]
-        pull = float(C[z] @ B[:, w])
-        size = float(np.abs(C[z]) @ np.abs(B[:, w]))
-        return pull * jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
 
 
 def _ordered(automaton: Automaton) -> list[Guard]:

@@ -69,8 +69,8 @@ class LureSystem:
         State at the start.
     v0 : array, shape (nv,)
         External inputs before the start, where the operating point is.
-    memory : tuple of (float or None)
-        First held value of each element at the start; None takes the element's own.
+    memory : tuple
+        What each element remembers at the start, as its ``output`` takes it; None takes the element's own.
     delays : array, shape (nw,)
         Dead time of each element output [s] on its way to the state rate.
     time_step : float or None
@@ -91,7 +91,7 @@ class LureSystem:
     constant_input: Array
     x0: Array
     v0: Array
-    memory: tuple[float | None, ...]
+    memory: tuple[Any, ...]
     delays: Array
     time_step: float | None = None
     state_names: tuple[str, ...] = ()
@@ -115,7 +115,7 @@ class LureSystem:
         signals: SignalMap | None = None,
         x0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
-        memory: Sequence[float | None] | None = None,
+        memory: Sequence[Any] | None = None,
         delays: ArrayLike | None = None,
         time_step: float | None = None,
         state_names: Sequence[str] | None = None,
@@ -179,7 +179,7 @@ class LureSystem:
         delay: float = 0.0,
         feedback: int = -1,
         x0: ArrayLike | None = None,
-        memory: float | None = None,
+        memory: Any = None,
         name: str = "loop",
     ) -> LureSystem:
         """The textbook loop: ``x = feedback * G y``, ``y = element(x)``; element input "x", output "y".
@@ -222,7 +222,7 @@ class LureSystem:
         delay: float = 0.0,
         feedback: int = -1,
         x0: ArrayLike | None = None,
-        memory: Sequence[float | None] | None = None,
+        memory: Sequence[Any] | None = None,
         element_names: Sequence[str] | None = None,
         name: str = "loop",
     ) -> LureSystem:

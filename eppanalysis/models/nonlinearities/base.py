@@ -43,6 +43,22 @@ class Nonlinearity(ABC):
     def automaton(self) -> Automaton:
         """Modes, guards and resets of the element for the hybrid system."""
 
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+        """Mode and held values at a start with a memory as `output` takes it (None: the element's own).
+
+        The mode need not be the one in which the element is: what an input has passed it leaves at once.
+        """
+        held = automaton.start_held.copy()
+        if memory is not None and held.size:
+            held[0] = memory
+        return automaton.start_mode, held
+
+    def memory_at(
+        self, mode: int, held: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
+    ) -> Any:
+        """What `output` and `start` take as memory, in a mode with held values, shape (n_held,), input and output."""
+        return self.held_at(output)
+
     def held_at(self, output: NDArray[np.float64]) -> float | None:
         """First held value of the automaton for an output, shape (n_outputs,); None without such a memory."""
         return None

@@ -41,6 +41,37 @@ class Slip(NamedTuple):
     reached: ArrayLike = 0.0
 
 
+class _Sticking(Nonlinearity):
+    """What an element that sticks and follows remembers; the modes of its automaton: stuck, up, down, any others."""
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
+        """Stuck at a plain number; on its way with a :class:`Slip`."""
+        if not isinstance(memory, Slip):
+            return super().start(automaton, memory)
+        direction = int(np.sign(memory.direction))
+        return direction % 3, super().start(automaton, float(np.asarray(memory.value)))[1]
+
+    def memory_at(self, mode: int, held: Array, x: Array, output: Array) -> Any:
+        """The value stuck at, or the :class:`Slip`."""
+        value = self.held_at(output)
+        return Slip(value, 1 if mode == 1 else -1, float(x[0])) if mode in (1, 2) and value is not None else value
+
+
+class _Levels(Nonlinearity):
+    """What a relay with hysteresis remembers: its level; a level is a mode of its automaton."""
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
+        """The mode of the level nearest to the memory."""
+        mode, held = super().start(automaton)
+        if memory is not None:
+            mode = int(np.argmin([abs(m.constant[0] - float(memory)) for m in automaton.modes]))
+        return mode, held
+
+    def memory_at(self, mode: int, held: Array, x: Array, output: Array) -> Any:
+        """The level."""
+        return float(output[0])
+
+
 def _arguments(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
     a, b, _ = broadcast(amplitude, bias, omega)
     return np.where(a == 0, SMALLEST_AMPLITUDE, a), b
@@ -69,7 +100,7 @@ def _relay(
 
 
 @dataclass(frozen=True)
-class HysteresisRelay(Nonlinearity):
+class HysteresisRelay(_Levels):
     """Relay that goes `high` when x rises through `upper` and `low` when x falls through `lower`.
 
     Raises
@@ -123,7 +154,7 @@ class HysteresisRelay(Nonlinearity):
 
 
 @dataclass(frozen=True)
-class HysteresisRelayDeadZone(Nonlinearity):
+class HysteresisRelayDeadZone(_Levels):
     """Odd three-level relay: ``+level`` once x > `on` until x < `off`, ``-level`` once x < ``-on`` until x > ``-off``.
 
     Raises
@@ -236,7 +267,7 @@ class Play(Nonlinearity):
 
 
 @dataclass(frozen=True)
-class JumpAndFollow(Nonlinearity):
+class JumpAndFollow(_Sticking):
     """Stiction relay: sticks until the input has reversed by more than `stick_band`, jumps by `slip_jump`, follows.
 
     While it follows it stays ``(stick_band - slip_jump)/2`` behind the input; stuck at the value y it breaks away where
@@ -311,7 +342,7 @@ class JumpAndFollow(Nonlinearity):
 
 
 @dataclass(frozen=True)
-class StictionPulley(Nonlinearity):
+class StictionPulley(_Sticking):
     """Cable round a pulley whose friction is proportional to its load: jump-and-follow from stretch to tension.
 
     With the friction force ``friction*(F_h + F_f)`` and ``kinetic_ratio`` of it while sliding, the stretch u of the

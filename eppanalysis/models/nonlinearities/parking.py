@@ -103,6 +103,24 @@ class ParkingBandLaw(Nonlinearity):
         law = self.law
         return automata.parking(law.breakpoints, law.slopes, law.intercepts, law.low, law.high, self.dwell_time)
 
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+        """Parked or not, with the clock at the entry into the band; a plain number is that clock, not parked."""
+        parked, entered = memory if isinstance(memory, tuple) else (False, memory)
+        mode, held = super().start(automaton, None if entered is None or math.isnan(entered) else entered)
+        return (self._parked if parked else mode), held
+
+    def memory_at(
+        self, mode: int, held: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
+    ) -> tuple[bool, float]:
+        """(parked, clock at entry into the band), nan when outside."""
+        inside = mode == self._parked or self.law.low <= float(x[0]) <= self.law.high
+        return mode == self._parked, float(held[0]) if inside else math.nan
+
+    @property
+    def _parked(self) -> int:
+        """Number of the mode that is parked, behind the pieces of the law."""
+        return len(self.law.slopes)
+
     def thresholds(self) -> NDArray[np.float64]:
         """Those of the plain law."""
         return self.law.thresholds()
@@ -155,6 +173,19 @@ class SampledLaw(Nonlinearity):
     def held_at(self, output: NDArray[np.float64]) -> float | None:
         """The output itself."""
         return float(output[0])
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+        """Holding (output, clock at the next reading); a plain number is the output, with a reading at once."""
+        mode, held = super().start(automaton)
+        given = np.atleast_1d(np.asarray(0.0 if memory is None else memory, float))
+        held[: given.size] = given
+        return mode, held
+
+    def memory_at(
+        self, mode: int, held: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
+    ) -> tuple[float, float]:
+        """(held output, clock at the next reading)."""
+        return float(held[0]), float(held[1])
 
     def automaton(self) -> Automaton:
         """One mode that holds, with a reset at every sample."""
