@@ -47,6 +47,20 @@ def test_rows_of_the_truth_table_agree_with_an_independent_integrator(number: in
         np.testing.assert_allclose(run.signals[name][1:], reference.signals[name][1:], rtol=0, atol=size)
 
 
+@pytest.mark.parametrize(
+    "second", [(0.0405, -0.012), (0.0655, 0.004), (0.0655, 0.012), (0.0655, -0.004), (0.39, 0.002)]
+)
+def test_second_harness_step_agrees_with_an_independent_integrator(second: tuple[float, float]) -> None:
+    """While the cable sticks on the pulley, and while it slides: against the step, far against it, and with it."""
+    t_end = second[0] + 0.15
+    times = np.linspace(0.0, t_end, 202)[1:]
+    reference = simulate_reference(row(4), t_end, times, rtol=1e-11, atol=1e-13, second=second)
+    case = epp.case(ROWS[4]["name"])
+    run = epp.simulate(case.to_system(), Steps([0.0, second[0]], [0.02, 0.02 + second[1]]), t_end, times)
+    for name, size in {"theta": 1e-10, "theta_dot": 1e-8, "sensor_force": 1e-8, "harness_force": 1e-8}.items():
+        np.testing.assert_allclose(run.signals[name], reference.signals[name], rtol=0, atol=size)
+
+
 @pytest.mark.parametrize("number", ROWS)
 def test_rows_of_the_truth_table_come_out_as_the_paper_found(number: int) -> None:
     status = {"oscillate": Status.LIMIT_CYCLE, "settle": Status.SETTLED}[ROWS[number]["must"]]

@@ -315,13 +315,27 @@ class Elbow:
         return y, self._released(y, mode)
 
     def _stepped(self, y: Array, mode: Mode) -> Mode:
-        """The pulley after the step of x_h, with the forearm still at rest."""
-        s, u = self.x_h, mode.stretch
+        """The pulley after a step of x_h, stuck before."""
+        s, u = self.x_h - self.p["pulley_radius"] * y[0], mode.stretch
         if s <= 0.0:
             return mode._replace(cable="slack", stretch=0.0)
         if u < self.breakaway["up"] * s:
             return self._switch_pulley(y, mode, "up")
         return self._switch_pulley(y, mode, "down") if u > self.breakaway["down"] * s else mode
+
+    def taken_over(self, y: Array, mode: Mode, stretch: float, jump: float) -> Mode:
+        """Mode just behind a jump of the harness to this elbow's place, from the mode and the stretch u before it.
+
+        A pulley that slides one way is at rest on the other: against its motion the jump finds it stuck as it was.
+        """
+        s = self.x_h - self.p["pulley_radius"] * y[0]
+        if self.friction == 0.0:
+            mode = mode._replace(cable="taut" if s > 0.0 else "slack")
+        elif s <= 0.0 or {"up": 1.0, "down": -1.0}.get(mode.cable, 0.0) * jump <= 0.0:
+            held = mode._replace(cable="stuck", stretch=stretch)
+            mode = held._replace(cable="slack", stretch=0.0) if s <= 0.0 else self._stepped(y, held)
+        mode = mode._replace(band=self.band_of(self.cable(y, mode)[0]))
+        return self._released(y, mode)
 
     def signals(self, y: Array, mode: Mode) -> tuple[float, ...]:
         """Values of SIGNALS."""
@@ -352,6 +366,7 @@ def simulate_reference(
     atol: float = 1e-12,
     method: str = "DOP853",
     land: bool = False,
+    second: tuple[float, float] | None = None,
 ) -> ReferenceRun:
     """Step response of the elbow.
 
@@ -369,6 +384,8 @@ def simulate_reference(
         Name of a scipy integrator.
     land : bool
         Integrate to every sample in place of interpolating (slower, a little more exact).
+    second : (float, float), optional
+        Time [s], at which no sample is taken, and size [m] of a second step of the harness.
 
     Raises
     ------
@@ -378,22 +395,33 @@ def simulate_reference(
     grid = np.arange(round(t_end * 1000.0) + 1) / 1000.0
     wanted = grid if t_eval is None else np.asarray(t_eval, float)
     times = np.union1d(grid, wanted)
-    elbow = Elbow(parameters)
-    y0, mode0 = elbow.start()
-    run = integrate(elbow, y0, mode0, t_end, times[times <= t_end], Options(rtol, atol, method, land=land))
-    table = np.array([elbow.signals(y, m) for y, m in zip(run.states, run.modes, strict=True)])
+    elbow, options = Elbow(parameters), Options(rtol, atol, method, land=land)
+    until, step = second or (t_end, 0.0)
+    run = integrate(elbow, *elbow.start(), until, times[times <= until], options)
+    rows = [elbow.signals(y, m) for y, m in zip(run.states, run.modes, strict=True)]
+    t, events, n_steps = list(run.times), list(run.events), run.n_steps
+    if second is not None and run.end_state is not None:
+        moved = Elbow(parameters | {"step": parameters["step"] + step})
+        mode = moved.taken_over(run.end_state, run.end_mode, elbow.cable(run.end_state, run.end_mode)[2], step)
+        later = times[(times > until) & (times <= t_end)]
+        run = integrate(moved, run.end_state, mode, t_end - until, later - until, options)
+        rows += [moved.signals(y, m) for y, m in zip(run.states, run.modes, strict=True)]
+        t += later.tolist()
+        events += [(at + until, label) for at, label in run.events]
+        n_steps += run.n_steps
+    table = np.array(rows)
     every = dict(zip(SIGNALS, table.T, strict=True))
-    t = np.array(run.times)
+    t = np.array(t)
     chosen = np.searchsorted(t, wanted)
     verdict, peak_to_peak, period = judge(t, every["theta"], every["theta_dot"])
     return ReferenceRun(
         t=wanted,
         signals={name: values[chosen] for name, values in every.items()},
-        events=run.events,
+        events=events,
         verdict=verdict,
         amplitude=peak_to_peak / 2.0,
         peak_to_peak=peak_to_peak,
         period=period,
-        n_steps=run.n_steps,
+        n_steps=n_steps,
         provenance={"rtol": rtol, "atol": atol, "method": method},
     )

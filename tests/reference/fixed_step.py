@@ -23,11 +23,13 @@ class _Pulley:
         self.kinetic = p["kinetic_ratio"] * self.static
         self.u = p["band_centre"] / self.k_f
         self.direction = 0
+        self.reached = 0.0
 
-    def forces(self, s: float, s_rate: float) -> tuple[float, float]:
-        """(sensor force, harness force) for the total stretch and its rate."""
-        if self.direction * s_rate < 0.0:
+    def forces(self, s: float) -> tuple[float, float]:
+        """(sensor force, harness force) for the total stretch, reached from that of the step before."""
+        if self.direction * (s - self.reached) < 0.0:
             self.direction = 0
+        self.reached = s
         sensor, harness = self.k_f * max(0.0, self.u), self.k_h * max(0.0, s - self.u)
         if self.direction == 0 and abs(harness - sensor) > self.static * (harness + sensor):
             self.direction = 1 if harness > sensor else -1
@@ -60,7 +62,9 @@ def _next_speed(speed: float, net: float, p: dict[str, float], dt: float) -> flo
     return 0.0 if new * speed < 0.0 else new
 
 
-def theta_with_fixed_step(p: dict[str, float], dt: float, t_end: float, every: int) -> Array:
+def theta_with_fixed_step(
+    p: dict[str, float], dt: float, t_end: float, every: int, second: tuple[float, float] | None = None
+) -> Array:
     """Angle theta [rad] at every `every`-th step from t = 0.
 
     Parameters
@@ -70,6 +74,8 @@ def theta_with_fixed_step(p: dict[str, float], dt: float, t_end: float, every: i
     dt, t_end : float
         [s].
     every : int
+    second : (float, float), optional
+        Time [s] and size [m] of a second step of the harness.
     """
     pulley, radius = _Pulley(p), p["pulley_radius"]
     x_h = p["band_centre"] / p["cable_stiffness"] + p["step"]
@@ -79,7 +85,9 @@ def theta_with_fixed_step(p: dict[str, float], dt: float, t_end: float, every: i
     for i in range(round(t_end / dt) + 1):
         if i % every == 0:
             out.append(theta)
-        sensor, harness = pulley.forces(x_h - radius * theta, -radius * omega)
+        if second is not None and i == round(second[0] / dt):
+            x_h += second[1]
+        sensor, harness = pulley.forces(x_h - radius * theta)
         volts = _voltage(sensor, p)
         pin = _pin_torque(drive - theta, speed - omega, p)
         torque_rate = (

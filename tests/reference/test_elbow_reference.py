@@ -92,6 +92,18 @@ def test_mode_logic_against_a_fixed_step_without_modes(number: int) -> None:
     assert errors[1] == pytest.approx(errors[0] / 2.0, rel=0.2)
 
 
+@pytest.mark.parametrize("second", [(0.0405, -0.012), (0.0655, 0.004), (0.0655, 0.012), (0.0655, -0.004)])
+def test_second_step_against_a_fixed_step_without_modes(second: tuple[float, float]) -> None:
+    """While the cable sticks on the pulley, and while it slides: against the step, far against it, and with it."""
+    times = np.arange(31) / 200.0
+    exact = simulate_reference(row(4), 0.15, times, second=second).signals["theta"]
+    errors = [
+        np.abs(theta_with_fixed_step(row(4), dt, 0.15, round(0.005 / dt), second) - exact).max() for dt in (1e-5, 5e-6)
+    ]
+    assert errors[1] < 3e-5
+    assert errors[1] == pytest.approx(errors[0] / 2.0, rel=0.2)
+
+
 def test_integrators_agree() -> None:
     """Another family of methods gives the same motion through the same events."""
     a = simulate_reference(row(1), 0.3, rtol=1e-10)

@@ -1,0 +1,105 @@
+"""State and memory of a cycle are where a run goes on from; what elements remember, they begin with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.nonlinearities import HysteresisRelay, HysteresisRelayDeadZone, JumpAndFollow, Play, Slip
+from eppanalysis.models.signals import Step
+from eppanalysis.models.starts import begun, remembered
+from tests.restarts import check_restart, cycles_of
+
+#: The others take longer; they are in the tests of stress.
+QUICK = [
+    "backlash_discrete_pi", "backlash_servo_unseen", "band_two_cycles", "belt_leine", "fig6a_original_pulley",
+    "fig8a_original", "pid_hunting", "relay_biased_fopdt", "relay_deadzone", "relay_fopdt_closed", "relay_hyst_servo",
+    "sat_asymmetric", "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft", "van_der_pol_mu1",
+]  # fmt: skip
+
+LOOPS = {
+    "play": (Play(2.0), ([5.0], [1.0, 1.0, 0.0])),
+    "jump_and_follow": (JumpAndFollow(1.0, 0.4), ([2.0], [1.0, 1.0, 0.0])),
+    "jump_beyond_the_band": (JumpAndFollow(0.4, 0.7), ([2.0], [1.0, 1.0, 0.0])),
+    "hysteresis_relay": (HysteresisRelay(-0.3, 0.7, -0.5, 1.0), ([2.0], [1.0, 1.0, 0.0])),
+    "dead_zone_relay": (HysteresisRelayDeadZone(0.8, 0.3, 1.0), ([4.0], [1.0, 1.0, 0.0])),
+}
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_shipped_cycles_go_on_from_state_and_memory(name: str) -> None:
+    system, value, cycles = cycles_of(name)
+    assert cycles
+    for cycle in cycles:
+        check_restart(system, value, cycle)
+
+
+@pytest.mark.parametrize("kind", LOOPS)
+def test_cycle_of_a_run_goes_on_from_wherever_it_is_cut(kind: str) -> None:
+    """Begun at each of its events in turn, and between any two of them."""
+    element, plant = LOOPS[kind]
+    system = epp.LureSystem.from_tf(plant, element)
+    stable = max(epp.find_limit_cycles(system).stable, key=lambda c: c.period)
+    found = epp.simulate(replace(system, x0=stable.state, memory=stable.memory), t_end=80.0 * stable.period).limit_cycle
+    assert found is not None
+    assert found.period == pytest.approx(stable.period, rel=1e-9)
+    check_restart(system, {}, replace(found, time=np.zeros(0), waveform={}))
+    hybrid = HybridSystem.from_lure(replace(system, x0=stable.state, memory=stable.memory))
+    marks = np.array([0.0, *(e.time for e in stable.events)])
+    for cut in np.unique(np.concatenate([marks[1:-1], 0.3 * marks[:-1] + 0.7 * marks[1:]])):
+        x, H, modes = state_at(hybrid, float(cut))
+        again = replace(system, x0=x[: system.A.shape[0]], memory=remembered(hybrid, x, H, modes))
+        run = epp.simulate(again, t_end=1.02 * stable.period)
+        expected = sorted((e.time - cut) % stable.period for e in stable.events)
+        met = [e.time for e in run.events if 1e-7 * stable.period < e.time < (1.0 - 1e-7) * stable.period]
+        expected = [t for t in expected if 1e-7 * stable.period < t < (1.0 - 1e-7) * stable.period]
+        np.testing.assert_allclose(met, expected, rtol=0.0, atol=1e-9 * stable.period)
+
+
+def state_at(hybrid: HybridSystem, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """State, held values and modes a moment after t, as the engine has them."""
+    from eppanalysis.methods.simulate import run_hybrid
+
+    run = run_hybrid(hybrid, t * (1.0 + 1e-12), np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 10_000)
+    last = run.order[-1] if run.held else None
+    held, modes = (hybrid.H0, hybrid.modes0) if last is None else (run.held_values[last], run.modes[last])
+    return run.x_end, held, modes
+
+
+@pytest.mark.parametrize("level", [-1.0, 1.0])
+def test_relay_with_hysteresis_begins_at_the_level_it_remembers(level: float) -> None:
+    system = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), HysteresisRelay(-0.5, 0.5), x0=[0.0], memory=level)
+    run = epp.simulate(system, t_end=0.1)
+    np.testing.assert_allclose(run.signals["y"], level)
+    np.testing.assert_allclose(run.signals["x"], -level * (1.0 - np.exp(-run.t)), atol=1e-12)
+
+
+def test_a_jump_at_the_start_is_taken_from_what_was_reached() -> None:
+    """An element that follows upward goes on where a step at the start carries its input on, and stays where not."""
+    element = JumpAndFollow(1.0, 0.4)
+    system = epp.LureSystem.build(
+        [[-1.0]], [[0.0]], [[0.0]], [element], D_input=[[1.0]], input_names=("v",), memory=[Slip(0.7, 1, 1.0)]
+    )
+    for value in (1.0, 1.3, 0.9, 0.4, -0.5):
+        run = epp.simulate(system, Step(value), 1.0, [0.5])
+        assert run.signals["jumpandfollow_output"][0] == pytest.approx(element.output(value, system.memory[0])[0])
+
+
+def test_what_is_remembered_begins_anew() -> None:
+    """Modes and held values of followers and relays come back from what is remembered of them."""
+    elements = [Play(0.5), JumpAndFollow(1.0, 0.4), HysteresisRelay(-1.0, 1.0), HysteresisRelayDeadZone(1.0, 0.5)]
+    system = epp.LureSystem.build([[0.0]], np.zeros((1, 4)), np.zeros((4, 1)), elements, constant_input=[0.2] * 4)
+    hybrid = HybridSystem.from_lure(system)
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        modes = rng.integers([3, 3, 2, 3])
+        H = np.append(rng.normal(size=hybrid.H0.size - 1), 1.0)
+        memory = remembered(hybrid, hybrid.x0, H, modes)
+        again = begun(hybrid, system.x0, memory)
+        assert again.modes0[1:].tolist() == modes[1:].tolist()
+        for one, other in zip(remembered(again, again.x0, again.H0, again.modes0), memory, strict=True):
+            assert one == pytest.approx(other)
