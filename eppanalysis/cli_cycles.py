@@ -98,7 +98,7 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:
-    typer.echo(f"{count(len(search), 'limit cycle')}. {search.status.value} Sought with {search.search}")
+    typer.echo(f"{count(len(search), 'limit cycle')}. {search.message} Sought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"

@@ -15,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.asked import Asked
 from eppanalysis.methods.describing import predict_limit_cycles
-from eppanalysis.methods.exact import orbits_of, start_of, steady_hybrid
+from eppanalysis.methods.exact import Found, asked_for, orbits_of, start_of, steady_hybrid
+from eppanalysis.methods.mirrored import mirror
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
-from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near
+from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near, same_orbit
 from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
+from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.provenance import provenance
@@ -69,8 +72,9 @@ class CycleSearch(Brief):
         Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
         "simulation", with an error estimate below 1e-9).
     status : Status
-        CONVERGED, or UNDECIDED when some run neither settled nor repeated itself nor left, or is on a cycle that could
-        not be closed, or there were more edges between outcomes than are bisected (`search` says which).
+        CONVERGED, or UNDECIDED when something is left open: a predicted cycle was not closed, some run neither settled
+        nor repeated itself nor left, or is on a cycle that could not be closed, or there were more edges between
+        outcomes than are bisected (`message` says which).
     rests : bool
         Whether some start settled at rest.
     diverges : bool
@@ -79,6 +83,10 @@ class CycleSearch(Brief):
         How completeness was sought, in plain words.
     rest_state : array, shape (n,)
         A state of rest that some run reached; empty where none did.
+    unclosed : tuple of LimitCycle
+        The predicted cycles whose orbits were not found.
+    left_open : tuple of str
+        What keeps the search from being complete, unclosed predictions aside, each in words.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -87,7 +95,16 @@ class CycleSearch(Brief):
     diverges: bool
     search: str
     rest_state: Array = field(default_factory=lambda: np.zeros(0))
+    unclosed: tuple[LimitCycle, ...] = ()
+    left_open: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def message(self) -> str:
+        """How the search ended, in a sentence."""
+        missing = [f"no orbit was closed for the cycle predicted at {_named(c)}" for c in self.unclosed]
+        open_ends = "; ".join([*missing, *self.left_open])
+        return self.status.value if not open_ends else f"The search leaves something open: {open_ends}."
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -112,11 +129,12 @@ class CycleSearch(Brief):
         """Plain data in SI units, as ``--json`` prints it."""
         return {
             "status": self.status.name.lower(),
-            "message": self.status.value,
+            "message": self.message,
             "rests": self.rests,
             "diverges": self.diverges,
             "search": self.search,
             "cycles": [c.to_dict() for c in self.cycles],
+            "unclosed": [c.to_dict() for c in self.unclosed],
             "provenance": dict(self.provenance),
         }
 
@@ -188,6 +206,8 @@ def find_limit_cycles(
         diverges="leaves" in outcomes,
         search=search.sentence(),
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
+        unclosed=tuple(search.unclosed),
+        left_open=search.left_open(),
         provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
     )
 
@@ -197,6 +217,13 @@ def _predictions(system: LureSystem, input_value: Mapping[str, float] | None) ->
         return predict_limit_cycles(system, input_value).cycles
     except ModelError:
         return ()
+
+
+def _named(cycle: LimitCycle) -> str:
+    """A predicted cycle by its frequency and the size of its first signal."""
+    name, size = next(iter(cycle.peak_to_peak.items()))
+    kind = {True: ", stable", False: ", unstable", None: ""}[cycle.stable]
+    return f"{cycle.frequency:.6g} Hz ({name} {size:.4g} {cycle.units.get(name, '')}".rstrip() + f" peak to peak{kind})"
 
 
 def _size(system: LureSystem, cycle: LimitCycle) -> float:
@@ -248,18 +275,28 @@ class _Search:
     n_edges: int = 0
     n_left: int = 0
     rest: tuple[Array, Array] | None = None
+    unclosed: list[LimitCycle] = field(default_factory=list)
 
     @property
     def complete(self) -> bool:
-        """Whether every run came to an end that is listed, and every edge that was seen has been bisected."""
-        return not (self.n_left or "undecided" in self.outcomes or UNCLOSED in self.outcomes)
+        """Whether every prediction was closed, every run came to an end that is listed, every edge was bisected."""
+        return not (self.unclosed or self.left_open())
+
+    def left_open(self) -> tuple[str, ...]:
+        """What keeps the search from being complete, unclosed predictions aside."""
+        undecided, unclosed = (self.outcomes.get(end, 0) for end in ("undecided", UNCLOSED))
+        parts = {
+            f"{undecided} runs neither settled nor repeated themselves": undecided,
+            f"{unclosed} runs are on cycles that could not be closed": unclosed,
+            f"{self.n_left} edges between different outcomes were not bisected": self.n_left,
+        }
+        return tuple(text for text, count in parts.items() if count)
 
     def run(self) -> None:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
         self.horizon = self._horizon()
-        for cycle in self.predicted:
-            for orbit in orbits_of(self.system, self.hybrid, cycle, self.input_value, self.by_balance):
-                self.add(orbit)
+        self.image = mirror(self.hybrid)
+        led_to = [self._close(cycle) for cycle in self.predicted]
         rays = self._rays()
         for ray in rays:
             self._scan(ray)
@@ -269,6 +306,41 @@ class _Search:
             self._scan(self._ray_to(orbit))
         for orbit in list(self.orbits):
             self._add_mirrored(orbit)
+        self.unclosed = self._not_among(led_to)
+
+    def _close(self, cycle: LimitCycle) -> int | None:
+        """Number of the orbit that a prediction asks for, None for none; all orbits that it leads to are kept."""
+        found: list[Found] = []
+        for step in orbits_of(self.system, self.hybrid, cycle, self.input_value, self.by_balance, True):
+            found.append(step)
+            self.add(step.orbit)
+        asked = asked_for(found)
+        return None if asked is None else self.add(asked)
+
+    def _not_among(self, led_to: Sequence[int | None]) -> list[LimitCycle]:
+        """The predictions whose orbits are not among those found, by whatever way; an orbit answers the nearest."""
+        answers: dict[int, LimitCycle] = {}
+        unclosed = []
+        nearest = sorted(zip(led_to, self.predicted, strict=True), key=lambda pair: self._distance(*pair))
+        for number, cycle in nearest:
+            if number is None or (number in answers and not self.orbits[number].one_of_many):
+                number = self._other_answer(cycle, answers)
+            if number is None:
+                unclosed.append(cycle)
+            else:
+                answers[number] = cycle
+        return unclosed
+
+    def _distance(self, number: int | None, cycle: LimitCycle) -> float:
+        return np.inf if number is None else abs(np.log(self.orbits[number].period / cycle.period))
+
+    def _other_answer(self, cycle: LimitCycle, answers: Mapping[int, LimitCycle]) -> int | None:
+        """Number of an orbit that no other prediction asks for and that this one may mean; -1 for a cycle of a run."""
+        asked = Asked.of(self.system, self.hybrid, cycle)
+        for i, orbit in enumerate(self.orbits):
+            if i not in answers and is_stable(orbit.multipliers) == cycle.stable and not asked.difference(orbit):
+                return i
+        return -1 if any(not asked.shape_difference(r.cycle) for r in self.reached) else None
 
     def sentence(self) -> str:
         """How completeness was sought."""
@@ -279,7 +351,7 @@ class _Search:
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
-            f"{self._continua()}{self._unclosed()}{self._left()}"
+            f"{self._continua()}{self._unclosed()}{self._left()}{self._open()}"
         )
 
     def _left(self) -> str:
@@ -287,6 +359,13 @@ class _Search:
         if not self.n_left:
             return ""
         return f" {self.n_left} more edges were left: the starts of different outcomes are interwoven."
+
+    def _open(self) -> str:
+        """Which predictions have no orbit."""
+        if not self.unclosed:
+            return ""
+        names = "; ".join(map(_named, self.unclosed))
+        return f" Predicted, but not closed to an exact orbit: {names}. What is predicted need not exist."
 
     def _continua(self) -> str:
         """What stands for more than itself."""
@@ -325,10 +404,14 @@ class _Search:
         """The same motion upside down, which a symmetric loop has too."""
         n, compared = self.hybrid.x0.size, self.hybrid.compared
         y = middle(orbit, int(np.argmax(orbit.tau)))
-        centre = np.zeros(n) if self.rest is None else self.rest[0]
-        x = np.where(compared, 2.0 * centre - y[:n], y[:n])
-        held = -y[orbit.arcs.held]
-        held[-1] = 1.0
+        if self.image is None:
+            centre = np.zeros(n) if self.rest is None else self.rest[0]
+            x = np.where(compared, 2.0 * centre - y[:n], y[:n])
+            held = -y[orbit.arcs.held]
+            held[-1] = 1.0
+        else:
+            y = self.image @ y
+            x, held = y[:n], y[orbit.arcs.held]
         for found in orbits_near(self.hybrid, x, held, orbit.period):
             self.add(found)
             return
@@ -595,15 +678,3 @@ def same_continuum(one: Orbit, other: Orbit) -> bool:
     unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-6)) for o in (one, other)]
     turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
     return unstable[0] == unstable[1] and turned
-
-
-def same_orbit(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits are the same motion: equal periods, and a state of one found on the other."""
-    if abs(one.period / other.period - 1.0) > 1e-6:
-        return False
-    n, compared = one.hybrid.x0.size, one.hybrid.compared
-    at = np.flatnonzero(one.arcs.itinerary.guards == other.arcs.itinerary.guards[-1])
-    if at.size == 0:
-        return False
-    away = np.abs(one.starts[at + 1, :n] - other.y[:n])[:, compared] / one.scale[:n][compared]
-    return bool(np.min(np.max(away, axis=1)) < 1e-5)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.asked import Asked
 from eppanalysis.methods.edge import orbits_on_edge
 from eppanalysis.methods.harmonic import balances_of
+from eppanalysis.methods.mirrored import mirrored_orbits
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import require_autonomous
-from eppanalysis.methods.shooting import Orbit, orbits_near
+from eppanalysis.methods.shooting import Orbit, orbits_near, same_orbit
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem, require_system
@@ -23,8 +26,10 @@ from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
 
-#: Relative change of the period within which an orbit belongs to a balance, whatever the balance's own estimate says.
-_NEAR = 0.01
+#: Estimated error below which a balance may not be followed by another one of higher order.
+_TRUSTED = 0.05
+#: And below which what does not agree with it is not the orbit asked for.
+_REFUTES = 5e-3
 
 
 def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = None) -> HybridSystem:
@@ -49,8 +54,10 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     """The exact orbit near an approximate one (a prediction, a balance, or the limit cycle of a run).
 
     A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
-    it has come round: for a cycle predicted unstable, the edge between growth and decay is bisected first. Where what
-    is found is not of the predicted stability, harmonic balance of rising order is put in between.
+    it has come round: a cycle that is its own mirror image is closed as half an orbit, and for a cycle predicted
+    unstable the edge between growth and decay is bisected. Where what is found is not what is asked for (frequency,
+    size, mean and symmetry within twice the start's own estimate of its error), or not of the predicted stability,
+    harmonic balance of rising order is put in between.
 
     Parameters
     ----------
@@ -64,8 +71,8 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     Returns
     -------
     LimitCycle
-        With status NOT_CONVERGED, and otherwise as given, when there is no orbit near: none with a period between half
-        and 1.6 times the given one.
+        With status NOT_CONVERGED, and otherwise as given, where the orbit that is asked for was not closed;
+        ``provenance["instead"]`` then says what was found instead, if anything.
 
     Raises
     ------
@@ -76,10 +83,40 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     hybrid = steady_hybrid(system, input_value)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    found = [o for o in orbits_of(system, hybrid, start, input_value) if 0.5 < o.period / start.period < 1.6]
+    found = list(orbits_of(system, hybrid, start, input_value))
+    orbit = asked_for(found)
+    if orbit is not None:
+        return to_limit_cycle(system, orbit)
+    facts = dict(start.provenance)
     if found:
-        return to_limit_cycle(system, found[-1])
-    return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
+        facts["instead"] = f"the orbit that was found {found[-1].difference}"
+    nothing = {"stable": None, "residual": float("nan"), "provenance": facts}
+    return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, **nothing)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An orbit that an approximate cycle led to.
+
+    Attributes
+    ----------
+    orbit : Orbit
+    difference : str
+        What tells it from the one asked for; empty for nothing.
+    as_stable : bool
+        Whether it is as stable as was predicted, if anything was.
+    """
+
+    orbit: Orbit
+    difference: str
+    as_stable: bool
+
+
+def asked_for(found: Sequence[Found]) -> Orbit | None:
+    """The orbit that was asked for, rather as stable as predicted; what is said of an orbit last counts."""
+    last = {id(f.orbit): f for f in found}
+    fitting = sorted((f for f in last.values() if not f.difference), key=lambda f: f.as_stable)
+    return fitting[-1].orbit if fitting else None
 
 
 def orbits_of(
@@ -88,39 +125,73 @@ def orbits_of(
     start: LimitCycle,
     input_value: Mapping[str, float] | None = None,
     by_balance: bool = True,
-) -> Iterator[Orbit]:
-    """Closed orbits that an approximate cycle leads to; the last one is what :func:`exact_orbit` gives."""
-    if start.stable is False and "mean_state" in start.provenance:
-        x, held = start_of(hybrid, start)
-        centre = x.copy()
-        centre[: hybrid.n_plant] = start.provenance["mean_state"]
-        for orbit in orbits_on_edge(hybrid, x, centre, held, start.period):
+    neighbours: bool = False,
+) -> Iterator[Found]:
+    """Closed orbits that an approximate cycle leads to, some of them several times; see :func:`asked_for`.
+
+    With `neighbours` runs from the cycle are tried to the end, although what is asked for has been found: there may be
+    others near.
+    """
+    asked = Asked.of(system, hybrid, start)
+    met: list[Orbit] = []
+    done = False
+    for orbit in _new(_directly(hybrid, asked), met):
+        found = _compared(asked, orbit, start.stable)
+        yield found
+        done |= not found.difference and found.as_stable
+        if done and not neighbours:
+            return
+    if by_balance and start.harmonics and not done:
+        yield from _by_balance(asked, hybrid, met, input_value)
+
+
+def _new(orbits: Iterable[Orbit], met: list[Orbit]) -> Iterator[Orbit]:
+    """Those that have not been met."""
+    for orbit in orbits:
+        if not any(same_orbit(known, orbit) for known in met):
+            met.append(orbit)
             yield orbit
-            return
-    for orbit in orbits_near(hybrid, *start_of(hybrid, start), start.period):
-        yield orbit
-        if start.stable is None or is_stable(orbit.multipliers) == start.stable:
-            return
-        break
-    if not by_balance:
-        return
-    for orbit in orbits_by_balance(system, hybrid, start, input_value):
-        yield orbit
-        if is_stable(orbit.multipliers) == start.stable:
-            return
 
 
-def orbits_by_balance(
-    system: LureSystem, hybrid: HybridSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None
-) -> Iterator[Orbit]:
-    """Exact orbits that balances of rising order lead to, each within the estimated error of its balance."""
-    if not start.harmonics:
-        return
+def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
+    return Found(orbit, asked.difference(orbit), stable in (None, is_stable(orbit.multipliers)))
+
+
+def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
+    """Orbits from runs that begin on an approximate cycle."""
+    cycle = asked.cycle
+    x, held = start_of(hybrid, cycle)
+    if asked.image is not None:
+        yield from mirrored_orbits(hybrid, asked.image, x, held, cycle.period)
+    if cycle.stable is False and "mean_state" in cycle.provenance:
+        centre = x.copy()
+        centre[: hybrid.n_plant] = cycle.provenance["mean_state"]
+        yield from islice(orbits_on_edge(hybrid, x, centre, held, cycle.period), 1)
+    yield from islice(orbits_near(hybrid, x, held, cycle.period), 2)
+
+
+def _by_balance(
+    asked: Asked, hybrid: HybridSystem, met: list[Orbit], input_value: Mapping[str, float] | None
+) -> Iterator[Found]:
+    """Exact orbits that balances of rising order lead to, until one is that of a balance that can be trusted.
+
+    What was met before is compared with each balance, too; but only a good one has the word against an orbit.
+    """
+    stable = asked.cycle.stable
+    # Newton's method may leave the cycle for another one from order to order.
+    loosely = asked.loosened()
     try:
-        for balance in balances_of(system, start, input_value):
-            for orbit in orbits_near(hybrid, *start_of(hybrid, balance), balance.period):
-                if abs(orbit.period / balance.period - 1.0) < max(_NEAR, balance.error_estimate):
-                    yield orbit
+        for balance in balances_of(asked.system, asked.cycle, input_value):
+            wanted = Asked.of(asked.system, hybrid, balance)
+            before = tuple(met)
+            for orbit in chain(before, _new(_directly(hybrid, wanted), met)):
+                found = _compared(wanted, orbit, stable)
+                if not found.difference:
+                    found = _compared(loosely, orbit, stable)
+                if not found.difference or orbit not in before or balance.error_estimate < _REFUTES:
+                    yield found
+                if not found.difference and balance.error_estimate < _TRUSTED:
+                    return
     except ModelError:  # an element that harmonic balance does not cover
         return
 

@@ -123,6 +123,31 @@ def _brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
     return marks
 
 
+def make_half(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int) -> tuple[Guess, Arcs] | None:
+    """Half an orbit from a stretch of a run whose end is the image of its begin, with the arcs that close it so.
+
+    Parameters
+    ----------
+    image : array, shape (N, N)
+        See :meth:`eppanalysis.models.arcs.Arcs.halved`.
+    first, last : int
+        The stretch runs from behind one held event to another (counted from the oldest).
+    """
+    order = run.order[first : last + 1]
+    p = order.size - 1
+    guards = np.append(run.guard[order[1:]], -1)
+    tau = np.diff(run.time[order])
+    marks = np.append(_brought_about(hybrid.model, guards[:p], tau), 0)
+    it = Itinerary(run.modes[order], guards, np.full((p + 1, 3), -1), marks)
+    try:
+        arcs = Arcs.build(hybrid, it).halved(hybrid, image)
+    except ModelError:
+        return None
+    starts = np.hstack([run.state[order[:-1]], run.held_values[order[:-1]]])
+    arcs = replace(arcs, itinerary=_marked(arcs, starts, tau))
+    return Guess(arcs.itinerary, starts[0].copy(), tau), arcs
+
+
 def _marked(arcs: Arcs, starts: Array, tau: Array) -> Itinerary:
     """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero.
 

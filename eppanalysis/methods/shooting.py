@@ -256,7 +256,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         except ModelError:
             return None
         if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
-            if not _moves(orbit):
+            if not moves(orbit):
                 return None
             found = next_guess(orbit)
             if found is None:
@@ -273,7 +273,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
     return None
 
 
-def _moves(orbit: Orbit) -> bool:
+def moves(orbit: Orbit) -> bool:
     """Whether an orbit is a motion, not a state of rest on several guards at once that closes after no time."""
     n, compared = orbit.hybrid.x0.size, orbit.hybrid.compared
     both = np.concatenate([orbit.starts, orbit.ends])[:, :n][:, compared]
@@ -449,3 +449,15 @@ def orbits_near(hybrid: HybridSystem, x: Array, held: Array, period: float) -> I
             orbit = close_orbit(hybrid, guess)
             if orbit is not None:
                 yield orbit
+
+
+def same_orbit(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits are the same motion: equal periods, and a state of one found on the other."""
+    if abs(one.period / other.period - 1.0) > 1e-6:
+        return False
+    n, compared = one.hybrid.x0.size, one.hybrid.compared
+    at = np.flatnonzero(one.arcs.itinerary.guards == other.arcs.itinerary.guards[-1])
+    if at.size == 0:
+        return False
+    away = np.abs(one.starts[at + 1, :n] - other.y[:n])[:, compared] / one.scale[:n][compared]
+    return bool(np.min(np.max(away, axis=1)) < 1e-5)

@@ -165,6 +165,27 @@ class Arcs:
         shift[arcs.held.start : arcs.held.start + n_held] = _clock_shift(hybrid)
         return replace(arcs, free=arcs._free(hybrid) if like is None else like.free, shift=shift)
 
+    def halved(self, hybrid: HybridSystem, image: Array) -> Arcs:
+        """All arcs but the last, closed by a map: the half of an orbit that is its own image.
+
+        Parameters
+        ----------
+        hybrid : HybridSystem
+        image : array, shape (N, N)
+            From y to its image, which takes the orbit onto itself half a period later. The last arc only tells the
+            modes that the half ends in.
+        """
+        p, it = self.n_arcs - 1, self.itinerary
+        J = self.J[:p].copy()
+        J[-1] = image @ J[-1]
+        half = replace(
+            self,
+            itinerary=Itinerary(it.modes[:p], it.guards[:p], it.source[:p], it.at_once[:p]),
+            F=self.F[:p], S=self.S[:p], g=self.g[:p], gs=self.gs[:p], J=J, smooth=self.smooth[:p], Y=self.Y[:p],
+            Ys=self.Ys[:p], W=self.W[:p], channels=self.channels._replace(sense=self.channels.sense[:p]),
+        )  # fmt: skip
+        return replace(half, free=half._free(hybrid))
+
     def _free(self, hybrid: HybridSystem) -> IntArray:
         """Compared states, timers, and held values that some event renews."""
         own = np.eye(self.size)[self.n_state :]

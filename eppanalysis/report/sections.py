@@ -90,7 +90,7 @@ _CYCLES = """\
 try:
     cycles = ladder.search if ladder.search is not None else epp.find_limit_cycles(system, final)
     display(epp.table(cycles))
-    print(cycles.status.value, "Sought with", cycles.search)
+    print(cycles.message, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
         display(cycle.plot())
 except epp.EppError as reason:

@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.edge import orbits_on_edge
 from eppanalysis.methods.exact import start_of, steady_hybrid
 from eppanalysis.results import Status
+from tests.freeplay import EDGE, freeplay
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +107,76 @@ def test_asymmetric_orbits_come_in_mirrored_pairs():
 def test_a_state_of_rest_on_several_guards_is_no_cycle():
     case = epp.case("two_mass_damped_shaft")
     assert [c.stable for c in epp.find_limit_cycles(case.to_system())] == [True]
+
+
+# The orbit that is asked for ---------------------------------------------------------------------------------------
+@pytest.fixture(scope="module", params=[12.0, 14.0, 20.0, 22.5])
+def section(request):
+    """A symmetric loop with asymmetric orbits beside its symmetric ones, and what first order predicts for it."""
+    loop = freeplay(request.param)
+    return loop, epp.predict_limit_cycles(loop)
+
+
+def test_symmetric_predictions_lead_to_symmetric_orbits_of_their_own(section):
+    loop, predicted = section
+    cycles = [epp.exact_orbit(loop, guess) for guess in predicted]
+    assert len({round(c.period, 9) for c in cycles}) == len(cycles) >= 2
+
+    def rate(t, x):
+        return loop.A @ x + loop.B[:, 0] * (x[2] - np.clip(x[2], -EDGE, EDGE))
+
+    for guess, cycle in zip(predicted, cycles, strict=True):
+        assert cycle.status is Status.CONVERGED and cycle.residual < 1e-12
+        # Half a period later, by a method that knows nothing of events, the state is the image of the start.
+        half = solve_ivp(
+            rate, (0.0, 0.5 * cycle.period), cycle.state, method="DOP853", rtol=1e-11, atol=1e-13, max_step=1e-3
+        )
+        size = np.abs(half.y).max(axis=1)
+        assert np.max(np.abs(half.y[:, -1] + cycle.state) / size) < 1e-7
+        balance = epp.harmonic_balance(loop, guess)
+        assert balance.error_estimate < 1e-4
+        assert cycle.period == pytest.approx(balance.period, rel=3e-4)
+        signal = loop.signals.names[0]
+        assert cycle.amplitude(signal) == pytest.approx(balance.amplitude(signal), rel=3e-4)
+
+
+def test_the_search_lists_symmetric_orbits_and_their_asymmetric_neighbours():
+    # Of independent half-orbit shooting: frequency [Hz] and peak of the surface's angle [deg].
+    known = {14.0: ((5.179408, 2.9922), (10.987684, 3.5943)), 20.0: ((5.677415, 3.1363), (11.432379, 3.8774))}
+    for speed, expected in known.items():
+        found = epp.find_limit_cycles(freeplay(speed))
+        signal = next(iter(found[0].mean))
+        symmetric = sorted((c for c in found if abs(c.mean[signal]) < 1e-9), key=lambda c: c.frequency)
+        for cycle, (frequency, peak) in zip(symmetric, expected, strict=True):
+            assert cycle.frequency == pytest.approx(frequency, abs=1e-6)
+            assert np.rad2deg(cycle.peak_to_peak[signal] / 2.0) == pytest.approx(peak, abs=1e-4)
+        pair = [c for c in found if c not in symmetric]
+        assert len(pair) == 2 and pair[0].mean[signal] == pytest.approx(-pair[1].mean[signal], rel=1e-9)
+        assert found.status is Status.CONVERGED and not found.unclosed
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda c: {"period": 1.2 * c.period}, "Hz"),
+        (lambda c: {"harmonics": {k: 1.5 * v for k, v in c.harmonics.items()}}, "of the size"),
+        (lambda c: {"mean": {k: v + 0.3 * c.peak_to_peak[k] for k, v in c.mean.items()}}, "another mean"),
+    ],
+)
+def test_an_orbit_that_is_not_the_one_asked_for_is_no_answer(change, told):
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    cycle = epp.find_limit_cycles(loop).stable[0]
+    assert epp.exact_orbit(loop, cycle).period == pytest.approx(cycle.period, rel=1e-9)
+    other = epp.exact_orbit(loop, replace(cycle, stable=None, **change(cycle)))
+    assert other.status is Status.NOT_CONVERGED
+    assert told in other.provenance["instead"]
+
+
+def test_a_prediction_that_was_not_closed_is_named():
+    # The slow cycle that first order sees is not there.
+    found = epp.find_limit_cycles(epp.case("backlash_servo").to_system())
+    (missing,) = found.unclosed
+    assert missing.frequency == pytest.approx(0.0506, abs=1e-4)
+    assert found.status is Status.UNDECIDED and not found.left_open
+    for text in (found.search, found.message, found.to_dict()["message"]):
+        assert "0.0506339 Hz" in text and "unstable" in text
