@@ -1,12 +1,16 @@
-"""The error that first order makes, estimated from the harmonics that it neglects.
+"""The error that first order makes, from balances of higher order that are begun at its cycle.
 
-Harmonics up to 25 that the linear part makes of the outputs are added to the inputs of the elements, whose answers to
-them are exact. What this changes in the balance of means and fundamentals moves amplitudes and frequency; there the
-harmonics are made afresh, and what they change now says how far the first answer can be trusted.
+Harmonics up to 25 are let into the balance, a few more at each step. What they make of a predicted cycle in the end is
+its error, up to the part that the highest of them has left; a cycle that they take away is said to be one that may not
+exist. It has been taken away where Newton's method finds no balance on the way, and where the one that it finds is the
+neighbour's: a cycle that harmonics are let into slowly keeps the sign of its Jacobian's determinant until it meets
+another one, of the other sign, and vanishes with it (a fold; Kuznetsov 2004, section 4.2). And nothing is certain of
+one that passes a threshold by less than the harmonics that are still neglected.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,103 +18,199 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray
 from eppanalysis.methods.describing_quality import Point
+from eppanalysis.methods.harmonic import settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop
+from eppanalysis.methods.harmonic_series import extrema, orders
 
-_HARMONICS = 25
-#: Share of the correction that is added to it, for higher harmonics and for what is quadratic in the correction.
-_MARGIN = 0.1
+#: Highest harmonics of the balances, one after the other. All are odd, so that half-waves gain one each time and the
+#: determinants of several elements' unknowns keep their order.
+_ORDERS = (3, 5, 9, 15, 25)
+#: No higher order is asked for once the last one has changed less than this share of the error.
+_ENOUGH = 0.05
+#: Share of the error that is added to it, for what is above the highest order and does not show.
+_MARGIN = 0.02
+#: What the orders above the last one may still change, as a multiple of its own change: amplitudes of harmonics that
+#: fall as slowly as 1/k**2 leave 1.5 times of it behind order 25.
+_REST = 2.0
+#: A threshold within so many times the harmonics above the last order counts as not safely passed.
+_GRAZES = 4.0
+#: Shares of the harmonics that are let in where all of them at once are too much for Newton's method.
+_SHARES = (0.1, 0.3, 0.6, 1.0)
 
 
 def error_estimate(balance: Balance, p: Point) -> tuple[float, float]:
-    """Estimated relative error of amplitudes and frequency, and the harmonic content of the inputs.
+    """Estimated relative error of a predicted cycle, and the harmonic content of the elements' inputs.
 
-    The estimate is the larger of two successive corrections, a tenth more, and twice their difference: if corrections
-    shrink at least by halves, what is left after the second is at most as large as their difference. Over random loops
-    it covers the true error in some 97 of 100 (see the documentation, "When first order is good enough").
+    The error is the largest of those in frequency, in the fundamental and in the swing of the loop's first signal. How
+    often the estimate covers it is in the documentation, "When first order is good enough".
 
     Returns
     -------
     (error, content) : float, float
         `content` is the largest root-sum-square of harmonics over the amplitude of the fundamental. The error is
-        infinite where an element no longer answers periodically once it sees the harmonics, and both are nan where an
-        element has no exact answer to them.
+        infinite where the cycle may not exist, and both are nan where an element has no exact answer to harmonics, or
+        where none is below half the sample rate.
     """
     try:
-        work = _Work.of(balance, p)
+        loop = Loop.from_balance(balance)
     except ModelError:
         return float("nan"), float("nan")
+    turned = -1j * p.amplitude * np.exp(1j * (p.phase - p.phase[balance.pivot]))
+    first = _Motion(loop, np.column_stack([p.bias + 0j, turned]), p.omega, balance.pivot)
+    if loop.highest(p.omega) < min(_ORDERS):
+        return float("nan"), float("nan")
     try:
-        first, harmonics = work.correction(np.zeros_like(work.X), work.none, passes=2)
-        content = work.content(harmonics)
-        rest, _ = work.correction(first, harmonics, passes=1)
-    except Unsettled:
+        found = [first, *_refined(first)]
+        last = found[-1]
+        lasts = len(found) > 2 and last.orientation == first.orientation
+        lasts &= not last.grazes and first.jumps == last.jumps
+    except (_Lost, Unsettled):
+        lasts = False
+    if not lasts:
         return float("inf"), float("nan")
-    sizes = [work.size(change) for change in (first, first + rest, rest)]
-    return (1.0 + _MARGIN) * max(sizes[:2]) + 2.0 * sizes[2], content
+    whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
+    return float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content
+
+
+class _Lost(Exception):
+    """There is no balance of higher order near a predicted cycle."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Work:
-    """One cycle with its linearised balance; lives for one call.
-
-    Attributes
-    ----------
-    X : array, shape (3 m + 1,)
-        The cycle as unknowns of the balance of order 1.
-    inverse : array
-        From residuals to corrections.
-    settling : array, shape (n_harmonics, m, m)
-        Inverse of the loop closed by the elements' mean slopes, at each harmonic: one pass then nearly settles them.
-    """
+class _Motion:
+    """A balanced motion: inputs of the elements Z (m, n + 1), in sine phase at the pivot, and omega [rad/s]."""
 
     loop: Loop
-    equations: Equations
-    X: Array
-    inverse: Array
-    settling: ComplexArray
-    n: int
-
-    @classmethod
-    def of(cls, balance: Balance, p: Point) -> _Work:
-        loop = Loop.from_balance(balance)
-        n = max(1, min(_HARMONICS, loop.highest(p.omega)))
-        equations = Equations(loop, 1, balance.pivot, np.ones(1))
-        turned = -1j * p.amplitude * np.exp(1j * (p.phase - p.phase[balance.pivot]))
-        X = equations.pack(np.column_stack([p.bias + 0j, turned]), p.omega)
-        _, J, W = equations.linearised(X)
-        unknowns, rows = equations.scales(X, W)
-        inverse = unknowns[:, None] * np.linalg.pinv(J * unknowns / rows[:, None], rcond=1e-14) / rows
-        selector = (balance.owner[:, None] == np.arange(balance.m)[None, :]) * p.slopes_of_mean[1][:, None]
-        closing = np.eye(balance.m) - loop.linear(p.omega, n)[1:] @ selector
-        return cls(loop, equations, X, inverse, np.linalg.inv(closing), n)
+    Z: ComplexArray
+    omega: float
+    pivot: int
 
     @property
-    def none(self) -> ComplexArray:
-        """No harmonics, shape (m, n - 1)."""
-        return np.zeros((len(self.loop.elements), self.n - 1), complex)
+    def order(self) -> int:
+        """Highest harmonic."""
+        return self.Z.shape[1] - 1
 
-    def correction(self, change: Array, harmonics: ComplexArray, passes: int) -> tuple[Array, ComplexArray]:
-        """What the balance asks for next at ``X + change``, with harmonics made afresh from the given ones."""
-        Z, omega = self.equations.unpack(self.X + change)
-        L = self.loop.linear(omega, self.n)
-        longer = np.concatenate([Z, harmonics], 1)
-        for _ in range(passes):
-            W, _ = self.loop.answers(longer, omega)
-            made = (L @ W.T[1:, :, None])[1:, :, 0].T - longer[:, 2:]
-            longer[:, 2:] += (self.settling @ made.T[..., None])[..., 0].T
-        W, _ = self.loop.answers(longer, omega)
-        R = self.equations.residual(Z, W[:, :2], L[:1])
-        return -self.inverse @ R, longer[:, 2:]
-
-    def size(self, change: Array) -> float:
-        """Largest relative change of an amplitude or of the frequency."""
-        Z, omega = self.equations.unpack(self.X)
-        moved, _ = self.equations.unpack(np.append(change[:-1], 0.0))
-        amplitudes = np.abs((moved[:, 1] / Z[:, 1]).real)
-        return float(max(amplitudes.max(), abs(change[-1]) / omega))
-
-    def content(self, harmonics: ComplexArray) -> float:
+    @property
+    def content(self) -> float:
         """Largest root-sum-square of an input's harmonics over its fundamental."""
-        Z, _ = self.equations.unpack(self.X)
-        return float((np.sqrt((np.abs(harmonics) ** 2).sum(1)) / np.abs(Z[:, 1])).max())
+        swing = np.abs(self.Z[:, 1:])
+        return float((np.sqrt((swing[:, 1:] ** 2).sum(1)) / swing[:, 0]).max())
+
+    @property
+    def measures(self) -> Array:
+        """What an error is measured in: frequency, fundamental and swing of the first signal that moves."""
+        system = self.loop.system
+        W, _ = self.loop.answers(self.Z, self.omega)
+        response = system.signal_response(self.omega * orders(self.order)[1:])
+        c = (response @ W.T[1:, :, None])[..., 0].T
+        moves = np.flatnonzero(np.abs(c[:, 0]) > 0)
+        i = int(moves[0]) if moves.size else 0
+        sizes = [self.omega, float(np.abs(c[i, 0]))]
+        if not np.any(system.signals.D[i]):  # series of signals that jump overshoot
+            _, value = extrema(np.concatenate([[[0.0]], c[i : i + 1]], 1))[0]
+            sizes.append(float(np.ptp(value)))
+        return np.array(sizes)
+
+    @property
+    def orientation(self) -> float:
+        """Sign of the determinant of the balance's Jacobian."""
+        equations = Equations(self.loop, self.order, self.pivot, np.ones(self.order))
+        anchored = self.Z * np.exp(-1j * (np.pi / 2 + np.angle(self.Z[self.pivot, 1])) * orders(self.order))
+        X = equations.pack(anchored, self.omega)
+        _, J, W = equations.linearised(X)
+        unknowns, rows = equations.scales(X, W)
+        return float(np.linalg.slogdet(J * unknowns / rows[:, None])[0])
+
+    @property
+    def grazes(self) -> bool:
+        """Whether a threshold is passed, or missed, by less than a few times the harmonics that are still neglected.
+
+        Where an element slides along its jump, balances switch back and forth in its stead; that is no grazing.
+        """
+        order = min(3 * self.order, self.loop.highest(self.omega))
+        longer = self.loop.continued(self.Z, self.omega, order, min(2, len(self.loop.elements)))
+        longer[:, self.order + 1 :] *= _GRAZES
+        counts = zip(self._switches(self.Z), self._switches(longer), _along_jumps(self.loop), strict=True)
+        return any(now != then for now, then, along in counts if min(along, default=1.0) >= 0)
+
+    @property
+    def jumps(self) -> list[int]:
+        """How often each element with jumps switches in a period, but for those that slide."""
+        counts = zip(self._switches(self.Z), _along_jumps(self.loop), strict=True)
+        return [count for count, along in counts if min(along, default=-1.0) >= 0]
+
+    def _switches(self, Z: ComplexArray) -> list[int]:
+        """How often each element switches in a period."""
+        return [len(regime.switches) for regime in self.loop.answers(Z, self.omega)[1]]
+
+    def with_harmonics(self, order: int, loop: Loop | None = None) -> _Motion | None:
+        """The balance of an order near this one, in this loop or another one; None where Newton's method finds none."""
+        loop = self.loop if loop is None else loop
+        try:
+            start = loop.continued(self.Z, self.omega, order, min(2, len(loop.elements)))
+        except Unsettled:
+            return None
+        found = settled(loop, start, self.omega)
+        return None if found is None else _Motion(self.loop, *found, self.pivot)
+
+
+@dataclass(frozen=True, eq=False)
+class _Muted(Loop):
+    """A loop whose harmonics pass the linear part with the factor `share`."""
+
+    share: float = 1.0
+
+    def linear(self, omega: float, n: int) -> ComplexArray:
+        """As the loop's own."""
+        return self._muted(super().linear(omega, n))
+
+    def linear_and_slope(self, omega: float, n: int) -> tuple[ComplexArray, ComplexArray]:
+        """As the loop's own."""
+        response, slope = super().linear_and_slope(omega, n)
+        return self._muted(response), self._muted(slope)
+
+    def _muted(self, response: ComplexArray) -> ComplexArray:
+        response[1:] *= self.share
+        return response
+
+
+def _along_jumps(loop: Loop) -> list[list[float]]:
+    """For each jump of each element the loop's straight answer along it; where negative, the element slides (sticks)."""
+    system = loop.system
+    straight = [
+        float(np.sum(system.C[row] @ system.B[:, out]))
+        for row, out in zip(loop.rows, system.output_slices, strict=True)
+    ]
+    jumps = [[mode.jump for mode in e.automaton.modes if mode.sticking] for e in loop.elements]
+    return [[s * jump for jump in own] for s, own in zip(straight, jumps, strict=True)]
+
+
+def _refined(first: _Motion) -> Iterator[_Motion]:
+    """Balances of rising order, each from the one before, until they change little; _Lost if two in a row are missing."""
+    top = first.loop.highest(first.omega)
+    here, size, failed = first, first.measures, False
+    for n in sorted({min(n, top - 1 + top % 2) for n in _ORDERS}):
+        found = here.with_harmonics(n)
+        if found is None and here is first and not failed:
+            found = _gently(first, n)
+        if found is None:
+            if failed:
+                raise _Lost
+            failed = True
+            continue
+        now = found.measures
+        yield found
+        change, whole = np.abs(size / now - 1.0).max(), np.abs(first.measures / now - 1.0).max()
+        if n >= 9 and change < _ENOUGH * whole and not found.grazes:
+            return
+        here, size, failed = found, now, False
+
+
+def _gently(first: _Motion, order: int) -> _Motion | None:
+    """The balance of an order, with the harmonics let in share by share."""
+    here: _Motion | None = first
+    for share in _SHARES:
+        muted = _Muted(**vars(first.loop), share=share)
+        here = here and here.with_harmonics(order, muted)
+    return here
