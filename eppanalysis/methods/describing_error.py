@@ -11,7 +11,7 @@ one that passes a threshold by less than the harmonics that are still neglected.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop
 from eppanalysis.methods.harmonic_series import extrema, orders
 
-#: Highest harmonics of the balances, one after the other. All are odd, so that half-waves gain one each time and the
-#: determinants of several elements' unknowns keep their order.
+#: Highest harmonics of the balances, one after the other; odd, as motions with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
 #: No higher order is asked for once the last one has changed less than this share of the error.
 _ENOUGH = 0.05
@@ -35,6 +34,8 @@ _MARGIN = 0.02
 _REST = 2.0
 #: A threshold within so many times the harmonics above the last order counts as not safely passed.
 _GRAZES = 4.0
+#: Means and even harmonics over the fundamental, below which half-waves are alike.
+_LOPSIDED = 1e-9
 #: Shares of the harmonics that are let in where all of them at once are too much for Newton's method.
 _SHARES = (0.1, 0.3, 0.6, 1.0)
 
@@ -114,35 +115,37 @@ class _Motion:
 
     @property
     def orientation(self) -> float:
-        """Sign of the determinant of the balance's Jacobian."""
-        equations = Equations(self.loop, self.order, self.pivot, np.ones(self.order))
-        anchored = self.Z * np.exp(-1j * (np.pi / 2 + np.angle(self.Z[self.pivot, 1])) * orders(self.order))
+        """Sign of the determinant of the balance's Jacobian; where half-waves are alike, of that for such motions.
+
+        A symmetric motion that loses its stability to a pair of lopsided ones does not vanish.
+        """
+        m, n = self.Z.shape[0], self.order
+        equations = Equations(self.loop, n, self.pivot, np.ones(n))
+        anchored = self.Z * np.exp(-1j * (np.pi / 2 + np.angle(self.Z[self.pivot, 1])) * orders(n))
         X = equations.pack(anchored, self.omega)
         _, J, W = equations.linearised(X)
         unknowns, rows = equations.scales(X, W)
-        return float(np.linalg.slogdet(J * unknowns / rows[:, None])[0])
+        harmonic = np.concatenate([np.zeros(m), *[orders(n)[1:]] * (2 * m), [1.0]])
+        place = np.arange(m)[:, None] * (2 * n + 1) + np.arange(1, n + 1)
+        column = np.concatenate([place[:, 0] - 1, place.ravel(), place.ravel() + n, [X.size - 1]])
+        symmetric = np.all(np.abs(self.Z[:, ::2]).max(1) <= _LOPSIDED * np.abs(self.Z[:, 1]))
+        kept = harmonic % 2 == 1 if symmetric else harmonic >= 0
+        scaled = (J * unknowns / rows[:, None])[:, column]
+        return float(np.linalg.slogdet(scaled[np.ix_(kept, kept)])[0])
 
     @property
     def grazes(self) -> bool:
-        """Whether a threshold is passed, or missed, by less than a few times the harmonics that are still neglected.
-
-        Where an element slides along its jump, balances switch back and forth in its stead; that is no grazing.
-        """
+        """Whether a threshold with a jump is passed, or missed, by less than a few times the neglected harmonics."""
         order = min(3 * self.order, self.loop.highest(self.omega))
         longer = self.loop.continued(self.Z, self.omega, order, min(2, len(self.loop.elements)))
         longer[:, self.order + 1 :] *= _GRAZES
-        counts = zip(self._switches(self.Z), self._switches(longer), _along_jumps(self.loop), strict=True)
-        return any(now != then for now, then, along in counts if min(along, default=1.0) >= 0)
+        return self.jumps != replace(self, Z=longer).jumps
 
     @property
     def jumps(self) -> list[int]:
-        """How often each element with jumps switches in a period, but for those that slide."""
-        counts = zip(self._switches(self.Z), _along_jumps(self.loop), strict=True)
-        return [count for count, along in counts if min(along, default=-1.0) >= 0]
-
-    def _switches(self, Z: ComplexArray) -> list[int]:
-        """How often each element switches in a period."""
-        return [len(regime.switches) for regime in self.loop.answers(Z, self.omega)[1]]
+        """How often each element with jumps switches in a period; one that slides switches as often as it is let to."""
+        regimes = self.loop.answers(self.Z, self.omega)[1]
+        return [len(r.switches) for r, jumps in zip(regimes, _jumps_freely(self.loop), strict=True) if jumps]
 
     def with_harmonics(self, order: int, loop: Loop | None = None) -> _Motion | None:
         """The balance of an order near this one, in this loop or another one; None where Newton's method finds none."""
@@ -175,22 +178,22 @@ class _Muted(Loop):
         return response
 
 
-def _along_jumps(loop: Loop) -> list[list[float]]:
-    """For each jump of each element the loop's straight answer along it; where negative, the element slides (sticks)."""
+def _jumps_freely(loop: Loop) -> list[bool]:
+    """Which elements jump at a threshold without the loop pulling them back straight away, so that they would slide."""
     system = loop.system
     straight = [
         float(np.sum(system.C[row] @ system.B[:, out]))
         for row, out in zip(loop.rows, system.output_slices, strict=True)
     ]
     jumps = [[mode.jump for mode in e.automaton.modes if mode.sticking] for e in loop.elements]
-    return [[s * jump for jump in own] for s, own in zip(straight, jumps, strict=True)]
+    return [bool(own) and all(s * jump >= 0 for jump in own) for s, own in zip(straight, jumps, strict=True)]
 
 
 def _refined(first: _Motion) -> Iterator[_Motion]:
     """Balances of rising order, each from the one before, until they change little; _Lost if two in a row are missing."""
     top = first.loop.highest(first.omega)
     here, size, failed = first, first.measures, False
-    for n in sorted({min(n, top - 1 + top % 2) for n in _ORDERS}):
+    for n in sorted({min(n, top) for n in _ORDERS}):
         found = here.with_harmonics(n)
         if found is None and here is first and not failed:
             found = _gently(first, n)
