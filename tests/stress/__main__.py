@@ -10,15 +10,14 @@ import collections
 import json
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from tests.stress.families import FAMILIES
 from tests.stress.runs import compare
 from tests.stress.searches import search
+from tests.stress.summary import against, markdown
 from tests.stress.workers import Job, answers
-
-#: What a row's outcome may be without speaking against the package.
-FINE = {"agrees", "magnified", "not comparable", "borne out", "refused"}
 
 
 def _jobs(count: int, first: int, families: list[str]) -> list[Job]:
@@ -26,21 +25,17 @@ def _jobs(count: int, first: int, families: list[str]) -> list[Job]:
     return [(families[i % len(families)], first + i // len(families)) for i in range(count)]
 
 
-def _against(row: dict[str, Any]) -> bool:
-    return row["outcome"] not in FINE or row.get("verdict_holds") is False
-
-
 def _do(title: str, work: Any, jobs: list[Job], options: argparse.Namespace) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     begun = time.monotonic()
     for row in answers(work, jobs, options.processes, options.limit):
         rows.append(row)
-        if _against(row):
+        if against(row):
             print(f"  {row}", flush=True)
         if len(rows) % 100 == 0:
             print(f"{title}: {len(rows)} of {len(jobs)}, {time.monotonic() - begun:.0f} s", flush=True)
     counts = collections.Counter(row["outcome"] for row in rows)
-    print(f"{title}: {dict(counts)}, {sum(map(_against, rows))} speak against, {time.monotonic() - begun:.0f} s")
+    print(f"{title}: {dict(counts)}, {sum(map(against, rows))} speak against, {time.monotonic() - begun:.0f} s")
     return rows
 
 
@@ -53,6 +48,7 @@ def main() -> int:
     parser.add_argument("--family", action="append", choices=sorted(FAMILIES), help="only this family (repeatable)")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--limit", type=float, default=120.0, help="seconds a job may take")
+    parser.add_argument("--table", help="file for the table of the documentation (Markdown)")
     parser.add_argument("-o", "--output", help="file for all rows (JSON)")
     options = parser.parse_args()
     families = options.family or sorted(FAMILIES)
@@ -62,10 +58,16 @@ def main() -> int:
         "runs": _do("runs", compare, _jobs(options.runs, options.first, families), options),
         "searches": _do("searches", search, _jobs(options.searches, options.first, still), options) if still else [],
     }
+    if options.table:
+        title = (
+            f"{time.strftime('%Y-%m-%d')}, {options.runs} runs and {options.searches} searches, "
+            f"seeds of each family from {options.first} on."
+        )
+        Path(options.table).write_text(markdown(rows["runs"], rows["searches"], title), encoding="utf-8")
     if options.output:
-        with open(options.output, "w") as file:
-            json.dump({"date": time.strftime("%Y-%m-%d"), "first_seed": options.first, **rows}, file, indent=0)
-    return int(any(_against(row) for part in rows.values() for row in part))
+        told = {"date": time.strftime("%Y-%m-%d"), "first_seed": options.first, **rows}
+        Path(options.output).write_text(json.dumps(told, indent=0), encoding="utf-8")
+    return int(any(against(row) for part in rows.values() for row in part))
 
 
 if __name__ == "__main__":
