@@ -96,7 +96,12 @@ def _smooth_term(model, j, k, X, H, Sg, arg, aux):
             cube += aux[i, j] * arg[k - i, j]
         Sg[k, j] = scale * cube
     else:
-        _reciprocal_term(j, k, scale, Sg, arg, aux)
+        noise = 0.0
+        for i in range(model.smooth_x.shape[1]):
+            noise += abs(model.smooth_x[j, i] * X[0, i])
+        for i in range(H.size):
+            noise += abs(model.smooth_H[j, i] * H[i])
+        _reciprocal_term(j, k, scale, 64.0 * EPS * noise, Sg, arg, aux)
 
 
 @njit(**HOT)
@@ -115,8 +120,11 @@ def _sine_term(j, k, scale, Sg, arg, aux):
 
 
 @njit(**HOT)
-def _reciprocal_term(j, k, scale, Sg, arg, aux):
-    """scale/(1 + |a|); within a mode the argument keeps its sign, which near zero its rate tells."""
+def _reciprocal_term(j, k, scale, noise, Sg, arg, aux):
+    """scale/(1 + |a|); within a mode the argument keeps its sign, which near zero its rate tells.
+
+    `noise` is the rounding of the terms of which the argument is made.
+    """
     if k == 0:
         Sg[0, j] = scale / (1.0 + abs(arg[0, j]))
         aux[0, j] = 1.0 if arg[0, j] >= 0 else -1.0
@@ -125,7 +133,7 @@ def _reciprocal_term(j, k, scale, Sg, arg, aux):
     before = 0.0
     for i in range(k):
         before = max(before, abs(arg[i, j]))
-    if before <= 1e-9 * abs(arg[k, j]):
+    if before <= 1e-9 * abs(arg[k, j]) or before <= noise < abs(arg[k, j]):
         aux[0, j] = 1.0 if arg[k, j] > 0 else -1.0
     v = 0.0
     for i in range(1, k + 1):

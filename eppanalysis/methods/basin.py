@@ -16,6 +16,7 @@ from eppanalysis.methods.cycles import CycleSearch, fades
 from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.linear import poles
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import Brief, Status
 
@@ -121,7 +122,7 @@ def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
 
 def _slowest(system: LureSystem) -> float:
     """A long time of the linear part [s]."""
-    rates = np.abs(np.linalg.eigvals(system.A)) if system.A.size else np.ones(1)
+    rates = np.abs(poles(system.A)) if system.A.size else np.ones(1)
     slow = rates[rates > 1e-9 * max(float(rates.max()), 1e-300)]
     return 1.0 / float(slow.min()) if slow.size else 1.0
 

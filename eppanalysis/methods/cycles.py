@@ -25,6 +25,7 @@ from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, o
 from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.linear import poles
 from eppanalysis.models.lure import LureSystem, require_system
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Brief, LimitCycle, Status
@@ -192,7 +193,7 @@ def find_limit_cycles(
     require_system(system, "find_limit_cycles")
     hybrid = steady_hybrid(system, input_value)
     seeds = _predictions(system, input_value) if predicted is None else predicted
-    if seeds and not np.any(np.linalg.eigvals(system.A)):
+    if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
     search = _Search(system, hybrid, seeds, input_value, by_balance, progress)
@@ -420,7 +421,7 @@ class _Search:
         """How long a run is before it is judged for the first time [s]."""
         if self.predicted:
             return 40.0 * max(c.period for c in self.predicted)
-        rates = np.abs(np.linalg.eigvals(self.system.A)) if self.system.A.size else np.ones(1)
+        rates = np.abs(poles(self.system.A)) if self.system.A.size else np.ones(1)
         slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
         return 3.0 / float(slow.min()) if slow.size else 100.0
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Guard
+from eppanalysis.models.linear import fastest_poles
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 from eppanalysis.models.signals import Constant, Motion, Sine
@@ -166,7 +167,7 @@ class _Packer:
         )
         # One memory layout for all loops, so that the kernels are compiled once.
         model = Model(*(np.array(a, order="C") for a in model))
-        fastest = float(np.abs(np.linalg.eigvals(system.A)).max()) if self.n else 0.0
+        fastest = float(fastest_poles(system.A[None])[0])
         self._refuse_tiny_delays(fastest)
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
         exo = np.arange(n) >= self.n

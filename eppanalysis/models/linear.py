@@ -213,3 +213,23 @@ class _Sizes:
     def within(self, N: Array) -> _Sizes:
         """The same for ``N' A N``, ``N' b`` and ``c A N``."""
         return _Sizes(N.T @ self.A @ N, N.T @ self.b, self.c @ self.A @ N, self.a, self.of_c * self.a)
+
+
+def fastest_poles(A: Array) -> Array:
+    """Size of the fastest pole of each state matrix [1/s]; exactly zero for integrators alone.
+
+    Parameters
+    ----------
+    A : array, shape (..., n, n)
+
+    Returns
+    -------
+    array, shape (...)
+    """
+    n = A.shape[-1]
+    fastest = np.abs(np.linalg.eigvals(A)).max(-1, initial=0.0)
+    # A chain of n integrators alone shows in other coordinates as poles at the n-th root of rounding.
+    shown = np.linalg.norm(A, axis=(-2, -1)) * (10.0 * n * np.finfo(float).eps) ** (1.0 / max(n, 1))
+    for place in zip(*np.nonzero((fastest > 0) & (fastest < shown)), strict=True):
+        fastest[place] = np.abs(poles(A[place])).max()
+    return np.asarray(fastest)

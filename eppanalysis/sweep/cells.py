@@ -20,6 +20,7 @@ from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack
 from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.linear import fastest_poles
 from eppanalysis.models.signals import motions_by_name
 from eppanalysis.sweep.axes import Design
 
@@ -103,7 +104,7 @@ def _time_scale(A: NDArray[np.float64]) -> NDArray[np.float64]:
     """Time scales of plants as the hybrid system has them, shape (cells,)."""
     if A.shape[1] == 0:
         return np.ones(len(A))
-    fastest = np.abs(np.linalg.eigvals(A)).max(axis=1)
+    fastest = fastest_poles(A)
     with np.errstate(divide="ignore"):
         return np.where(fastest > 0, 2.0 / fastest, 1.0)
 
