@@ -405,7 +405,7 @@ def _start_inputs(system: LureSystem, rows: NDArray[np.intp]) -> Array:
         z = without_rounding(z, size)
         for i, e in enumerate(system.elements):
             scale = float(np.min(e.thresholds(), initial=np.inf))
-            scale = 1e-9 * (scale if np.isfinite(scale) else 1.0)
+            scale = 1e-9 * (scale if np.isfinite(scale) else abs(float(z[rows[i]])) or 1.0)
             mean, _ = describe(e, np.array(scale), np.array(z[rows[i]]), np.array(1.0))
             w[system.output_slices[i]] = np.nan_to_num(mean)
     return z[rows]
