@@ -31,6 +31,7 @@ class Status(Enum):
     EVENT_LIMIT = (
         "The run stopped early: too many events (an accumulation of switches); its results end where it stopped."
     )
+    INCOMPLETE = "The search covers a part of what was asked for; its sentence says which."
     NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
 
     @property

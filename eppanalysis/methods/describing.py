@@ -102,7 +102,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
             curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
     return Prediction(
         cycles=cycles,
-        status=Status.CONVERGED,
+        status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
         search=found.search,
         curves=curves,
         margins=Deferred(partial(linear_margins, system)),

@@ -14,6 +14,9 @@ from scipy.optimize import brentq, minimize_scalar
 from eppanalysis.methods.describing_balance import ON_THE_WAY, Array, Balance, newton
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+#: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
+_REACH = 4.0
+_MOST_STEPS = 60
 
 
 def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float = 1e-9) -> list[float]:
@@ -55,6 +58,64 @@ def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float =
     return sorted(set(roots))
 
 
+def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
+    """:func:`roots_along` for a function of many points at once, which seeks all of its roots together."""
+    at, dip = np.flatnonzero(_changes(y)), _dips(y)
+    low, high = [x[at]], [x[at + 1]]
+    sign = np.sign(y[dip])
+    left, best, right = x[dip - 1], x[dip], x[dip + 1]
+    f_left, f_best, f_right = (sign * y[i] for i in (dip - 1, dip, dip + 1))
+    for _ in range(_MOST_STEPS):
+        rise = np.maximum(f_left, f_right) - f_best
+        k = np.flatnonzero((f_best >= 0) & (f_best < _REACH * rise) & (right - left > 1e-12))
+        if not k.size:
+            break
+        after = right[k] - best[k] > best[k] - left[k]
+        u = best[k] + (1.0 - _GOLDEN) * np.where(after, right[k] - best[k], left[k] - best[k])
+        value = sign[k] * f(u)
+        better = value < f_best[k]
+        # The better of the two points stays inside, the other one becomes the end on its side.
+        for end, f_end, side in ((left, f_left, after == better), (right, f_right, after != better)):
+            end[k[side]] = np.where(better, best[k], u)[side]
+            f_end[k[side]] = np.where(better, f_best[k], value)[side]
+        best[k], f_best[k] = np.where(better, u, best[k]), np.where(better, value, f_best[k])
+    turned = f_best < 0
+    low += [x[dip - 1][turned], best[turned]]
+    high += [best[turned], x[dip + 1][turned]]
+    roots = between(lambda t, _: f(t), np.concatenate(low), np.concatenate(high))
+    roots = roots[np.isfinite(roots)]
+    return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
+
+
+def between(f: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array) -> Array:
+    """Roots of ``f(x, number)`` in brackets (n,), each with its number; not-a-number without a change of sign.
+
+    By false position in which an end that stays counts half (the Illinois rule), every third step a halving. Where f is
+    zero over a stretch, a point of it.
+    """
+    low, high = low.copy(), high.copy()
+    every = np.arange(low.size)
+    f_low, f_high = f(low, every), f(high, every)
+    out = np.where(f_low == 0, low, np.where(f_high == 0, high, np.nan))
+    todo = np.flatnonzero(f_low * f_high < 0)
+    for step in range(2 * _MOST_STEPS):
+        if not todo.size:
+            break
+        share = np.clip(f_low[todo] / (f_low[todo] - f_high[todo]), 1e-3, 1 - 1e-3) if step % 3 else 0.5
+        x = low[todo] + share * (high[todo] - low[todo])
+        value = f(x, todo)
+        left = (value < 0) == (f_low[todo] < 0)
+        f_low[todo], f_high[todo] = (
+            np.where(left, value, 0.5 * f_low[todo]),
+            np.where(left, 0.5 * f_high[todo], value),
+        )
+        low[todo], high[todo] = np.where(left, x, low[todo]), np.where(left, high[todo], x)
+        out[todo] = x
+        narrow = high[todo] - low[todo] <= 4e-16 * np.maximum(np.abs(low[todo]), np.abs(high[todo]))
+        todo = todo[(value != 0) & ~narrow]
+    return out
+
+
 def _bracketed(f: Callable[[float], float], low: float, high: float) -> float | None:
     try:
         return float(brentq(f, low, high, xtol=1e-300, rtol=8.9e-16, maxiter=200))
@@ -68,12 +129,16 @@ def _changes(y: Array) -> NDArray[np.bool_]:
 
 
 def _dips(y: Array) -> NDArray[np.intp]:
-    """Interior nodes that are nearer to zero than both neighbours, all of one sign."""
+    """Interior nodes nearer to zero than both neighbours, all of one sign, from which zero is within reach.
+
+    Between its nodes a curve does not go much further than it goes from node to node.
+    """
     ok = np.isfinite(y)
     middle = ok[1:-1] & ok[:-2] & ok[2:]
     same = ((y[1:-1] < 0) == (y[:-2] < 0)) & ((y[1:-1] < 0) == (y[2:] < 0))
     lower = (np.abs(y[1:-1]) <= np.abs(y[:-2])) & (np.abs(y[1:-1]) <= np.abs(y[2:]))
-    return np.flatnonzero(middle & same & lower) + 1
+    way = np.maximum(np.abs(y[:-2] - y[1:-1]), np.abs(y[2:] - y[1:-1]))
+    return np.flatnonzero(middle & same & lower & (np.abs(y[1:-1]) < _REACH * way)) + 1
 
 
 def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:

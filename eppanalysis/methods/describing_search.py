@@ -6,6 +6,7 @@ poles, zeros and dead time; nothing is measured in absolute units.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray
+from eppanalysis.methods.describing_bias import SingleBias, spread
 from eppanalysis.methods.describing_curves import (
     at_index,
     contour_lines,
@@ -20,23 +22,32 @@ from eppanalysis.methods.describing_curves import (
     distinct,
     polish,
     roots_along,
+    roots_at_once,
     settle,
 )
 from eppanalysis.models.linear import poles, zeros
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.nonlinearities.piecewise import PiecewiseLinear
 
 _MOST_NODES = 4000
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
 _RESONANT = 0.03
+#: Breakpoints around which biases are sought where the static balance has several answers.
+_MOST_CENTRES = 8
+_MANY_STEPS = (
+    " The loop may stand on many pieces of its element, as its static balance has several answers: biases were sought "
+    f"around zero and the first {_MOST_CENTRES} breakpoints, and cycles about others may be missing."
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Limit cycles (k, 3 m + 1), the curves they were found on, and how."""
+    """Limit cycles (k, 3 m + 1), the curves they were found on, how, and whether all that was asked for is covered."""
 
     cycles: Array
     curves: tuple[Array, ...]
     search: str
+    complete: bool = True
 
 
 def frequency_scales(system: LureSystem) -> Array:
@@ -111,15 +122,15 @@ def _gain_limit(system: LureSystem, omega: Array, lowest_gain: float) -> float:
     return float(omega[min(above[-1] + 1, len(omega) - 1)]) if above.size else float(omega[0])
 
 
-def amplitude_scales(balance: Balance, gains: Array) -> Array:
-    """Positive amplitudes that matter: thresholds, and where the element's gain meets 1/`gains` of the linear part."""
-    element = balance.system.elements[0]
-    thresholds = np.abs(np.asarray(element.thresholds(), float)).ravel()
-    reference = np.concatenate([thresholds, np.abs(balance.operating_bias)])
-    reference = reference[(reference > 0) & np.isfinite(reference)]
+def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: SingleBias | None = None) -> Array:
+    """Positive amplitudes that matter: `sizes`, and where the element's gain meets 1/`gains` of the linear part."""
+    reference = sizes[(sizes > 0) & np.isfinite(sizes)]
     middle = float(np.exp(np.log(reference).mean())) if reference.size else 1.0
     a = middle * np.geomspace(1e-60, 1e60, 601)
-    N = np.abs(balance.evaluate(a[:, None], np.zeros((601, 1)), np.ones(601))[1][:, 0])
+    bias = np.zeros(a.size) if single is None else single.at(a)
+    # Next to a bias, smaller amplitudes are lost in its rounding.
+    a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
+    N = np.abs(balance.evaluate(a[:, None], bias[:, None], np.ones(a.size))[1][:, 0])
     meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
     return np.unique(np.concatenate([reference, *meets]))
 
@@ -128,10 +139,11 @@ def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
     """Ascending grid of amplitudes, geometrically denser towards each threshold from both sides."""
     low, high = scales.min() / 1e2, scales.max() * 1e2
     nodes = [np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 2)]
-    spread = np.geomspace(1e-12, 0.3, 36)
-    thresholds = np.abs(np.asarray(thresholds, float)).ravel()
-    nodes.append((thresholds[:, None] * (1.0 + np.concatenate([-spread, spread]))).ravel())
     gaps = np.unique(thresholds[thresholds > 0])
+    around = gaps[:, None] * spread(gaps.size)
+    # Half the way to the next threshold at most: beyond it the nodes of that one are nearer.
+    below, above = np.diff(gaps, prepend=0.0)[:, None] / 2, np.diff(gaps, append=np.inf)[:, None] / 2
+    nodes.append((gaps[:, None] + around)[(-below < around) & (around < above)])
     if gaps.size > 1:
         parts = np.arange(1, 8) / 8.0
         nodes.append((gaps[:-1, None] + parts * np.diff(gaps)[:, None]).ravel())
@@ -142,11 +154,15 @@ def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
 def search_one(balance: Balance) -> Found:
     """All limit cycles of a loop with one element of one output whose describing function is free of omega."""
     system = balance.system
-    thresholds = np.asarray(system.elements[0].thresholds(), float).ravel()
-    scales = amplitude_scales(balance, _crossing_gains(system))
+    single = SingleBias.of(balance)
+    thresholds = _thresholds(balance) if single is None else single.thresholds()
+    sizes = thresholds if _breakpoints(balance) else np.append(thresholds, np.abs(balance.operating_bias))
+    scales = amplitude_scales(balance, _crossing_gains(system), sizes, single)
     if not scales.size:
         return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
     amplitude = amplitude_nodes(scales, thresholds, 24)
+    if single is not None:
+        return _search_single(single, amplitude)
     N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
@@ -154,7 +170,36 @@ def search_one(balance: Balance) -> Found:
     real = _is_real(balance, lines)
     finder = _on_crossings if real else _on_phase_curves
     cycles, curves = finder(balance, lines, omega, L)
-    return Found(distinct(balance, cycles), tuple(curves), _sentence(system, real, omega, amplitude, len(lines)))
+    text = _sentence(system, real, omega, amplitude, len(lines))
+    complete = _breakpoints(balance) <= _MOST_CENTRES
+    if not complete:
+        text += _MANY_STEPS
+    return Found(distinct(balance, cycles), tuple(curves), text, complete)
+
+
+def _search_single(single: SingleBias, amplitude: Array) -> Found:
+    """All limit cycles where each amplitude has one mean: every phase crossing, all roots in amplitude at each."""
+    balance = single.balance
+    amplitude = single.with_turns(amplitude)
+    bias = single.at(amplitude)
+    amplitude, bias = amplitude[np.isfinite(bias)], bias[np.isfinite(bias)]
+    N = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
+    omega = frequency_nodes(balance.system, 40, _lowest_gain(N))
+    L = balance.linear(omega)[:, 0, 0]
+    cycles = [np.zeros((0, 4))]
+    for w in phase_crossings(balance, omega, L):
+        gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
+        cycles.append(_roots_in_amplitude(balance, amplitude, N.real * gain, w, gain, single.at))
+    return Found(distinct(balance, np.concatenate(cycles)), (), _sentence(balance.system, True, omega, amplitude, 1))
+
+
+def _breakpoints(balance: Balance) -> int:
+    element = balance.system.elements[0]
+    return element.breakpoints.size if isinstance(element, PiecewiseLinear) else 0
+
+
+def _thresholds(balance: Balance) -> Array:
+    return np.abs(np.asarray(balance.system.elements[0].thresholds(), float)).ravel()
 
 
 def _crossing_gains(system: LureSystem) -> Array:
@@ -219,11 +264,17 @@ def _static_size(balance: Balance, a: Array, b: Array) -> Array:
 
 
 def _bias_nodes(balance: Balance, scales: Array) -> Array:
-    """Biases of both signs on logarithmic grids, denser around the operating point, and zero."""
+    """Biases of both signs on logarithmic grids, denser around zero and around where the loop may stand.
+
+    A piecewise-linear element may stand on any of its pieces, wherever the loop starts.
+    """
     steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
-    centre = float(balance.operating_bias[0])
-    own = float(balance.prescribed[0] / balance.on_bias[0, 0]) if balance.on_bias[0, 0] else centre
-    around = [np.concatenate([[c], c + steps, c - steps]) for c in {0.0, centre, own}]
+    element = balance.system.elements[0]
+    static = isinstance(element, PiecewiseLinear)
+    centres = [0.0, *(element.breakpoints[:_MOST_CENTRES] if static else balance.operating_bias[:1])]
+    if balance.on_bias[0, 0]:
+        centres.append(balance.prescribed[0] / balance.on_bias[0, 0])
+    around = [np.concatenate([[c], c + steps, c - steps]) for c in {float(c) for c in centres}]
     return np.unique(np.concatenate(around))
 
 
@@ -269,7 +320,8 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         for line in lines:
             if not np.any(line[:, 1]):
-                cycles.append(_symmetric_roots(balance, line[:, 0], w, gain))
+                N = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0].real
+                cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, np.zeros_like))
                 continue
             gains = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1]
             N = np.asarray(gains[:, 0].real, float)
@@ -279,20 +331,22 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
     return np.concatenate([*cycles, crossings(balance, curves)]), curves
 
 
-def _symmetric_roots(balance: Balance, amplitude: Array, omega: float, gain: float) -> Array:
-    def excess(log_a: float) -> float:
-        N = balance.evaluate(np.exp([[log_a]]), np.zeros((1, 1)), np.array([omega]))[1][0, 0].real
+def _roots_in_amplitude(
+    balance: Balance, amplitude: Array, loop_gain: Array, omega: float, gain: float, bias_of: Callable[[Array], Array]
+) -> Array:
+    """Cycles (k, 4) at a phase crossing: where the loop gain, known at ascending amplitudes, passes one."""
+
+    def excess(log_a: Array) -> Array:
+        a = np.exp(log_a)
+        N = balance.evaluate(a[:, None], bias_of(a)[:, None], np.full(a.size, omega))[1][:, 0].real
         return _log_excess(N * gain)
 
-    x = np.log(amplitude)
-    N = balance.evaluate(amplitude[:, None], np.zeros((len(x), 1)), np.full(len(x), omega))[1][:, 0].real
-    y = np.array([_log_excess(v) for v in N * gain])
-    roots = roots_along(excess, x, y)
-    return np.array([[r, np.log(omega), 0.0, 0.0] for r in roots]).reshape(-1, 4)
+    roots = roots_at_once(excess, np.log(amplitude), _log_excess(loop_gain))
+    return np.stack([roots, np.full(roots.size, np.log(omega)), bias_of(np.exp(roots)), np.zeros(roots.size)], -1)
 
 
-def _log_excess(loop_gain: float) -> float:
-    return float(np.log(loop_gain)) if loop_gain > 1e-300 else (np.nan if np.isnan(loop_gain) else -690.0)
+def _log_excess(loop_gain: Array) -> Array:
+    return np.where(np.isnan(loop_gain), np.nan, np.log(np.maximum(loop_gain, 1e-300)))
 
 
 def _points(line: Array, omega: Array, loop_gain: Array) -> Array:

@@ -239,7 +239,8 @@ class _Run:
         self.owner, self.Z, self.omega = owner, Z, omega
         self.series = owner.on_free * Z[0] + owner.on_rate * (1j * omega * orders(Z.shape[1] - 1) * Z[0])
         self.phase, self.value, self.counts = rooms(self.series)
-        most = 200 + 40 * Z.shape[1]
+        # No wave of order n passes a level more than 2 n times in a period.
+        most = 200 + 2 * Z.shape[1] * max(20, len(owner.every_trigger))
         self.at, self.fired = np.empty(most), np.empty(most, np.int64)
         self.holds = np.empty((most, owner.automaton.n_held))
 

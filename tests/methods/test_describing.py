@@ -34,6 +34,7 @@ from eppanalysis.models.nonlinearities import (
     RelayDeadZone,
     Saturation,
 )
+from eppanalysis.results import Status
 
 from_tf, from_blocks = LureSystem.from_tf, LureSystem.from_blocks
 LBF, DEG = 4.4482216152605, np.pi / 180
@@ -510,3 +511,54 @@ def test_a_disk_margin_is_for_loops_that_are_stable(gain: float, stable: bool) -
     margins = predict_limit_cycles(loop).margins
     assert margins["gain_margin"] == pytest.approx(6.0 / gain, rel=1e-6)
     assert (margins["disk_margin"] > 0.0) == stable
+
+
+def staircase(levels, reference, x0=(0.0, 0.0, 0.0)):
+    """A quantised measurement of a position that is held at `reference`."""
+    base = from_tf(([5.6], [1, 3, 2, 0]), Quantiser(1.0, levels))
+    return LureSystem.build(
+        base.A, base.B, base.C, base.elements, B_input=-base.B, input_names=("r",), v0=[reference], x0=x0
+    )
+
+
+@pytest.mark.parametrize(("levels", "reference"), [(60, 3.0), (80, 3.0), (300, -41.0), (300, 0.0)])
+def test_unused_levels_and_the_start_change_no_prediction(levels, reference):
+    """About any level the staircase is the same: the cycles about zero of a few levels, shifted."""
+    few = predict_limit_cycles(staircase(6, 0.0))
+    for x0 in ((0.0, 0.0, 0.0), (0.3, 0.1, 2.0)):
+        many = predict_limit_cycles(staircase(levels, reference, x0))
+        assert many.status is Status.CONVERGED and len(many) == len(few) == 4
+        for c, d in zip(few, many, strict=True):
+            name = next(iter(c.mean))
+            assert d.amplitude(name) == pytest.approx(c.amplitude(name), rel=1e-9)
+            assert d.mean[name] == pytest.approx(reference, abs=1e-9)
+            assert d.stable == c.stable and d.error_estimate == pytest.approx(c.error_estimate, rel=1e-6)
+
+
+@pytest.mark.parametrize("reference", [0.3, 2.5, 2.8])
+def test_cycles_between_levels_satisfy_the_balance_by_quadrature(reference):
+    """Against sampled integrals of the map itself, on a grid of amplitudes with the mean from bisection."""
+    phi = 2 * np.pi * (np.arange(4000) + 0.5) / 4000
+    step = Quantiser(1.0, 30)
+
+    def sampled(a):
+        low, high = reference - 1.0, reference + 1.0
+        for _ in range(45):
+            middle = 0.5 * (low + high)
+            below = step.output(middle + a * np.sin(phi))[0].mean() < reference
+            low, high = (middle, high) if below else (low, middle)
+        return 2 * np.mean(step.output(middle + a * np.sin(phi))[0] * np.sin(phi)) / a * 5.6 / 6.0
+
+    found = predict_limit_cycles(staircase(30, reference))
+    a = np.geomspace(0.1, 15.0, 120)
+    gain = np.array([sampled(v) for v in a])
+    crossed = np.flatnonzero((gain[1:] < 1) != (gain[:-1] < 1))
+    seen = [c.amplitude(next(iter(c.mean))) for c in found]
+    assert all(any(a[i] <= v <= a[i + 1] for v in seen) for i in crossed)
+    assert all(sampled(v) == pytest.approx(1.0, abs=1e-2) for v in seen)
+
+
+def test_staircase_on_which_the_loop_may_stand_anywhere_is_said_to_be_covered_in_part():
+    loop = from_tf(([6.0, -0.98], [1, 3, 3, 1]), Quantiser(1.0, 40))
+    found = predict_limit_cycles(loop)
+    assert found.status is Status.INCOMPLETE and "may be missing" in found.search

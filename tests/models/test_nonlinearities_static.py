@@ -470,3 +470,18 @@ def test_kernel_gives_the_same_without_compilation() -> None:
         for disabled in "10"
     )
     np.testing.assert_allclose(plain, compiled, rtol=1e-14, atol=1e-14)
+
+
+def test_quantiser_gives_levels_alone_also_at_ties():
+    """A multiple of the step for any input, the nearest one; odd, though ties have two nearest ones."""
+    rng = np.random.default_rng(3)
+    for step, levels in ((1.0, 1000), (0.1, 7), (1 / 3, 50)):
+        quantiser = Quantiser(step, levels)
+        x = np.concatenate([quantiser.breakpoints, rng.uniform(-1.2, 1.2, 400) * step * levels, [902.5, 0.0]])
+        y = quantiser.output(x)[0]
+        counts = np.round(y / step)
+        assert np.array_equal(y, counts * step) and np.abs(counts).max() <= levels
+        within = np.abs(x) <= (levels + 0.5) * step
+        assert np.all(np.abs(y - x)[within] <= step / 2 * (1 + 1e-12) + 1e-13 * np.abs(x[within]))
+        assert np.array_equal(quantiser.output(-x)[0], -y)
+    assert Quantiser(1.0, 1000).output(902.5)[0] == 903.0

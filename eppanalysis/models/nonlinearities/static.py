@@ -249,6 +249,8 @@ class Coulomb(PiecewiseLinear):
 class Quantiser(PiecewiseLinear):
     """Mid-tread quantiser: the nearest multiple of `step`, limited to `levels` steps on each side.
 
+    Halfway between two multiples it gives the one that is further from zero; there is no output between two levels.
+
     Raises
     ------
     ModelError
@@ -272,6 +274,13 @@ class Quantiser(PiecewiseLinear):
         self._set_pieces(
             self.step * (np.arange(-n, n) + 0.5), np.zeros(2 * n + 1), self.step * np.arange(-n, n + 1, dtype=float)
         )
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Output of the map for any array `x`; `memory` is handed through unused."""
+        x = np.asarray(x, float)
+        # Breakpoints are symmetric: those passed or reached by the size of x, of the positive ones.
+        passed = np.searchsorted(self.breakpoints[int(self.levels) :], np.abs(x), side="right")
+        return np.asarray(np.where(np.isnan(x), np.nan, np.copysign(self.step * passed, x) + 0.0)), memory
 
 
 @dataclass(frozen=True)
