@@ -3,8 +3,8 @@
 With one piecewise-linear element the static balance is one equation ``on_bias b + on_mean mean(a, b) = prescribed``.
 Where every slope of the element turns it the same way (any monotone element behind an integrator, any one in negative
 feedback), its left side rises, or falls, with b throughout: one mean for each amplitude, and a bracket finds it,
-however many breakpoints there are and wherever the loop stands. It may be level only where the swing stays on pieces without
-slope; the gain is zero there, and no cycle lies there.
+however many breakpoints there are and wherever the loop stands. It may be level only where the swing stays on pieces
+without slope; the gain is zero there, and no cycle lies there.
 """
 
 from __future__ import annotations
