@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from inspect import isfunction
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -171,10 +172,21 @@ def __getattr__(name: str) -> Any:
         value: Any = import_module(f"{__name__}.{_MODULES[name]}")
     elif name in _MODULE_OF:
         value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+        if isfunction(value):
+            value = _at_the_door(value)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
     return value
+
+
+def _at_the_door(function: Any) -> Any:
+    """The public function, which refuses arguments of wrong types in a sentence; inside the package nobody asks."""
+    from eppanalysis.arguments import checked
+
+    door = checked(function)
+    door.__module__ = __name__  # so that processes find it by its public name
+    return door
 
 
 def __dir__() -> list[str]:

@@ -16,6 +16,24 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def shown(value: object) -> str:
+    """A value as a sentence shows it: on one line, and not longer than that.
+
+    Examples
+    --------
+    >>> shown("1 deg"), shown([1, 2])
+    ("'1 deg'", '[1, 2]')
+    """
+    if getattr(value, "shape", ()):
+        return f"an array of shape {value.shape}"  # type: ignore[attr-defined]
+    if type(value).__repr__ is object.__repr__:
+        return f"a {type(value).__name__}"
+    try:
+        return _cut(" ".join(repr(value).split()))
+    except (ValueError, RecursionError):  # a whole number of thousands of digits; a list of lists without end
+        return f"a very long {type(value).__name__}"
+
+
 def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
 
@@ -41,9 +59,8 @@ class CaseError(EppError):
 
     def __init__(self, source: str, field: str, value: object, expected: str) -> None:
         self.source, self.field, self.value, self.expected = source, field, value, expected
-        shown = _cut(repr(value))
         where = f"{source}: {_cut(visible(field))}" if field else source
-        super().__init__(f"{where} is {shown}; expected {expected}{'' if expected.endswith('?') else '.'}")
+        super().__init__(f"{where} is {shown(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
 
 class ModelError(EppError):

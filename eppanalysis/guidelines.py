@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds import Settings, bound_of_branch, check_counts, design_bounds, range_within
+from eppanalysis.methods.bounds import Settings, bound_of_branch, design_bounds, range_within
 from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell

@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, shown
 from eppanalysis.readable import count, readable
 from eppanalysis.results import Status
 
@@ -399,7 +399,7 @@ def _chosen(available: Mapping[str, Any], signals: Sequence[str] | None) -> list
     names = list(available) if signals is None else list(signals)
     missing = [name for name in names if name not in available]
     if missing:
-        raise EppError(f"There is no signal {missing[0]!r}; expected one of {', '.join(available)}.")
+        raise EppError(f"There is no signal {shown(missing[0])}; expected one of {', '.join(available)}.")
     if not names:
         raise EppError("There is no signal to draw; expected at least one.")
     return names

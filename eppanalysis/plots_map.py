@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, show_constant, with_name
 from eppanalysis.readable import readable
@@ -255,6 +256,8 @@ def plot_slices(
         raise EppError("Slices need an axis; expected a sweep over a grid (a sample has none).")
     x = x or dims[-1]
     by = by or next((d for d in dims if d != x), None)
+    if not len(variables):
+        raise EppError("plot_slices: variables is empty; expected one or more.")
     for name in (x, *([by] if by else [])):
         if name not in dims:
             raise EppError(f"There is no axis {name!r} in the sweep; expected one of {', '.join(dims)}.")
@@ -362,6 +365,7 @@ def plot_parallel(
     >>> len(plot_parallel(found).axes[0].collections)
     2
     """
+    check_counts("plot_parallel", {"most": (most, 1)})
     outcome = next((n for n in ("outcome", "exact_outcome", "predicted_outcome") if n in dataset), None)
     if outcome is None:
         raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import NotConverged
+from eppanalysis.arguments import checked
+from eppanalysis.errors import EppError, NotConverged, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -152,8 +153,17 @@ class LimitCycle(Brief):
         """Angular frequency [rad/s]."""
         return 2.0 * np.pi / self.period
 
+    @checked
     def amplitude(self, signal: str) -> float:
-        """Amplitude of the fundamental of a signal, in its SI unit."""
+        """Amplitude of the fundamental of a signal, in its SI unit.
+
+        Raises
+        ------
+        EppError
+            If there is no such signal.
+        """
+        if signal not in self.harmonics:
+            raise EppError(f"There is no signal {shown(signal)}; expected one of {', '.join(self.harmonics)}.")
         return float(abs(self.harmonics[signal][1]))
 
     def require_converged(self) -> LimitCycle:
@@ -183,6 +193,7 @@ class LimitCycle(Brief):
             "provenance": dict(self.provenance),
         }
 
+    @checked
     def plot(self, signals: list[str] | None = None) -> Figure:
         """Waveform of one period, one panel a signal."""
         from eppanalysis.plots import plot_limit_cycle
@@ -250,6 +261,7 @@ class Trajectory(Brief):
         attributes = {"status": self.status.name.lower(), "provenance": json.dumps(self.provenance, default=str)}
         return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attributes)
 
+    @checked
     def plot(self, signals: list[str] | None = None) -> Figure:
         """Signals against time, one panel each."""
         from eppanalysis.plots import plot_trajectory

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis import screen
 from eppanalysis.case import Case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, shown
 from eppanalysis.methods.bounds_result import DesignBounds
 from eppanalysis.methods.knock import Knock
 from eppanalysis.methods.ladder import Ladder
@@ -113,6 +113,8 @@ def table(what: Any) -> ShownTable:
 
 
 def _mapping(values: Mapping[str, Any]) -> Table:
+    if not all(isinstance(name, str) for name in values):
+        raise EppError(f"table: the mapping has names such as {shown(next(iter(values)))}; expected texts.")
     if "sha256" in values or "versions" in values:
         return screen.provenance_table(values)
     return screen.margins_table(values)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.arguments import checked
 from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters, implied, other_bands
 from eppanalysis.case.expected import Expected, make_expected
 from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
@@ -110,6 +111,7 @@ class Case:
         """SI unit of the external input; empty where it has none."""
         return _INPUT_UNIT[self.kind]
 
+    @checked
     def value(self, name: str) -> float:
         """A parameter in SI units; of the elbow also those that follow from others or are left at their default.
 
@@ -134,6 +136,7 @@ class Case:
             raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
         return found
 
+    @checked
     def si(self, name: str, value: object) -> float:
         """SI value of a quantity that could stand in the parameter `name`, such as "0.6 deg" for a backlash.
 
@@ -153,6 +156,7 @@ class Case:
             raise CaseError(self.source, name, value, f"a quantity in {self.unit(name)[0] or 'plain numbers'}")
         return number
 
+    @checked
     def unit(self, name: str) -> tuple[str, str]:
         """SI unit of a parameter, and the unit that people use.
 
@@ -179,6 +183,7 @@ class Case:
         quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
+    @checked
     def readable(self, name: str) -> tuple[str, float]:
         """The unit that people use for a parameter, and the factor from SI to it.
 
@@ -190,10 +195,20 @@ class Case:
         unit, shown = self.unit(name)
         return shown, 1.0 / parse_quantity(f"1 {shown}", unit) if shown and shown != unit else 1.0
 
+    @checked
     def text(self, name: str, value: float, digits: int = 6) -> str:
-        """A value of a parameter, given in SI units, as people write it."""
+        """A value of a parameter, given in SI units, as people write it.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or `digits` is not 1 to 17.
+        """
+        if not 1 <= digits <= 17:
+            raise CaseError(self.source, "digits", digits, "1 to 17")
         return format_si(value, *self.unit(name), digits)
 
+    @checked
     def with_values(self, values: Mapping[str, Any], source: str = "with_values") -> Case:
         """The same case with other values, validated again; its expected answers are dropped, as they no longer hold.
 

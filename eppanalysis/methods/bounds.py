@@ -9,13 +9,14 @@ and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
 from eppanalysis.methods.bounds_exact import ExactBound, correct, farthest_turn, searched, turn_of
@@ -150,26 +151,6 @@ def design_bounds(
         cells=tuple(cells),
         provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
     )
-
-
-def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
-    """Refuse a count that is too small.
-
-    Parameters
-    ----------
-    who : str
-        Whose counts they are, for the message.
-    least : mapping of str to (int, int)
-        By name: what is given, and the least that may be.
-
-    Raises
-    ------
-    EppError
-        On the first that is less than it may be.
-    """
-    for name, (given, at_least) in least.items():
-        if given < at_least:
-            raise EppError(f"{who}: {name} is {given}; expected {at_least} or more.")
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:

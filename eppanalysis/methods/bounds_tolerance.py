@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.methods.bounds_elasticity import exact_elasticities, parameters_of
@@ -235,7 +236,14 @@ def tolerance_bound(
     require_case(case, "tolerance_bound")
     if distribution not in ("uniform", "normal"):
         raise EppError(f"tolerance_bound: the distribution is {distribution!r}; expected 'uniform' or 'normal'.")
-    question = Question(case, limit, *within)
+    check_counts("tolerance_bound", {"samples": (samples, 0), "seed": (seed, 0), "threads": (threads, 1)})
+    for share in probabilities:
+        if not 0.0 < share < 1.0:
+            raise EppError(f"tolerance_bound: probabilities holds {share}; expected shares between 0 and 1.")
+    low, high = (case.si(limit, v) for v in within)
+    if not low < high:
+        raise EppError(f"tolerance_bound: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
+    question = Question(case, limit, low, high)
     widths = check_tolerances(question, tolerances)
     own = widths.pop(limit, 0.0)
     box = _Box.of(question, widths, sweep)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation_borders import across, borders, corner
@@ -178,6 +179,9 @@ def continue_branch(
         `origin`.
     """
     require_case(case, "continue_branch")
+    check_counts("continue_branch", {"n_points": (n_points, 1), "n_simulated": (n_simulated, 0)})
+    if not 0.0 < max_step <= 1.0:
+        raise EppError(f"continue_branch: max_step is {max_step}; expected more than 0 and 1 at most.")
     first, last = case.si(parameter, start), case.si(parameter, stop)
     if not first != last:
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")

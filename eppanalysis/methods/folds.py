@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation import Walk, continue_branch, steady_case
@@ -103,6 +104,7 @@ def continue_folds(
         If there is no fold at the first value of `other`.
     """
     require_case(case, "continue_folds")
+    check_counts("continue_folds", {"n_points": (n_points, 1)})
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
     first = case.with_values({other: float(rows[0])})

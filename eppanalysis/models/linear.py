@@ -9,7 +9,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.errors import ModelError
+from eppanalysis.arguments import floats, is_number
+from eppanalysis.errors import ModelError, shown
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -29,6 +30,20 @@ class StateSpace:
     D: Array
     time_step: float | None = None
 
+    def __post_init__(self) -> None:
+        A, B, C, D = (floats(getattr(self, name), f"StateSpace: {name}") for name in "ABCD")
+        n, inputs, outputs = A.shape[0] if A.ndim == 2 else -1, B.shape[-1:], C.shape[:1]
+        shapes = {"A": (n, n), "B": (n, *inputs), "C": (*outputs, n), "D": (*outputs, *inputs)}
+        for (name, shape), given in zip(shapes.items(), (A, B, C, D), strict=True):
+            if given.shape != shape:
+                raise ModelError(
+                    f"StateSpace: {name} has shape {given.shape}; expected n by n, n by m, p by n, p by m."
+                )
+            object.__setattr__(self, name, given)
+        step = self.time_step
+        if step is not None and not (is_number(step) and step > 0):
+            raise ModelError(f"StateSpace: time_step is {shown(step)}; expected a positive number or None.")
+
 
 def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
     """State space of a transfer function, a python-control system or a (numerator, denominator) pair.
@@ -46,6 +61,8 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
         If the system is improper, not single-input single-output, or holds a number that is not finite.
     """
     if isinstance(plant, StateSpace):
+        if plant.D.shape != (1, 1):
+            raise ModelError("The linear part has several inputs or outputs; expected one of each.")
         return plant
     if isinstance(plant, tuple) and len(plant) == 2:
         return transfer_function(plant[0], plant[1], time_step)
@@ -54,10 +71,10 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
             raise ModelError("The linear part has several inputs or outputs; expected one of each.")
         return transfer_function(plant.num[0][0], plant.den[0][0], _time_step(plant))
     if hasattr(plant, "A") and hasattr(plant, "D"):
-        A, B, C, D = (np.asarray(m, float) for m in (plant.A, plant.B, plant.C, plant.D))
-        if B.shape[1] != 1 or C.shape[0] != 1:
+        found = StateSpace(plant.A, plant.B, plant.C, plant.D, _time_step(plant))
+        if found.D.shape != (1, 1):
             raise ModelError("The linear part has several inputs or outputs; expected one of each.")
-        return StateSpace(A, B, C, D, _time_step(plant))
+        return found
     raise ModelError(f"A {type(plant).__name__} is not a linear block; expected a transfer function or a state space.")
 
 
@@ -67,8 +84,13 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     The companion form of a plant with poles near ``w0`` has entries like ``w0**n``; scaling time by ``w0`` first keeps
     them near one, so that results do not depend on the unit of time.
     """
-    num = np.trim_zeros(np.atleast_1d(np.asarray(numerator, float)), "f")
-    den = np.trim_zeros(np.atleast_1d(np.asarray(denominator, float)), "f")
+    num, den = floats(numerator, "numerator", ndmin=1), floats(denominator, "denominator", ndmin=1)
+    for name, row in (("numerator", num), ("denominator", den)):
+        if row.ndim != 1:
+            raise ModelError(
+                f"The {name} of a transfer function has shape {row.shape}; expected a row of coefficients."
+            )
+    num, den = np.trim_zeros(num, "f"), np.trim_zeros(den, "f")
     if not (np.all(np.isfinite(num)) and np.all(np.isfinite(den))):
         raise ModelError("A transfer function holds a coefficient that is not finite.")
     if den.size == 0:

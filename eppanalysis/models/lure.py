@@ -18,6 +18,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import checked, floats
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.linear import StateSpace, as_state_space, integrators_apart
 from eppanalysis.models.nonlinearities.base import Nonlinearity
@@ -98,6 +99,7 @@ class LureSystem:
     name: str = "loop"
 
     @classmethod
+    @checked
     def build(
         cls,
         A: ArrayLike,
@@ -137,7 +139,7 @@ class LureSystem:
         nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
 
         array = partial(_checked_array, name)
-        labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
+        labels = _labels(elements, element_names)
         starts = tuple(memory) if memory is not None else (None,) * len(elements)
         _require_names(name, labels, len(elements))
         _require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
@@ -166,11 +168,12 @@ class LureSystem:
             memory=starts,
             delays=waits,
             time_step=time_step,
-            state_names=tuple(state_names or (f"x{i}" for i in range(n))),
+            state_names=_state_names(name, state_names, n),
             name=name,
         )
 
     @classmethod
+    @checked
     def from_tf(
         cls,
         plant: control.TransferFunction | control.StateSpace | StateSpace | tuple[ArrayLike, ArrayLike],
@@ -215,6 +218,7 @@ class LureSystem:
         )
 
     @classmethod
+    @checked
     def from_blocks(
         cls,
         blocks: Sequence[Any],
@@ -263,7 +267,8 @@ class LureSystem:
                 f"{name}: dead time straight between two elements is not supported; put a linear block between."
             )
         single = ("x", "y") if len(elements) == 1 else None
-        labels = tuple(element_names or _unique([type(e).__name__.lower() for e in elements]))
+        labels = _labels(elements, element_names)
+        _require_names(name, labels, len(elements))
         signals = _element_signals(elements, labels, C, D, np.zeros((len(C), 0)), np.zeros(len(C)), single)
         return cls.build(
             A,
@@ -280,6 +285,7 @@ class LureSystem:
             name=name,
         )
 
+    @checked
     def input_vector(self, given: Mapping[str, float] | None = None) -> Array:
         """External inputs, shape (nv,), with the values given by name and the operating point's elsewhere.
 
@@ -288,8 +294,6 @@ class LureSystem:
         ModelError
             If an input is unknown.
         """
-        if not isinstance(given, Mapping | None):
-            raise ModelError(f"{self.name}: input_value is {given!r}; expected a steady value by name of input.")
         value = np.array(self.v0, float)
         for name, number in (given or {}).items():
             if name not in self.input_names:
@@ -345,9 +349,10 @@ class LureSystem:
         Parameters
         ----------
         omega : array_like
-            Angular frequency [rad/s].
+            Angular frequency [rad/s]. At a pole, where the response has no value, it is that of the frequency next to
+            it, and huge.
         """
-        return self._response(omega, self.C, self.D)
+        return self._response(floats(omega, "frequency_response: omega"), self.C, self.D)
 
     def signal_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
@@ -365,8 +370,8 @@ class LureSystem:
         """
         omega, s, resolvent = self._resolvent(omega)
         ds = 1j * self.time_step * s if self.time_step else 1j
-        x = np.linalg.solve(resolvent, self.B + 0j)
-        dx = np.linalg.solve(resolvent, -np.asarray(ds)[..., None, None] * x)
+        x = _solved(resolvent, self.B + 0j)
+        dx = _solved(resolvent, -np.asarray(ds)[..., None, None] * x)
         if np.any(self.delays):
             late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
             x, dx = x * late, (dx - 1j * self.delays * x) * late
@@ -374,7 +379,7 @@ class LureSystem:
 
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
         omega, _, resolvent = self._resolvent(omega)
-        x = np.linalg.solve(resolvent, self.B + 0j)
+        x = _solved(resolvent, self.B + 0j)
         if np.any(self.delays):
             x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
         return np.asarray(C @ x + D, complex)
@@ -392,9 +397,31 @@ class LureSystem:
         return control.ss(self.A, self.B, self.C, self.D, *([self.time_step] if self.time_step else []))
 
 
+def _solved(resolvent: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """``(s - A)^-1`` times a matrix, for many s; for one that is a pole to the last bit, a rounding beside it."""
+    try:
+        return np.linalg.solve(resolvent, right)
+    except np.linalg.LinAlgError:
+        size = np.abs(resolvent).max(axis=(-2, -1), keepdims=True)
+        beside = 1j * np.finfo(float).eps * np.where(size > 0, size, 1.0)
+        return np.linalg.solve(resolvent + beside * np.eye(resolvent.shape[-1]), right)
+
+
 def _require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
     if not holds:
         raise ModelError(f"{name}: {what} is {given!r}; expected {expected}.")
+
+
+def _labels(elements: Sequence[Nonlinearity], names: Sequence[str] | None) -> tuple[str, ...]:
+    """What the elements are called: as given, else after their kinds."""
+    given = tuple(names) if names is not None else ()
+    return given or tuple(_unique([type(e).__name__.lower() for e in elements]))
+
+
+def _state_names(name: str, names: Sequence[str] | None, n: int) -> tuple[str, ...]:
+    given = tuple(names) if names is not None else ()
+    _require(name, "state_names", list(given), len(given) in (0, n), f"{n}, one for each state")
+    return given or tuple(f"x{i}" for i in range(n))
 
 
 def _require_names(name: str, labels: tuple[str, ...], count: int) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import checked_class, floats
 from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ def _evaluate_knots(knots: Knots, t: ArrayLike) -> Array:
     return np.where(t < times[0], 0.0, values[piece] + slopes[piece] * (t - times[piece]))
 
 
+@checked_class
 @dataclass(frozen=True)
 class Constant:
     """An offset that never changes.
@@ -66,6 +68,7 @@ class Constant:
         return np.zeros(1), np.array([float(self.size)]), np.zeros(1)
 
 
+@checked_class
 @dataclass(frozen=True)
 class Step:
     """A jump by `size` at `time`.
@@ -107,6 +110,7 @@ class Step:
         return np.array([0.0, self.time]), np.array([0.0, self.size]), np.zeros(2)
 
 
+@checked_class
 @dataclass(frozen=True)
 class Ramp:
     """A motion at constant rate between two times, at rest before and after.
@@ -136,13 +140,11 @@ class Ramp:
     stop: float | None = None
 
     def __post_init__(self) -> None:
-        _require_finite("Ramp", rate=self.rate, start=self.start)
+        _require_finite("Ramp", rate=self.rate, start=self.start, stop=0.0 if self.stop is None else self.stop)
         if self.start < 0:
             raise ModelError(f"Ramp: start is {self.start}; expected 0 or more.")
-        if self.stop is not None:
-            _require_finite("Ramp", stop=self.stop)
-            if self.stop <= self.start:
-                raise ModelError(f"Ramp: stop is {self.stop}; expected a time after start ({self.start}).")
+        if self.stop is not None and self.stop <= self.start:
+            raise ModelError(f"Ramp: stop is {self.stop}; expected a time after start ({self.start}).")
 
     def value(self, t: ArrayLike) -> Array:
         """Offset at the times `t` [s]."""
@@ -158,6 +160,7 @@ class Ramp:
         return times, values, slopes
 
 
+@checked_class
 @dataclass(frozen=True)
 class Sine:
     """``amplitude * sin(2 pi frequency_hz t + phase)`` from t = 0 on.
@@ -245,7 +248,8 @@ class Steps:
 def _freeze_samples(motion: Steps | Recorded, fewest: int) -> None:
     """Check times and values of a motion and make them arrays that cannot be changed."""
     name = type(motion).__name__
-    times, values = (np.array(a, float, ndmin=1) for a in (motion.times, motion.values))
+    given = {"times": motion.times, "values": motion.values}
+    times, values = (floats(a, f"{name}: {n}", ndmin=1, copy=True) for n, a in given.items())
     if times.shape != values.shape or times.ndim != 1 or times.size < fewest:
         wanted = {1: "one", 2: "two"}[fewest]
         raise ModelError(f"{name}: times {times.shape} and values {values.shape}; expected {wanted} or more of each.")

@@ -91,7 +91,7 @@ def report(
     """
     target = Path(path)
     check(target)
-    chosen = tuple(cases) if isinstance(cases, Sequence) else (cases,)
+    chosen = tuple(cases) if hasattr(cases, "__len__") else (cases,)
     if not chosen:
         raise EppError(f"{target}: is a report of no case; expected one case or more.")
 

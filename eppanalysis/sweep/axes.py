@@ -13,17 +13,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked_class
 from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 
 Array = NDArray[np.float64]
 Axis = str | Sequence[Any]
-Limits = str | tuple[Any, Any]
+Limits = str | Sequence[Any]
 
 #: More values than these on one axis, or cells in all, are a slip of the pen.
 _MOST_VALUES, _MOST_CELLS = 10_000_000, 10**9
 
 
+@checked_class
 @dataclass(frozen=True)
 class Zipped:
     """Axes of equal length that move together, along one dimension "point".
@@ -37,6 +39,7 @@ class Zipped:
     axes: Mapping[str, Axis]
 
 
+@checked_class
 @dataclass(frozen=True)
 class _Ranges:
     """Ranges that are sampled along one dimension "sample".
@@ -62,6 +65,7 @@ class Sobol(_Ranges):
     """Scrambled Sobol sample of `n` cells (a power of two) in `ranges`, along "sample" (scipy.stats.qmc.Sobol)."""
 
 
+@checked_class
 @dataclass(frozen=True)
 class Tolerances:
     """Latin hypercube sample of the tolerances in the case, along one dimension "sample".

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
@@ -127,6 +128,7 @@ def outcome_boundary(
 
     if run not in _OUTCOMES:
         raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
+    check_counts("outcome_boundary", {"halvings": (halvings, 0)})
     x, y = _two(axes)
     where = nullcontext(scheduler) if scheduler == "threads" else schedule.address(scheduler, workers)
     with where as place:

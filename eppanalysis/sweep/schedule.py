@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
 from eppanalysis.sweep.verbs import Columns, Task
@@ -51,8 +52,8 @@ def run_blocks(
     EppError
         If there is no such scheduler, or blocks could not be computed because their workers were lost.
     """
-    if workers is not None and workers < 1:
-        raise EppError(f"sweep: workers is {workers}; expected 1 or more.")
+    if workers is not None:
+        check_counts("sweep", {"workers": (workers, 1)})
     if scheduler == "threads":
         _on_threads(Work.of(task), blocks, store, workers or _cores(), report)
         return

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
@@ -74,11 +75,16 @@ class LockPin(Nonlinearity):
         require(self, "gap", self.gap >= 0, "zero or more")
         require(self, "stiffness", self.stiffness > 0, "a positive number")
         require(self, "damping", self.damping >= 0, "zero or more")
-        require(self, "model", self.model in ("unilateral", "classical"), "'unilateral' or 'classical'")
+        require(
+            self,
+            "model",
+            isinstance(self.model, str) and self.model in ("unilateral", "classical"),
+            "'unilateral' or 'classical'",
+        )
 
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
         """Torque for ``x = (delta, rate)``; there is no memory, `memory` is handed through."""
-        delta, rate = (np.asarray(v, float) for v in (x[0], x[1]))
+        delta, rate = (floats(v, "output: x") for v in (x[0], x[1]))
         over, under = delta > self.gap / 2, delta < -self.gap / 2
         spring = delta - np.clip(delta, -self.gap / 2, self.gap / 2)
         torque = self.stiffness * spring + self.damping * rate
@@ -196,7 +202,7 @@ class NordinShaft(Nonlinearity):
 
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
         """Torque and rate of the contact angle (trailing axis); `memory` is unused, the state is the third input."""
-        delta, rate, contact = (np.asarray(v, float) for v in (x[0], x[1], x[2]))
+        delta, rate, contact = (floats(v, "output: x") for v in (x[0], x[1], x[2]))
         drift = rate + self.stiffness / self.damping * (delta - contact)
         half = self.gap / 2
         blocked = ((contact >= half) & (drift > 0)) | ((contact <= -half) & (drift < 0))

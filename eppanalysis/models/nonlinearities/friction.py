@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
 from eppanalysis.models.nonlinearities.base import Nonlinearity
@@ -82,7 +83,7 @@ class Friction(Nonlinearity):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
-        v = np.asarray(x, float)
+        v = floats(x, "output: x")
         if self.stribeck > 0:
             return np.sign(v) * self.breakaway / (1 + self.stribeck * np.abs(v)), memory
         return self.coulomb * np.sign(v), memory

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
 from eppanalysis.models.nonlinearities.base import Nonlinearity
@@ -127,7 +128,7 @@ class HysteresisRelay(_Levels):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
         """Output level, which is also the memory; without memory the relay is `low` until x exceeds `upper`."""
-        x = np.asarray(x, float)
+        x = floats(x, "output: x")
         before = self.low if memory is None else memory
         y = np.where(x > self.upper, self.high, np.where(x < self.lower, self.low, before))
         return y, y
@@ -175,8 +176,8 @@ class HysteresisRelayDeadZone(_Levels):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
         """Output level, which is also the memory; without memory the relay is off."""
-        x = np.asarray(x, float)
-        before = 0.0 if memory is None else np.asarray(memory, float)
+        x = floats(x, "output: x")
+        before = 0.0 if memory is None else floats(memory, "output: memory")
         plus = (x > self.on) | ((before > 0) & (x >= self.off))
         minus = (x < -self.on) | ((before < 0) & (x <= -self.off))
         y = self.level * (plus.astype(float) - minus.astype(float))
@@ -234,8 +235,8 @@ class Play(Nonlinearity):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
         """Output, which is also the memory; without memory the output starts in the middle of the gap."""
-        x = np.asarray(x, float)
-        y = x if memory is None else np.clip(np.asarray(memory, float), x - self.gap / 2, x + self.gap / 2)
+        x = floats(x, "output: x")
+        y = x if memory is None else np.clip(floats(memory, "output: memory"), x - self.gap / 2, x + self.gap / 2)
         return np.asarray(y), np.asarray(y)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
@@ -299,7 +300,7 @@ class JumpAndFollow(_Sticking):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
         """Output and memory; a plain number as memory is the value stuck at, none is ``slope*x``."""
-        x = np.asarray(x, float)
+        x = floats(x, "output: x")
         offset, reach = (self.stick_band - self.slip_jump) / 2, (self.stick_band + self.slip_jump) / 2
         before = memory if isinstance(memory, Slip) else Slip(self.slope * x if memory is None else memory)
         strain = x - np.asarray(before.value, float) / self.slope
@@ -398,7 +399,7 @@ class StictionPulley(_Sticking):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
         """Forces (trailing axis: sensor, harness) and memory; without memory both tensions start equal, stuck."""
-        s = np.asarray(x, float)
+        s = floats(x, "output: x")
         kinetic = self.kinetic_ratio * self.friction
         before = memory if isinstance(memory, Slip) else Slip(self.share(0.0) * s if memory is None else memory)
         u = np.asarray(before.value, float)

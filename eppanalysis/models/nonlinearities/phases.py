@@ -6,14 +6,13 @@ Phases are measured from a peak of the input: level ``x`` is crossed at the angl
 
 from __future__ import annotations
 
-import math
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.errors import ModelError
+from eppanalysis.arguments import floats, is_number
+from eppanalysis.errors import ModelError, shown
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ def require(element: Any, field: str, holds: bool, expected: str) -> None:
         If `holds` is false.
     """
     if not holds:
-        raise ModelError(f"{type(element).__name__}: {field} is {getattr(element, field)!r}; expected {expected}.")
+        raise ModelError(f"{type(element).__name__}: {field} is {shown(getattr(element, field))}; expected {expected}.")
 
 
 def require_numbers(element: Any, *fields: str) -> None:
@@ -42,9 +41,7 @@ def require_numbers(element: Any, *fields: str) -> None:
         If one is not.
     """
     for name in fields:
-        value = getattr(element, name)
-        number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-        require(element, name, number, "a finite number")
+        require(element, name, is_number(getattr(element, name)), "a finite number")
 
 
 def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array, Array]:
@@ -55,9 +52,14 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
     ModelError
         If an amplitude is negative.
     """
-    a, b, w = (np.asarray(v, float) for v in (amplitude, bias, omega))
+    given = {"amplitude": amplitude, "bias": bias, "omega": omega}
+    a, b, w = (floats(v, f"describing_function: {name}") for name, v in given.items())
     if not a.shape == b.shape == w.shape:
-        a, b, w = np.broadcast_arrays(a, b, w)
+        try:
+            a, b, w = np.broadcast_arrays(a, b, w)
+        except ValueError:
+            shapes = ", ".join(str(v.shape) for v in (a, b, w))
+            raise ModelError(f"describing_function: shapes are {shapes}; expected some that broadcast.") from None
     if (a < 0).any():
         raise ModelError(f"The amplitude of a describing function is {float(np.nanmin(a))!r}; expected zero or more.")
     return a, b, w

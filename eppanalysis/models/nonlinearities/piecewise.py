@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
@@ -63,7 +64,9 @@ class PiecewiseLinear(Nonlinearity):
 
     def _set_pieces(self, breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike) -> None:
         """Store the pieces, checked and read-only; subclasses call it when their own fields are valid."""
-        edges, slope, offset = (np.array(v, float, ndmin=1) for v in (breakpoints, slopes, intercepts))
+        given = {"breakpoints": breakpoints, "slopes": slopes, "intercepts": intercepts}
+        who = type(self).__name__
+        edges, slope, offset = (floats(v, f"{who}: {n}", ndmin=1, copy=True) for n, v in given.items())
         self._check_pieces({"breakpoints": edges, "slopes": slope, "intercepts": offset})
         terms = np.array([slope[1:] * edges, offset[1:], -slope[:-1] * edges, -offset[:-1]])
         jumps = terms.sum(axis=0)
@@ -113,7 +116,7 @@ class PiecewiseLinear(Nonlinearity):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output of the map for any array `x`; `memory` is handed through unused."""
-        x = np.asarray(x, float)
+        x = floats(x, "output: x")
         left = np.searchsorted(self.breakpoints, x, side="left")
         right = np.searchsorted(self.breakpoints, x, side="right")
         slope, offset = self.slopes, self.intercepts

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
 from eppanalysis.models.nonlinearities.base import Nonlinearity
@@ -34,6 +35,10 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+
+#: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
+_MOST_LEVELS = 100_000
 
 
 @dataclass(frozen=True)
@@ -269,7 +274,10 @@ class Quantiser(PiecewiseLinear):
     def __post_init__(self) -> None:
         require_numbers(self, "step", "levels")
         require(self, "step", self.step > 0, "a positive number")
-        require(self, "levels", self.levels == int(self.levels) and self.levels >= 1, "a positive whole number")
+        whole = self.levels == int(self.levels) and 1 <= self.levels <= _MOST_LEVELS
+        require(
+            self, "levels", whole, f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
+        )
         n = int(self.levels)
         self._set_pieces(
             self.step * (np.arange(-n, n) + 0.5), np.zeros(2 * n + 1), self.step * np.arange(-n, n + 1, dtype=float)
@@ -300,7 +308,7 @@ class Cube(Nonlinearity):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output for any array `x`; `memory` is handed through unused."""
-        return self.scale * np.asarray(x, float) ** 3, memory
+        return self.scale * floats(x, "output: x") ** 3, memory
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
@@ -358,7 +366,7 @@ class Sine(Nonlinearity):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output for any array `x`; `memory` is handed through unused."""
-        return self.scale * np.sin(np.asarray(x, float)), memory
+        return self.scale * np.sin(floats(x, "output: x")), memory
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0

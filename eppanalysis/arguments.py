@@ -1,0 +1,329 @@
+"""What public functions may be given: every argument is held against its annotation, in this one place.
+
+An annotation says what an argument is; :func:`checked` reads it once and refuses, before the function begins, whatever
+is something else, in one sentence that names the argument, what it was, and what was expected. Which values make sense
+(a gap is not negative, a list not empty) is for the functions themselves to say.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import operator
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError, shown
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Made = TypeVar("Made", bound=type)
+
+#: Items of a sequence or mapping that are looked at.
+_MOST_ITEMS = 10_000
+#: A whole number beyond this is no count of anything that fits into a computer, and none that compiled code can hold.
+_LARGEST = 2**53
+#: Most of what is counted: of anything, and of what is less (or more) than that.
+_MOST_COUNT = 1_000_000
+_MOST = {"workers": 1024, "threads": 1024, "halvings": 50, "seed": _LARGEST}
+
+
+class _Expected(NamedTuple):
+    """What an argument must be: the test, and the words for it."""
+
+    holds: Callable[[Any], bool]
+    words: str
+
+
+class _Unknown(type):
+    """Names that exist for a type checker alone: what they stand for is known by its name."""
+
+    def __getattr__(cls, name: str) -> type:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return _Unknown(name, (), {})
+
+
+class _Numbers:
+    """Stands for numpy's ArrayLike and NDArray in annotations."""
+
+    def __class_getitem__(cls, _: Any) -> type:
+        return cls
+
+
+class _Names(Mapping[str, Any]):
+    """The names of a module, and stand-ins for those that it imports for a type checker alone."""
+
+    def __init__(self, module: Mapping[str, Any]) -> None:
+        self.module = module
+
+    def __getitem__(self, name: str) -> Any:
+        if name in ("ArrayLike", "NDArray", "Array"):
+            return _Numbers
+        if name in self.module:
+            return self.module[name]
+        return getattr(__import__("builtins"), name, None) or _Unknown(name, (), {})
+
+    def __iter__(self) -> Any:
+        return iter(self.module)
+
+    def __len__(self) -> int:
+        return len(self.module)
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, which refuses arguments that are not what its annotations say.
+
+    Parameters
+    ----------
+    function : callable
+        With annotated parameters; what has no annotation is not looked at.
+
+    Returns
+    -------
+    callable
+        Raises EppError (ModelError where it belongs to a class) in place of whatever a wrong type leads to.
+
+    Examples
+    --------
+    >>> @checked
+    ... def double(number: float) -> float:
+    ...     return 2 * number
+    >>> double(2)
+    4
+    >>> double("2")
+    Traceback (most recent call last):
+        ...
+    eppanalysis.errors.EppError: double: number is '2'; expected a number.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            expected = _of_parameter(function, name)
+            if expected is not None and not expected.holds(value):
+                kind = ModelError if "." in function.__qualname__ else EppError
+                raise kind(_refusal(function, name, value, expected.words))
+        return function(*args, **kwargs)
+
+    return call
+
+
+def checked_class(made: Made) -> Made:
+    """A class whose constructor is :func:`checked`; goes above ``@dataclass``."""
+    made.__init__ = checked(made.__init__)  # type: ignore[misc]
+    return made
+
+
+def floats(value: object, name: str, **options: Any) -> NDArray[np.float64]:
+    """An array of floats of what a caller gave, for what is called too often to be :func:`checked`.
+
+    Parameters
+    ----------
+    value : array_like
+    name : str
+        What it is, for the message.
+    **options
+        Of :func:`numpy.array`.
+
+    Raises
+    ------
+    ModelError
+        If numpy makes no numbers of it.
+
+    Examples
+    --------
+    >>> floats([1, 2], "gap").tolist()
+    [1.0, 2.0]
+    """
+    try:
+        return np.array(value, float, copy=options.pop("copy", None), **options)
+    except (TypeError, ValueError, OverflowError):
+        raise ModelError(f"{name} is {shown(value)}; expected numbers.") from None
+
+
+def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
+    """Refuse a count that is too small, or larger than anybody means.
+
+    Parameters
+    ----------
+    who : str
+        Whose counts they are, for the message.
+    least : mapping of str to (int, int)
+        By name: what is given, and the least that may be.
+
+    Raises
+    ------
+    EppError
+        On the first that is less, or more, than it may be.
+    """
+    for name, (given, at_least) in least.items():
+        if given < at_least:
+            raise EppError(f"{who}: {name} is {given}; expected {at_least} or more.")
+        most = _MOST.get(name, _MOST_COUNT)
+        if given > most:
+            raise EppError(f"{who}: {name} is {shown(given)}; expected {most} or less.")
+
+
+def _refusal(function: Callable[..., Any], name: str, value: object, words: str) -> str:
+    """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
+    verb = function.__qualname__.removesuffix(".__init__").lstrip("_")
+    if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
+        return f"{verb}: {name} is {shown(value)}; expected {words}."
+    methods = inspect.getmembers(type(value), inspect.isfunction)
+    makers = [
+        n for n, m in methods if n.startswith("to_") and m.__annotations__.get("return") == words.rpartition(" ")[2]
+    ]
+    hint = f"; its {makers[0]}() is one" if makers else ""
+    return f"{verb}: the first argument is a {type(value).__name__}; expected {words}{hint}."
+
+
+def _is_plain(value: object) -> bool:
+    return value is None or isinstance(value, (str, bytes, int, float, complex, list, tuple, dict, set))
+
+
+@functools.cache
+def _of_parameter(function: Callable[..., Any], name: str) -> _Expected | None:
+    """What a parameter must be; None where nothing is said of it."""
+    parameter = inspect.signature(function).parameters[name]
+    if parameter.annotation is parameter.empty or parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+        return None
+    annotation = parameter.annotation
+    if isinstance(annotation, str):
+        annotation = eval(annotation, {}, _Names(inspect.unwrap(function).__globals__))
+    return _of(annotation)
+
+
+def _of(annotation: Any) -> _Expected | None:
+    """What an annotation asks for; None where anything will do."""
+    plain = _PLAIN.get(annotation) if isinstance(annotation, typing.Hashable) else None
+    if plain is not None:
+        return plain
+    origin = typing.get_origin(annotation)
+    if origin is not None:
+        return _of_generic(origin, typing.get_args(annotation))
+    if not isinstance(annotation, type) or annotation in (Any, object) or getattr(annotation, "_is_protocol", False):
+        return None
+    return _of_class(annotation)
+
+
+def _of_class(wanted: type) -> _Expected:
+    name = wanted.__name__
+    words = f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+    if isinstance(wanted, _Unknown):
+        return _Expected(lambda v: any(t.__name__ == name for t in type(v).__mro__), words)
+    return _Expected(lambda v: isinstance(v, wanted), words)
+
+
+def _of_generic(origin: Any, args: tuple[Any, ...]) -> _Expected | None:
+    if origin in (typing.Union, types.UnionType):
+        return _one_of([_of(a) for a in args])
+    if origin is typing.Literal:
+        return _Expected(lambda v: isinstance(v, str) and v in args, " or ".join(map(repr, args)))
+    if origin is Callable:
+        return _Expected(callable, "a function")
+    if origin is tuple and args[-1] is not ...:
+        return _row([_of(a) for a in args])
+    if origin in (Sequence, Iterable, list, tuple):
+        return _many(_of(args[0]))
+    if origin in (Mapping, dict):
+        return _named(_of(args[0]), _of(args[1]))
+    return _of(origin)
+
+
+def _one_of(choices: Sequence[_Expected | None]) -> _Expected | None:
+    known = [c for c in choices if c is not None]
+    if len(known) < len(choices):
+        return None
+    words = [c.words for c in known]
+    last = ", or" if any(", " in w for w in words) else " or"
+    listed = f"{', '.join(words[:-1])}{last} {words[-1]}"
+    return _Expected(lambda v: any(c.holds(v) for c in known), listed)
+
+
+def _row(places: Sequence[_Expected | None]) -> _Expected:
+    def holds(value: Any) -> bool:
+        fits = isinstance(value, (tuple, list, np.ndarray)) and len(value) == len(places)
+        return fits and all(p is None or p.holds(v) for p, v in zip(places, value, strict=True))
+
+    return _Expected(holds, f"{len(places)} values in a row")
+
+
+def _many(item: _Expected | None) -> _Expected:
+    def holds(value: Any) -> bool:
+        if (
+            isinstance(value, (str, bytes, Mapping))
+            or not hasattr(value, "__getitem__")
+            or not hasattr(value, "__len__")
+        ):
+            return False
+        if isinstance(value, type) or (isinstance(value, np.ndarray) and not value.size):
+            return False
+        return item is None or all(map(item.holds, value[:_MOST_ITEMS]))
+
+    return _Expected(holds, "a sequence" if item is None else f"a sequence, each item {item.words}")
+
+
+def _named(key: _Expected | None, item: _Expected | None) -> _Expected:
+    def holds(value: Any) -> bool:
+        if not isinstance(value, Mapping):
+            return False
+        return all((key is None or key.holds(k)) and (item is None or item.holds(v)) for k, v in value.items())
+
+    return _Expected(holds, "a mapping by name" if item is None else f"a mapping by name, each value {item.words}")
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is one finite real number: no text, no truth value, no array."""
+    return _is_real(value) and math.isfinite(value)
+
+
+def _is_real(value: Any) -> bool:
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return False
+    return True
+
+
+def _is_whole(value: Any) -> bool:
+    if isinstance(value, bool | np.bool_):
+        return False
+    try:
+        return abs(operator.index(value)) <= _LARGEST
+    except TypeError:
+        return False
+
+
+def _is_array(value: Any) -> bool:
+    """Whether numpy makes numbers of it: no texts, no lists of unequal lengths, no objects."""
+    try:
+        array = np.asarray(value)
+        return array.dtype.kind in "iufb" or (
+            array.dtype.kind == "O" and array.size > 0 and bool(array.astype(float).size)
+        )
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+_PLAIN: dict[Any, _Expected | None] = {
+    float: _Expected(_is_real, "a number"),
+    int: _Expected(_is_whole, "a whole number"),
+    bool: _Expected(lambda v: isinstance(v, bool | np.bool_), "True or False"),
+    str: _Expected(lambda v: isinstance(v, str), "a text"),
+    Path: _Expected(lambda v: isinstance(v, Path), "a path"),
+    None: _Expected(lambda v: v is None, "None"),
+    type(None): _Expected(lambda v: v is None, "None"),
+    _Numbers: _Expected(_is_array, "an array of numbers"),
+}

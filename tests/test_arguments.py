@@ -1,0 +1,120 @@
+"""Public functions refuse what they cannot take in one sentence, and take what they took before."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+import eppanalysis as epp
+from eppanalysis.arguments import check_counts, checked, floats
+from eppanalysis.errors import EppError, ModelError
+from tests.wrong_arguments import calls, doors, outcome
+
+#: Results are what functions return; nobody makes them, and they check nothing.
+RESULTS = {
+    "Boundary", "Branch", "Case", "CycleSearch", "DesignBounds", "Event", "FoldCurve", "FrozenLoop", "Guide",
+    "Identification", "Knock", "Ladder", "LimitCycle", "Prediction", "Status", "ToleranceBound", "Trajectory",
+}  # fmt: skip
+BASES = {
+    "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__", "signals",
+}  # fmt: skip
+
+
+def test_everything_public_is_called() -> None:
+    called = {door.name for door in doors()}
+    assert set(dir(epp)) - RESULTS - BASES <= called
+    for door in doors():
+        if inspect.isfunction(door.call) and hasattr(door.call, "__wrapped__"):
+            assert set(door.good) == set(inspect.signature(door.call).parameters), door.name
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_wrong_argument_ends_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sample; ``tests/stress`` has more of them."""
+    monkeypatch.chdir(tmp_path)
+    ends = {str(call): outcome(call, 0.25) for call in calls(7)[:600]}
+    assert not {c: end for c, end in ends.items() if end not in ("refused", "answers", "at work")}
+    assert sum(end == "refused" for end in ends.values()) > 300
+
+
+def everything(
+    a: float = 0.0,
+    b: int | None = None,
+    c: Sequence[str] = (),
+    d: Mapping[str, float] | None = None,
+    e: ArrayLike = 0.0,
+    f: tuple[object, object] = (1, 2),
+    g: Literal["x", "y"] = "x",
+    h: str | Path = "",
+    i: object = None,
+    j: bool = False,
+    *,
+    k: epp.LureSystem | None = None,
+) -> str:
+    return "done"
+
+
+@pytest.mark.parametrize(
+    "good",
+    [
+        {"a": 1}, {"a": np.float32(1.5)}, {"a": Fraction(1, 2)}, {"a": float("inf")}, {"b": np.int64(3)}, {"b": None},
+        {"c": ["u", "v"]}, {"c": np.array(["u"])}, {"d": {"u": 1}}, {"e": [[1, 2], [3, 4]]}, {"e": np.eye(2)}, {"e": 3},
+        {"f": ["1 deg", 2]}, {"g": "y"}, {"h": Path("x")}, {"i": object()}, {"j": np.True_},
+    ],
+)  # fmt: skip
+def test_what_an_annotation_says_is_taken(good: dict[str, object]) -> None:
+    assert checked(everything)(**good) == "done"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ({"b": 1.0}, "b is 1.0; expected a whole number or None."),
+        ({"b": True}, "b is True; expected a whole number or None."),
+        ({"b": 10**400}, "expected a whole number or None."),
+        ({"c": "uv"}, "c is 'uv'; expected a sequence, each item a text."),
+        ({"c": [1]}, "c is [1]; expected a sequence, each item a text."),
+        ({"d": [1]}, "d is [1]; expected a mapping by name, each value a number, or None."),
+        ({"e": [[1], [2, 3]]}, "e is [[1], [2, 3]]; expected an array of numbers."),
+        ({"e": "1"}, "e is '1'; expected an array of numbers."),
+        ({"f": (1, 2, 3)}, "f is (1, 2, 3); expected 2 values in a row."),
+        ({"g": "z"}, "g is 'z'; expected 'x' or 'y'."),
+        ({"h": 1}, "h is 1; expected a text or a path."),
+        ({"j": 1}, "j is 1; expected True or False."),
+        ({"k": np.zeros((2, 3))}, "k is an array of shape (2, 3); expected a LureSystem or None."),
+    ],
+)
+def test_what_an_annotation_does_not_say_is_refused(bad: dict[str, object], words: str) -> None:
+    with pytest.raises(EppError) as caught:
+        checked(everything)(**bad)  # type: ignore[arg-type]
+    assert str(caught.value).startswith("everything: ") and words in str(caught.value)
+
+
+def test_too_few_arguments_are_what_they_are_in_python() -> None:
+    with pytest.raises(TypeError, match="missing a required argument: 'system'"):
+        epp.simulate()  # type: ignore[call-arg]
+
+
+def test_public_functions_travel_to_other_processes() -> None:
+    for name in ("simulate", "case", "sweep", "report"):
+        function = getattr(epp, name)
+        assert pickle.loads(pickle.dumps(function)) is function
+
+
+def test_counts_and_arrays() -> None:
+    with pytest.raises(EppError, match="f: workers is 5000; expected 1024 or less"):
+        check_counts("f", {"workers": (5000, 1)})
+    with pytest.raises(ModelError, match="gap is 'wide'; expected numbers"):
+        floats("wide", "gap")
+    with pytest.raises(ModelError, match="Quantiser: levels is 1000000000000; expected a positive whole number of"):
+        epp.Quantiser(0.1, 10**12)
+    with pytest.raises(EppError, match=r"simulate: max_events is 1000000000000\.0; expected a whole number"):
+        epp.simulate(epp.case("relay_deadzone").to_system(), max_events=1e12)  # type: ignore[arg-type]

@@ -1,0 +1,245 @@
+"""Public functions and classes called with one wrong argument after the other: what ends ill must end in a sentence.
+
+Every call has good arguments in all places but one. What comes in that place may happen to be right (no value is wrong
+for all places); then the call may do its work, for which it has little time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import io
+import random
+import signal
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import eppanalysis as epp
+from eppanalysis.models.linear import StateSpace
+
+HUGE = 10**400
+#: What is put into the place of an argument.
+WRONG: tuple[Any, ...] = (
+    None, "", "x", "nan", "1 parsec", b"x", True, -1, 0, 1, -0.5, 1e308, 10**12, -(10**12), HUGE,
+    float("nan"), float("inf"), -float("inf"), 1j, [], [1], [1, 2, 3], [[1, 2], [3]], ["x"], [None], [float("nan")],
+    (), (1, 2), ("a", "b"), {}, {"a": 1}, {1: 2}, {"x": "y"}, {"x": None}, {"x": [1, 2]}, set(), object(), object, len,
+    np.array([]), np.array([np.nan]), np.zeros((2, 3, 4)), np.array(["a"]), np.eye(2), Path("nowhere") / "nothing",
+    epp.Status.CONVERGED, StateSpace, StateSpace.__init__, range(3), iter(()),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Door:
+    """Something public that can be called, and arguments with which it works."""
+
+    name: str
+    call: Callable[..., Any]
+    good: dict[str, Any]
+
+
+@cache
+def doors() -> tuple[Door, ...]:
+    """Public functions, constructors and methods that take arguments; a test compares them with the public names."""
+    return (*_functions(), *_elements(), *_constructors(), *_methods())
+
+
+def _functions() -> Iterator[Door]:
+    case, loop = epp.case("relay_deadzone"), epp.case("relay_deadzone").to_system()
+    elbow = epp.case("fig8a_original")
+    cycle = epp.predict_limit_cycles(loop)[1]
+    threshold, level = "relay_dead_zone.threshold", "relay_dead_zone.level"
+    few = {"starts": 10, "seed": 1}
+    cells = epp.sweep(case, {threshold: [0.5, 0.6], level: [1.0, 1.1]}, progress=False)
+    known: dict[str, dict[str, Any]] = {
+        "case": {"name": "relay_deadzone"},
+        "case_from_text": {"text": 'base = "relay_deadzone"', "name": "case", "folder": None},
+        "read_case": {"path": Path("nowhere.toml")},
+        "shipped_cases": {},
+        "simulate": {"system": loop, "input": None, "t_end": 1.0, "t_eval": None, "max_events": 100, "step": None},
+        "predict_limit_cycles": {"system": loop, "input_value": None},
+        "harmonic_balance": {"system": loop, "guess": cycle, "order": 3, "input_value": None},
+        "exact_orbit": {"system": loop, "start": cycle, "input_value": None},
+        "find_limit_cycles": {"system": loop, "input_value": None, "by_balance": False, "predicted": [],
+                              "progress": None},
+        "knock": {"system": loop, "input_value": None, "states": None, "cycles": None},
+        "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "inputs": None},
+        "ladder": {"case": case},
+        "continue_branch": {"case": case, "parameter": threshold, "start": 0.5, "stop": 0.6, "cycle": None,
+                            "origin": None, "n_points": 3, "max_step": 0.05, "n_simulated": 0},
+        "continue_folds": {"case": case, "parameter": threshold, "other": level, "limits": (0.5, 2.0),
+                           "over": (1.0, 1.1), "cycle": None, "n_points": 2},
+        "design_bounds": {"case": case, "over": level, "limit": threshold, "start": 1.0, "stop": 1.1, "points": 1,
+                          "at": None, "within": (0.4, 2.0), "exact": False, "verify": False, "margin": 0.01,
+                          "workers": 1, "progress": None, **few},
+        "tolerance_bound": {"case": case, "limit": threshold, "tolerances": None, "within": (0.4, 2.0),
+                            "probabilities": (0.9,), "samples": 10, "distribution": "uniform", "seed": 1,
+                            "threads": 1, "sweep": None},
+        "design_advice": {"case": case, "gains": ["2.5 lbf"], "within": None, "workers": 1},
+        "design_guide": {"case": case, "gains": ["2.5 lbf"], "variants": None, "tolerances": None, "margins": None,
+                         "within": None, "samples": 10, "workers": 1, "branch": None, "progress": None, **few},
+        "elbow": {"parameters": epp.ElbowParameters(), "delay_model": "pade"},
+        "identify": {"case": elbow, "tray": None, "backlash": None, "step": "nowhere.csv", "columns": None, "wrap": 3.0,
+                     "press": 0.0, "fit": None, "seed": 0, "progress": None},
+        "report": {"cases": [], "path": "nowhere.html", "full": False, "progress": None},
+        "sweep": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None,
+                  "scheduler": "threads", "workers": 1, "chunk": None, "store": None, "resume": True,
+                  "progress": False},
+        "open_sweep": {"path": "nowhere.zarr"},
+        "outcome_boundary": {"case": case, "axes": {threshold: [0.5, 0.6], level: [1.0, 1.1]}, "run": "predict",
+                             "halvings": 1, "scheduler": "threads", "workers": 1, "progress": False},
+        "fold_boundary": {"case": case, "axes": {threshold: [0.5, 2.0], level: [1.0, 1.1]}},
+        "table": {"what": cycle},
+        "plot_design_map": {"dataset": cells, "x": None, "y": None, "at": None, "amplitude": True, "curves": (),
+                            "ax": None},
+        "plot_parallel": {"dataset": cells, "variables": ("amplitude",), "most": 10},
+        "plot_slices": {"dataset": cells, "x": None, "by": None, "variables": ("amplitude",), "at": None},
+        "plot_sweep": {"dataset": cells, "curves": ()},
+    }  # fmt: skip
+    for name, good in known.items():
+        yield Door(name, getattr(epp, name), good)
+
+
+def _elements() -> Iterator[Door]:
+    known: dict[str, dict[str, Any]] = {
+        "Coulomb": {"level": 1.0},
+        "Cube": {"scale": 1.0},
+        "DeadZone": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
+        "DeadZoneSaturation": {"dead_zone": 0.5, "slope": 1.0, "limit": 1.0},
+        "FiveBandLaw": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
+        "Friction": {"coulomb": 1.0, "static": 1.2, "stribeck": 0.0},
+        "HysteresisRelay": {"lower": -0.2, "upper": 0.2, "low": -1.0, "high": 1.0},
+        "HysteresisRelayDeadZone": {"on": 1.0, "off": 0.5, "level": 1.0},
+        "JumpAndFollow": {"stick_band": 1.0, "slip_jump": 0.5, "slope": 1.0},
+        "LockPin": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1, "model": "unilateral"},
+        "NordinShaft": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1},
+        "PiecewiseLinear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
+        "Play": {"gap": 1.0},
+        "Preload": {"level": 1.0, "slope": 1.0},
+        "Quantiser": {"step": 0.1, "levels": 10},
+        "Relay": {"low": -1.0, "high": 1.0, "threshold": 0.0},
+        "RelayDeadZone": {"threshold": 0.5, "level": 1.0},
+        "Saturation": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
+        "Sine": {"scale": 1.0},
+        "StictionPulley": {"harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8},
+    }
+    for name, good in known.items():
+        kind = getattr(epp, name)
+        yield Door(name, kind, good)
+        element = kind(**good)
+        if element.n_inputs == 1:
+            yield Door(f"{name}.output", element.output, {"x": 0.5})
+        about = {"amplitude": 2.0, "bias": 0.0, "omega": 1.0}
+        yield Door(f"{name}.describing_function", element.describing_function, about)
+
+
+def _constructors() -> Iterator[Door]:
+    A, B, C = [[0.0, 1.0], [-1.0, -1.0]], [[0.0], [1.0]], [[1.0, 0.0]]
+    case = epp.case("relay_deadzone")
+    loop, element = case.to_system(), epp.Saturation()
+    level = "relay_dead_zone.level"
+    yield Door("StateSpace", epp.StateSpace, {"A": np.array(A), "B": np.array(B), "C": np.array(C),
+                                              "D": np.zeros((1, 1)), "time_step": None})  # fmt: skip
+    yield Door(
+        "LureSystem", epp.LureSystem, {n: getattr(loop, n) for n in inspect.signature(epp.LureSystem).parameters}
+    )
+    build = dict.fromkeys(inspect.signature(epp.LureSystem.build).parameters)
+    build |= {"A": A, "B": B, "C": C, "elements": [element], "input_names": (), "name": "loop"}
+    yield Door("LureSystem.build", epp.LureSystem.build, build)
+    rest = {"delay": 0.0, "feedback": -1, "x0": None, "memory": None, "name": "loop"}
+    plant = ([1.0], [1.0, 1.0, 0.0])
+    yield Door("LureSystem.from_tf", epp.LureSystem.from_tf, {"plant": plant, "element": element, **rest})
+    blocks = {"blocks": [plant, element], "element_names": None, **rest}
+    yield Door("LureSystem.from_blocks", epp.LureSystem.from_blocks, blocks)
+    for kind in (epp.LatinHypercube, epp.Sobol):
+        yield Door(kind.__name__, _swept(case, kind), {"ranges": {level: (1.0, 1.1)}, "n": 2, "seed": 0})
+    spread = {"n": 2, "seed": 0, "names": None, "distribution": "uniform"}
+    yield Door("Tolerances", _swept(case, epp.Tolerances), spread)
+    yield Door("Zipped", _swept(case, epp.Zipped), {"axes": {level: [1.0, 1.1]}})
+    for name in ("Constant", "Step", "Steps", "Ramp", "Sine", "Recorded"):
+        kind = getattr(epp.signals, name)
+        good: dict[str, Any] = {n: 1.0 for n in inspect.signature(kind).parameters}
+        if name == "Steps":
+            good = {n: [1.0, 2.0] for n in good}
+        if name == "Recorded":
+            good |= {"times": [0.0, 1.0], "values": [0.0, 1.0]}
+        yield Door(f"signals.{name}", kind, good)
+
+
+def _swept(case: epp.Case, kind: Callable[..., Any]) -> Callable[..., Any]:
+    """A sample, made and used: its fields mean something together with a case only."""
+    return lambda **given: epp.sweep(case, kind(**given), "predict", workers=1, progress=False)
+
+
+def _methods() -> Iterator[Door]:
+    case = epp.case("relay_deadzone")
+    name = "relay_dead_zone.level"
+    loop, cycle = case.to_system(), epp.predict_limit_cycles(case.to_system())[1]
+    run = epp.simulate(loop, t_end=1.0)
+    yield Door("Case.with_values", case.with_values, {"values": {name: 1.1}, "source": "here"})
+    yield Door("Case.value", case.value, {"name": name})
+    yield Door("Case.si", case.si, {"name": name, "value": 1.0})
+    yield Door("Case.unit", case.unit, {"name": name})
+    yield Door("Case.readable", case.readable, {"name": name})
+    yield Door("Case.text", case.text, {"name": name, "value": 1.0, "digits": 3})
+    yield Door("LureSystem.input_vector", loop.input_vector, {"given": None})
+    yield Door("LureSystem.frequency_response", loop.frequency_response, {"omega": 1.0})
+    yield Door("LimitCycle.amplitude", cycle.amplitude, {"signal": loop.signals.names[0]})
+    yield Door("LimitCycle.plot", cycle.plot, {"signals": None})
+    yield Door("Trajectory.plot", run.plot, {"signals": None})
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call with a wrong value in one place."""
+
+    door: Door
+    place: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.door.name}({self.place}={WRONG[self.number]!r:.40})"
+
+
+def calls(seed: int) -> list[Call]:
+    """All calls, in a random order: every value in every place."""
+    every = [Call(d, place, i) for d in doors() for place in d.good for i in range(len(WRONG))]
+    # A function that reports progress is the caller's own, and so is what it raises.
+    own = [c for c in every if not (c.place == "progress" and callable(WRONG[c.number]))]
+    random.Random(seed).shuffle(own)
+    return own
+
+
+class TooLong(BaseException):
+    """A call that is still at work when its time is over."""
+
+
+def outcome(call: Call, seconds: float = 2.0) -> str:
+    """How a call ends: "refused", "answers", "at work", or the traceback's last line."""
+
+    def ring(*_: object) -> None:
+        raise TooLong
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+            warnings.simplefilter("ignore")
+            call.door.call(**{**call.door.good, call.place: WRONG[call.number]})
+    except TooLong:
+        return "at work"
+    except epp.EppError as error:
+        text = str(error)
+        return "refused" if text and "\n" not in text.strip() else f"a refusal of several lines: {text!r}"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    else:
+        return "answers"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
