@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.hybrid import run
 from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.tuples import by_address, rows

@@ -8,8 +8,8 @@ still leaves to come is below rounding too.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.tables import HOT, INLINE
 
 #: Longest period looked for, in events, and how many periods a contraction is looked back for.

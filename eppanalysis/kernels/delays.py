@@ -8,8 +8,7 @@ and where the next one only continues it (there was no switch, or its echo has b
 
 from __future__ import annotations
 
-from numba import njit
-
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER
 from eppanalysis.kernels.tables import HOT
 

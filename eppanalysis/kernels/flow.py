@@ -7,8 +7,8 @@ bound on how far a guard can stray from the cubic through its end values; for lo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.lanes import add, add_sizes, any_above, dot, row_sum, take, take_sizes
 from eppanalysis.kernels.tables import HOT, LONG_DOUBLINGS
 

@@ -11,9 +11,9 @@ sign of its first derivative that is above rounding decides; rising fires at onc
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from eppanalysis.kernels.closure import closing, ring_on, sort_into
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.delays import extend_lines, line_room, read_line, start_lines
 from eppanalysis.kernels.flow import compile_long, compile_step
 from eppanalysis.kernels.jumps import clearly_above, let_go, may_leave_behind, place_of, throw_off

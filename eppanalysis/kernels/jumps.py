@@ -9,8 +9,7 @@ at: what overshoots on the way is no motion.
 
 from __future__ import annotations
 
-from numba import njit
-
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.lanes import dot, take
 from eppanalysis.kernels.modes import find_slot
 from eppanalysis.kernels.switches import input_at, record, smooth_at, switch

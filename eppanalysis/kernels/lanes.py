@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 LANES = 8
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
-#: A product and a sum may be rounded once.
-_FUSED = ("contract",)
 
 
 @register_jitable
@@ -100,9 +98,9 @@ class _Code:
     def keep(self, eight: Any, address: Any, place: Any) -> None:
         self.builder.store(eight, self.place(address, place), align=8)
 
-    def fused(self, a: Any, b: Any, c: Any) -> Any:
-        """a * b + c."""
-        return self.builder.fadd(self.builder.fmul(a, b, flags=_FUSED), c, flags=_FUSED)
+    def add_product(self, a: Any, b: Any, c: Any) -> Any:
+        """a * b + c, rounded twice: not fused, on machines that could, either."""
+        return self.builder.fadd(self.builder.fmul(a, b), c)
 
     def sum(self, eight: Any) -> Any:
         """Sum of the numbers in all lanes."""
@@ -143,7 +141,9 @@ def _write_row_sum(code, start, rows, weights, scale, out):  # type: ignore[no-u
                 row = builder.add(first, code.integer(r))
                 values = code.eight(source, builder.add(builder.mul(row, width), column))
                 total = sums[r % 2]
-                builder.store(code.fused(code.spread(code.number(factor, row)), values, builder.load(total)), total)
+                builder.store(
+                    code.add_product(code.spread(code.number(factor, row)), values, builder.load(total)), total
+                )
         both = builder.fadd(builder.load(sums[0]), builder.load(sums[1]))
         code.keep(builder.fmul(code.spread(scale), both), target, column)
     return code.context.get_dummy_value()
@@ -215,7 +215,7 @@ def add_sizes(typingctx, out, a, scale):  # type: ignore[no-untyped-def]
     def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
         code = _Code(context, builder, signature, args)
         scale = code.spread(args[2])
-        return _write_each(code, 2, lambda out, a: code.fused(scale, code.size(a), out))
+        return _write_each(code, 2, lambda out, a: code.add_product(scale, code.size(a), out))
 
     return types.none(out, a, types.float64), write
 
@@ -309,7 +309,7 @@ def dot(typingctx, a, b):  # type: ignore[no-untyped-def]
 
     def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
         code = _Code(context, builder, signature, args)
-        return _write_sum(code, code.fused)
+        return _write_sum(code, code.add_product)
 
     return types.float64(a, b), write
 
@@ -354,8 +354,8 @@ def value_and_slope(typingctx, terms, u):  # type: ignore[no-untyped-def]
             now = code.eight(source, place)
             first = code.spread(builder.sitofp(place, ir.DoubleType()))
             counts = builder.fadd(first, ir.Constant(_VECTOR, [float(i) for i in range(LANES)]))
-            builder.store(code.fused(builder.load(value), step, now), value)
-            builder.store(code.fused(builder.load(slope), step, builder.fmul(now, counts)), slope)
+            builder.store(code.add_product(builder.load(value), step, now), value)
+            builder.store(code.add_product(builder.load(slope), step, builder.fmul(now, counts)), slope)
         sums = [code.sum(builder.fmul(builder.load(part), powers)) for part in (value, slope)]
         return context.make_tuple(builder, signature.return_type, sums)
 
@@ -385,13 +385,13 @@ def polynomial(typingctx, rows, last, u, out):  # type: ignore[no-untyped-def]
             builder.store(row(builder.sub(last, code.integer(1))), lower)
             with cgutils.for_range(builder, turns) as turn:
                 k = builder.sub(last, builder.mul(code.integer(2), builder.add(turn.index, code.integer(1))))
-                builder.store(code.fused(builder.load(upper), square, row(k)), upper)
+                builder.store(code.add_product(builder.load(upper), square, row(k)), upper)
                 k = builder.sub(k, code.integer(1))
-                builder.store(code.fused(builder.load(lower), square, row(k)), lower)
+                builder.store(code.add_product(builder.load(lower), square, row(k)), lower)
             a, b = builder.load(upper), builder.load(lower)
             # Of an odd order the last two terms are left; of an even one, the first row is still missing.
-            of_odd = code.fused(a, u, b)
-            of_even = code.fused(b, u, code.fused(a, square, row(code.integer(0))))
+            of_odd = code.add_product(a, u, b)
+            of_even = code.add_product(b, u, code.add_product(a, square, row(code.integer(0))))
             code.keep(builder.select(even, of_even, of_odd), target, column)
         return context.get_dummy_value()
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.flow import choose_step, multiply
 from eppanalysis.kernels.tables import HOT, clear
 

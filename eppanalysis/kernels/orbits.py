@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.flow import flow, growth_rate
 from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.modes import compile_guards, compile_modes

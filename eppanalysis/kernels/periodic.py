@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.tuples import by_address
 
 Array = NDArray[np.float64]

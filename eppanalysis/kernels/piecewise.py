@@ -19,9 +19,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
+
+from eppanalysis.kernels.compiling import njit
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ Series are scaled to the step: ``x(t + u h) = sum X[k] u**k`` with u in [0, 1].
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.lanes import any_above, dot, padded, rises, row_sum, row_sum_from, take_larger, value_and_slope
 from eppanalysis.kernels.tables import HOT, INLINE
 

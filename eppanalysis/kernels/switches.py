@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.modes import find_slot
 from eppanalysis.kernels.series import first_rise, guard_noise, term_sizes
 from eppanalysis.kernels.tables import HOT, INLINE

@@ -10,14 +10,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.lanes import aligned, aligned_by_name, padded
 from eppanalysis.kernels.tuples import by_address
 
 #: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
-#: Products and sums may contract to one rounding; nothing else of the arithmetic is loosened.
-ENTRY = {"cache": True, "nogil": True, "_nrt": False, "fastmath": {"contract"}}
+ENTRY = {"cache": True, "nogil": True, "_nrt": False}
 #: Those that only kernels call: no way in from Python is compiled.
 HOT = {**ENTRY, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: Those that are called at every step are also written into their caller: handing over all these arrays costs more than

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from eppanalysis.kernels.compiling import njit
 
 UNDECIDED, SETTLED, CYCLE = 0, 1, 2
 #: A cycle is accepted when its extrapolated limit is this close, relative to its own size.

@@ -115,3 +115,33 @@ def test_a_curve_that_starts_on_zero_and_falls_is_below_zero(kernels: dict[str, 
     assert kernels["cubics_below"](start, rate, step, end_rate, 0.1 / 3.0, noise, stray)
     assert not kernels["cubics_below"](start, -rate, step, end_rate, 0.1 / 3.0, noise, stray)
     assert not kernels["cubics_below"](start, rate * np.nan, step, end_rate, 0.1 / 3.0, noise, stray)
+
+
+def halved(eight: Array) -> float:
+    """Sum of eight numbers, half on half."""
+    while eight.size > 1:
+        eight = eight[: eight.size // 2] + eight[eight.size // 2 :]
+    return float(eight[0])
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), length=st.sampled_from([8, 16, 40]), u=st.floats(0.0, 1.0))
+def test_every_product_and_every_sum_is_rounded(
+    kernels: dict[str, Callable[..., Any]], seed: int, length: int, u: float
+) -> None:
+    """To the bit what numpy gives, which fuses nothing, in the same order: it cannot follow from what is inlined."""
+    a, b, rows, out = numbers(seed, length), numbers(seed + 1, length), numbers(seed + 2, length, 8), np.empty(8)
+    total = np.zeros(8)
+    for x, y in zip(a.reshape(-1, 8), b.reshape(-1, 8), strict=True):
+        total = x * y + total
+    assert kernels["dot"](a, b) == halved(total)
+    sums = np.zeros((2, 8))
+    for r in range(length):
+        sums[r % 2] = a[r] * rows[r] + sums[r % 2]
+    kernels["row_sum"](rows, a, 0.3, out)
+    np.testing.assert_array_equal(out, 0.3 * (sums[0] + sums[1]))
+    upper, lower, square = rows[7], rows[6], u * u
+    for k in (5, 3, 1):
+        upper, lower = upper * square + rows[k], lower * square + rows[k - 1]
+    kernels["polynomial"](rows, 7, u, out)
+    np.testing.assert_array_equal(out, upper * u + lower)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +26,7 @@ from eppanalysis.results import Status
 from tests.random_loops import random_loop
 from tests.reference.elbow_reference import LBF, ROWS, row, simulate_reference
 
+ROOT = str(Path(epp.__file__).parents[1])
 TEXTBOOK = [n for n in epp.shipped_cases() if epp.case(n).expected.exact and epp.case(n).expected.outcome]
 
 
@@ -428,6 +433,29 @@ def test_what_a_run_remembers_of_its_dead_time_is_its_own():
     runs = [run_hybrid(replace(hybrid, x0=np.array([0.0, 1.0])), 20.0, times, 0.2, 1000, 100) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].samples, runs[1].samples)
     assert np.ptp(runs[0].samples[:, 0]) > 1.0
+
+
+_BITS = """
+import hashlib
+import eppanalysis as epp
+case = epp.case("fig8a_original")
+run = epp.simulate(case.to_system(), case.input, case.t_end)
+relay = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
+guess = epp.predict_limit_cycles(relay)[-1]
+orbit = epp.exact_orbit(relay, guess)
+numbers = [*(v.tobytes() for v in run.signals.values()), repr([e.time for e in run.events]).encode()]
+numbers += [repr((c.omega, c.peak_to_peak, c.multipliers, c.residual)).encode() for c in (guess, orbit)]
+digest = hashlib.sha256(b"".join(numbers)).hexdigest()
+"""
+
+
+def test_another_process_gives_the_same_bits() -> None:
+    """In the first run on a machine this process has compiled what the other one loads."""
+    here: dict[str, Any] = {}
+    exec(_BITS, here)
+    code = [sys.executable, "-c", f"{_BITS}print(digest)"]
+    there = subprocess.run(code, capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": ROOT})
+    assert there.stdout.split() == [here["digest"]]
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])
