@@ -379,7 +379,8 @@ def _without_hidden(left: Array, A: Array, hidden: Array) -> Array:
     size = np.abs(left).max(-1)
     u, s, _ = np.linalg.svd(acts / size[:, None])
     rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
-    return (u[:, rank:].T / size) @ left
+    keep = u[:, rank:].T / size
+    return without_rounding(keep @ left, np.abs(keep) @ np.abs(left))
 
 
 def equilibrate(matrix: Array) -> tuple[Array, Array]:

@@ -242,16 +242,16 @@ def fastest_poles(A: Array) -> Array:
 
     Parameters
     ----------
-    A : array, shape (..., n, n)
+    A : array, shape (k, n, n)
 
     Returns
     -------
-    array, shape (...)
+    array, shape (k,)
     """
     n = A.shape[-1]
     fastest = np.abs(np.linalg.eigvals(A)).max(-1, initial=0.0)
     # A chain of n integrators alone shows in other coordinates as poles at the n-th root of rounding.
     shown = np.linalg.norm(A, axis=(-2, -1)) * (10.0 * n * np.finfo(float).eps) ** (1.0 / max(n, 1))
-    for place in zip(*np.nonzero((fastest > 0) & (fastest < shown)), strict=True):
-        fastest[place] = np.abs(poles(A[place])).max()
+    for i in np.flatnonzero((fastest > 0) & (fastest < shown)):
+        fastest[i] = np.abs(poles(A[i])).max()
     return np.asarray(fastest)

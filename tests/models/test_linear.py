@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.linear import StateSpace, as_state_space
+from eppanalysis.models.linear import StateSpace, as_state_space, fastest_poles, poles, zeros
+from tests.coordinates import orthogonal
 
 OMEGA = np.array([1e-3, 0.3, 1.0, 7.0, 1e3])
 
@@ -72,3 +73,50 @@ def test_time_scaling_does_not_change_the_balance_of_the_matrices():
 def test_what_is_no_proper_block_is_refused(plant, sentence):
     with pytest.raises(ModelError, match=sentence):
         as_state_space(plant)
+
+
+#: Zeros and poles, in rad/s.
+PLANTS = [
+    ([], [0.0, 0.0, 0.0]),
+    ([-1.0], [0.0, 0.0]),
+    ([-2.0], [-2.0, 0.0, -1.0]),
+    ([0.0, -0.2], [0.0, 0.0, -1.0, -1.5]),
+    ([3.0], [-1.0, -4.0, -20.0, -300.0]),
+    ([-0.1 + 2j, -0.1 - 2j], [-1 + 5j, -1 - 5j, 0.0, 0.0, -7.0]),
+    ([-1.0, 0.0], [-3.0, -4.0]),
+]
+
+
+def ascending(values) -> np.ndarray:
+    return np.array(sorted(np.asarray(values, complex), key=lambda v: (round(v.real, 6), v.imag)))
+
+
+@pytest.mark.parametrize(("wanted_zeros", "wanted_poles"), PLANTS)
+def test_poles_and_zeros_are_those_of_the_polynomials_in_any_coordinates(wanted_zeros, wanted_poles):
+    """Those at the origin exactly, and none that rounding makes of a relative degree of two and more."""
+    block = as_state_space((np.real(np.poly(wanted_zeros)), np.real(np.poly(wanted_poles))))
+    for seed in range(20):
+        for unit in (1.0, 1e-6, 1e6):
+            Q = orthogonal(len(block.A), seed)
+            A, B, C = unit * Q @ block.A @ Q.T, unit * Q @ block.B, block.C @ Q.T
+            for found, wanted in ((poles(A), wanted_poles), (zeros(A, B, C, block.D), wanted_zeros)):
+                np.testing.assert_allclose(ascending(found / unit), ascending(wanted), rtol=1e-8)
+                assert np.sum(found == 0) == np.sum(np.array(wanted) == 0)
+
+
+def test_zeros_through_a_direct_path():
+    block = as_state_space((np.poly([-1.0, -2.0, -3.0]), np.poly([-4.0, 0.0, 0.0])))
+    np.testing.assert_allclose(ascending(zeros(block.A, block.B, block.C, block.D)), [-3.0, -2.0, -1.0], rtol=1e-10)
+
+
+def test_what_reaches_no_output_has_no_zeros():
+    A = np.diag([-1.0, -2.0])
+    assert zeros(A, np.array([[1.0], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))).size == 0
+
+
+def test_a_chain_of_integrators_has_no_fastest_pole():
+    for n in (1, 2, 3, 5):
+        for seed in range(10):
+            Q = orthogonal(n, seed)
+            assert fastest_poles((Q @ np.eye(n, k=1) @ Q.T)[None])[0] == 0.0
+    assert fastest_poles(np.diag([-1.0, -3.0])[None])[0] == 3.0

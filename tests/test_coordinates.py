@@ -1,0 +1,148 @@
+"""What is found does not depend on the coordinates of a loop's state, nor on the units of its time and amplitudes.
+
+Every shipped loop, and textbook loops beyond them, with the state turned by random orthogonal matrices and with time,
+amplitudes and states in other units. Some turns and units each; `tests/stress` has them all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import eppanalysis as epp
+from eppanalysis.models.lure import LureSystem
+from tests.coordinates import UNITS, assert_same_cycles, in_coordinates, orthogonal, rescaled, rotated, words
+
+CASES = sorted(p.stem for p in (Path(__file__).parents[1] / "cases").glob("*.toml"))
+LOOPS = [name for name in CASES if epp.case(name).kind == "loop"]
+#: Cases with a search of less than a second or so.
+QUICK = ["pid_hunting", "relay_fopdt_closed", "relay_hyst_goncalves6", "relay_ideal_khalil79", "sat_am165",
+         "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft_classical"]  # fmt: skip
+#: An element with a state of its own: its contact angle stands on a threshold for whole arcs, and in turned coordinates
+#: rounding takes it off.
+STATE_ON_A_THRESHOLD = "two_mass_damped_shaft"
+
+
+def roots(*values: float) -> np.ndarray:
+    return np.poly(values)
+
+
+def textbook() -> dict[str, LureSystem]:
+    """Chains of integrators, multiple poles, cancellations, poles far apart, several elements, discrete time."""
+    tf, ring = LureSystem.from_tf, LureSystem.from_blocks
+    mode = [1.0, 0.1, 4.0]
+    return {
+        "play": tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0)),
+        "double integrator, saturation": tf((roots(-1, -1), roots(0, 0, 0)), epp.Saturation(-1, 1, 5.0)),
+        "double integrator, relay": tf(([1.0, 1.0], roots(0, 0)), epp.HysteresisRelay(-0.2, 0.2)),
+        "double integrator, quantiser": tf(([2.0, 1.0], roots(0, 0, -3)), epp.Quantiser(0.5, 5)),
+        "triple integrator": tf((2 * roots(-1, -1.2), roots(0, 0, 0, -8)), epp.Saturation(-1, 1, 4.0)),
+        "five equal poles": tf(([4.0], roots(*[-1] * 5)), epp.Relay()),
+        "six equal poles": tf(([3.0], roots(*[-1] * 6)), epp.RelayDeadZone(0.1)),
+        "cancelled pole": tf((6 * roots(-2), roots(-2, 0, -1, -2)), epp.Saturation(-1, 1, 2.0)),
+        "cancelled resonance": tf(
+            (10 * np.polymul(mode, [1.0, 0.5]), np.polymul(mode, roots(0, -1, -2, -3))), epp.DeadZone(-0.3, 0.3, 2.0)
+        ),
+        "cancelled integrator": tf((5 * roots(0, -0.2), roots(0, 0, -1, -1.5)), epp.HysteresisRelay(-0.1, 0.1)),
+        "right half-plane zero": tf((-3 * roots(2), roots(-1, -1, -3)), epp.Relay()),
+        "poles far apart": tf(([1e4], roots(0, -0.01, -1, -100)), epp.Play(0.1)),
+        "differentiator": tf(([1.0, 0.0], [1.0, 0.2, 1.0]), epp.Saturation(-1, 1, 1.0), feedback=1),
+        "discrete": _discrete(),
+        "play in a ring": ring([epp.Saturation(-1, 1, 5.0), ([3.0], [1.0, 1.0, 0.0]), epp.Play(0.3)]),
+        "relay and gap": ring([epp.Relay(), ([1.0], [1.0, 1.0]), epp.DeadZone(-0.2, 0.2), ([2.0], [1.0, 2.0, 0.0])]),
+    }  # fmt: skip
+
+
+def _discrete() -> LureSystem:
+    from eppanalysis.models.linear import transfer_function
+
+    return LureSystem.from_tf(transfer_function([0.4, 0.2], [1.0, -1.6, 0.6], 0.1), epp.Play(0.3))
+
+
+TEXTBOOK = textbook()
+
+
+def schur(system: LureSystem) -> LureSystem:
+    """The realisation that a Schur decomposition leaves."""
+    return in_coordinates(system, scipy.linalg.schur(system.A)[1].T)
+
+
+def balanced(system: LureSystem) -> LureSystem:
+    """The balanced realisation of the plant with its poles moved to the left by one, as for unstable plants."""
+    A = system.A - (1.0 + max(0.0, np.linalg.eigvals(system.A).real.max())) * np.eye(len(system.A))
+    reach = scipy.linalg.solve_continuous_lyapunov(A, -system.B @ system.B.T)
+    see = scipy.linalg.solve_continuous_lyapunov(A.T, -system.C.T @ system.C)
+    U, s, _ = np.linalg.svd(scipy.linalg.sqrtm(reach).real @ see @ scipy.linalg.sqrtm(reach).real)
+    return in_coordinates(system, np.linalg.inv(scipy.linalg.sqrtm(reach).real @ U / s**0.25))
+
+
+def predict_alike(system: LureSystem, other: LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
+    """Both loops have the same predictions, said in the same words, with the same estimates of their errors."""
+    wanted, found = epp.predict_limit_cycles(system), epp.predict_limit_cycles(other)
+    assert_same_cycles(found, wanted, system.signals.names[0], time, amplitude)
+    assert words(found.search) == words(wanted.search)
+    for mine, theirs in zip(found, wanted, strict=True):
+        assert words(mine.stability_criterion) == words(theirs.stability_criterion)
+        np.testing.assert_allclose(mine.error_estimate, theirs.error_estimate, rtol=1e-3)
+
+
+def search_alike(system: LureSystem, other: LureSystem, time: float = 1.0, amplitude: float = 1.0) -> None:
+    """Both loops have the same exact cycles, and the searches end with the same words."""
+    wanted, found = epp.find_limit_cycles(system), epp.find_limit_cycles(other)
+    assert_same_cycles(found, wanted, system.signals.names[0], time, amplitude)
+    assert words(found.search) == words(wanted.search)
+    assert (found.status, found.rests, found.diverges) == (wanted.status, wanted.rests, wanted.diverges)
+
+
+def simulate_alike(name: str, other: LureSystem) -> None:
+    """A run of a case and that of its loop in other coordinates have the same verdict on the same motion."""
+    case = epp.case(name)
+    wanted, found = (epp.simulate(s, case.input, case.t_end) for s in (case.to_system(), other))
+    assert found.status == wanted.status
+    if wanted.limit_cycle is not None:
+        for signal in wanted.signals:
+            assert_same_cycles([found.limit_cycle], [wanted.limit_cycle], signal)
+
+
+@pytest.mark.parametrize("name", [n for n in LOOPS if n != STATE_ON_A_THRESHOLD])
+def test_predictions_do_not_depend_on_coordinates_and_units(name):
+    system = epp.case(name).to_system()
+    predict_alike(system, rotated(system, 1))
+    time, amplitude, states = UNITS[0]
+    predict_alike(system, rescaled(rotated(system, 2), time, amplitude, states), time, amplitude)
+
+
+@pytest.mark.parametrize("name", TEXTBOOK)
+def test_predictions_of_textbook_loops_do_not_depend_on_the_realisation(name):
+    system = TEXTBOOK[name]
+    predict_alike(system, rotated(system, 3))
+    predict_alike(system, schur(system))
+    if not system.time_step and len(system.elements) == 1:
+        minimal = not name.startswith("cancelled")
+        predict_alike(system, balanced(system) if minimal else rescaled(system, 1.0, 1.0, 5))
+
+
+@pytest.mark.parametrize("name", [n for n in LOOPS if n != STATE_ON_A_THRESHOLD])
+def test_runs_do_not_depend_on_coordinates(name):
+    for seed in (1, 2):
+        simulate_alike(name, rotated(epp.case(name).to_system(), seed))
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_searches_do_not_depend_on_coordinates_and_units(name):
+    system = epp.case(name).to_system()
+    search_alike(system, rotated(system, 4))
+    time, amplitude, states = UNITS[1]
+    search_alike(system, rescaled(system, time, amplitude, states), time, amplitude)
+
+
+def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
+    """Play of 2 on 5/(s^2 + s), turned: both of its cycles, and frequencies from the pole, not from rounding, on."""
+    loop = LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))
+    for seed in range(8):
+        prediction = epp.predict_limit_cycles(in_coordinates(loop, orthogonal(2, seed)))
+        assert [round(c.omega, 6) for c in prediction] == [0.318142, 1.591383]
+        assert "omega 0.001 to 1e+03 rad/s" in prediction.search
