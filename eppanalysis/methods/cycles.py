@@ -50,6 +50,9 @@ _MOST_EVENTS = 60_000
 _ENOUGH_EVENTS = 600
 #: Change of a state over a period, relative to its motion on a cycle, that is rest, and that is a slow drift.
 _STILL, _DRIFT = 1e-6, 1e-2
+#: How often a run has been made longer when it is asked whether it is on a cycle without switches, in so many times as
+#: long a run.
+_QUIET_TURN, _SEEN = 2, 3.0
 #: What has come so far, relative to the cycles and to its start, and still moves, does not come back.
 _FAR = 1e6
 #: Events that show how much what piles up still moves, and what is little, relative to the whole run.
@@ -61,6 +64,10 @@ _MOST_EDGES = 150
 #: Change over all periods to come, relative to the cycle, below which a cycle is listed as a run has it, and how often
 #: the run is made three times as long for that; and how many are listed at most, for they may fill a continuum.
 _REACHED, _MOST_LONGER, _MOST_REACHED = 1e-9, 6, 12
+#: Speed at which a guard is crossed that grazes it, relative to how far the orbit moves across it in a period.
+_GRAZING = 1e-3
+#: Relative difference of periods of a linear motion that is rounding.
+_SAME_PERIOD = 1e-8
 #: Outcome of a run that repeats itself but whose orbit could not be closed.
 UNCLOSED = "on a cycle that could not be closed"
 
@@ -377,7 +384,8 @@ class _Search:
             return ""
         return (
             f" {many} of the cycles listed {'stands' if many == 1 else 'stand'} for a continuum of cycles with the "
-            "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies."
+            "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies "
+            "or how large it is."
         )
 
     def _unclosed(self) -> str:
@@ -398,7 +406,7 @@ class _Search:
     def add(self, orbit: Orbit) -> int:
         """Number of an orbit among those found; a new one is appended."""
         for i, known in enumerate(self.orbits):
-            if same_orbit(known, orbit) or same_continuum(known, orbit):
+            if same_orbit(known, orbit) or same_continuum(known, orbit) or on_rim(known, orbit):
                 return i
         self.orbits.append(orbit)
         return len(self.orbits) - 1
@@ -457,12 +465,26 @@ class _Search:
             if fades(start, run, t, self.horizon, self._sizes()):
                 return self._late_cycle(start, t) or "rest"
             known = self._recognise(start, run, None)
+            if known == "undecided" and turn == _QUIET_TURN:
+                known = self._quiet_cycle(run, t)
             if known != "undecided":
                 return known
             if turn >= 3 and run.count > _ENOUGH_EVENTS:
                 break
             t *= 3.0
         return "leaves" if self._has_gone(start, run, t) else "undecided"
+
+    def _quiet_cycle(self, run: Run, t: float) -> str:
+        """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
+        if run.held and run.time[run.order[-1]] > 0.5 * t:
+            return "undecided"
+        observed = steady_hybrid(self.system, self.input_value, observed=True)
+        held = run.held_values[run.order[-1]] if run.held else self.hybrid.H0
+        start = replace(observed, x0=run.x_end.copy(), H0=held.copy(), time_scale=self.hybrid.time_scale)
+        again = self._run(start, _SEEN * t)
+        status, facts = judge(start, again, _SEEN * t)
+        orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
+        return "undecided" if orbit is None else str(self.add(orbit))
 
     def _rested(self, start: HybridSystem, run: Run) -> str:
         """Keep where the first run rests that does."""
@@ -518,6 +540,9 @@ class _Search:
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
             return str(self.add(orbit))
+        for i, known in enumerate(self.orbits):
+            if has_period_of(known, period):  # it only touches a guard, now and then
+                return str(i)
         self._reach(start, float(run.stats[0]))
         return UNCLOSED
 
@@ -616,7 +641,7 @@ class _Search:
         run = run_hybrid(start, self.horizon, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 400)
         for guess in recurrences(self.hybrid, run, None, 3, 400):
             orbit = close_orbit(self.hybrid, guess)
-            if orbit is not None and np.any(np.abs(orbit.multipliers) > 1.0):
+            if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
                 self.add(orbit)
                 return True
         return False
@@ -706,11 +731,25 @@ def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
     return float(run.time[run.order[0]]) if run.count > run.held else 0.0
 
 
+def on_rim(known: Orbit, orbit: Orbit) -> bool:
+    """Whether an orbit only grazes a guard and is the outermost of a continuum without that switch."""
+    if not has_period_of(known, orbit.period):
+        return False
+    slow = np.abs(orbit.speed) * orbit.period < _GRAZING * (np.abs(orbit.arcs.g) @ orbit.scale)
+    return bool(np.any(slow & (orbit.arcs.itinerary.at_once != 1)))
+
+
+def has_period_of(known: Orbit, period: float) -> bool:
+    """Whether a period is that of a continuum of cycles, or a multiple of it."""
+    turns = period / known.period
+    return known.one_of_many and round(turns) >= 1 and abs(turns / round(turns) - 1.0) < _SAME_PERIOD
+
+
 def same_continuum(one: Orbit, other: Orbit) -> bool:
     """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
     guards = [o.arcs.itinerary.guards for o in (one, other)]
     if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
         return False
-    unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-6)) for o in (one, other)]
+    unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-4)) for o in (one, other)]
     turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
     return unstable[0] == unstable[1] and turned

@@ -32,8 +32,10 @@ _TRUSTED = 0.05
 _REFUTES = 5e-3
 
 
-def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = None) -> HybridSystem:
-    """The hybrid system with its inputs at steady values.
+def steady_hybrid(
+    system: LureSystem, input_value: Mapping[str, float] | None = None, observed: bool = False
+) -> HybridSystem:
+    """The hybrid system with its inputs at steady values; `observed` as for :meth:`HybridSystem.from_lure`.
 
     Raises
     ------
@@ -47,7 +49,7 @@ def steady_hybrid(system: LureSystem, input_value: Mapping[str, float] | None = 
         raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
     steps = zip(system.input_names, (value - system.v0).tolist(), strict=True)
     motions = {name: Constant(step) for name, step in steps if step}
-    return require_autonomous(HybridSystem.from_lure(system, motions))
+    return require_autonomous(HybridSystem.from_lure(system, motions, observed))
 
 
 def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None) -> LimitCycle:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbit_guess import Guess, first_return, make_guess, one_turn, recurrences, with_history
-from eppanalysis.methods.simulate import Run, run_hybrid
+from eppanalysis.methods.simulate import Run, is_rounding, run_hybrid
 from eppanalysis.methods.stability import multipliers, return_map
 from eppanalysis.models.arcs import Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
@@ -38,6 +38,10 @@ _MOST_SEQUENCES = 10
 _NO_MOTION = 1e-9
 #: Share of the largest singular value of the scaled equations below which the smallest one is rounding.
 _SINGULAR = 1e-14
+#: And below which a continuum of cycles is looked for, at orbits so far beside it.
+_NEARLY, _BESIDE = 1e-7, 0.01
+#: A solution so much larger than its right-hand side is made of rounding.
+_STRAY = 1e9
 _NO_SAMPLES = np.zeros(0)
 
 
@@ -85,6 +89,9 @@ class Orbit:
     def scale(self) -> Array:
         """Size of the motion in each place of y, shape (N,); never zero."""
         both = np.concatenate([self.starts, self.ends])
+        if np.any(self.arcs.smooth) and np.all(np.isfinite(both)):
+            # What smooth channels move is not in F.
+            both = np.concatenate([both, [middle(self, int(a)) for a in np.flatnonzero(self.arcs.smooth)]])
         span = np.ptp(both, axis=0)
         n = self.arcs.F.shape[1]
         for y in (self.starts[:-1], self.ends):
@@ -128,7 +135,8 @@ class Orbit:
         """Whether the cycle is one of a continuum.
 
         Either an element holds a value that no switch on the cycle renews (a play whose motion stays within its gap),
-        or the equations leave a direction of the start free.
+        or the equations leave a direction of the start free: to rounding, or nearly and there are closed orbits to both
+        sides in that direction (of a centre, whose period may depend on the size).
         """
         # Behind the elements' values stand the slopes of inputs and a 1.
         first, count = self.arcs.held.start, int(self.hybrid.model.first[-1, 2])
@@ -136,8 +144,21 @@ class Orbit:
         if np.any(self.arcs.F[:, :, idle]):
             return True
         A = self.A / self.row_scale[:, None] * self.column_scale
-        sizes = np.linalg.svd(A, compute_uv=False) if np.all(np.isfinite(A)) else np.ones(1)
-        return bool(sizes[-1] < _SINGULAR * sizes[0])
+        if not np.all(np.isfinite(A)):
+            return False
+        _, sizes, rows = np.linalg.svd(A)
+        if sizes[-1] >= _NEARLY * sizes[0]:
+            return False
+        return bool(sizes[-1] < _SINGULAR * sizes[0]) or all(self._goes_on(sign * rows[-1]) for sign in (-1.0, 1.0))
+
+    def _goes_on(self, direction: Array) -> bool:
+        """Whether there is another closed orbit a little way in a direction of the scaled unknowns."""
+        away = _BESIDE * direction / np.max(np.abs(direction))
+        y, tau = self.moved(away * self.column_scale)
+        beside = solve(self.hybrid, Guess(self.arcs.itinerary, y, tau), self.arcs)
+        moved = np.concatenate([beside.y[self.arcs.free] - self.y[self.arcs.free], beside.tau - self.tau])
+        moved /= self.column_scale
+        return beside.residual < CONVERGED and float(away @ moved) > 0.5 * float(away @ away)
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""
@@ -147,7 +168,10 @@ class Orbit:
         try:
             step = np.linalg.solve(A, b)
         except np.linalg.LinAlgError:
-            step = np.linalg.lstsq(A, b, rcond=1e-12)[0]
+            step = np.full_like(b, np.inf)
+        if not np.max(np.abs(step)) < _STRAY * np.max(np.abs(b)):
+            # A direction that is free to rounding, along a continuum of cycles: no step in it.
+            step = np.linalg.lstsq(A, b, rcond=1e-11)[0]
         return step * self.column_scale
 
     def moved(self, step: Array) -> tuple[Array, Array]:
@@ -276,7 +300,10 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
 def moves(orbit: Orbit) -> bool:
     """Whether an orbit is a motion, not a state of rest on several guards at once that closes after no time."""
     n, compared = orbit.hybrid.x0.size, orbit.hybrid.compared
-    both = np.concatenate([orbit.starts, orbit.ends])[:, :n][:, compared]
+    both = np.concatenate([orbit.starts, orbit.ends])
+    if is_rounding(orbit.hybrid, both[:, :n], both[:, orbit.arcs.held], orbit.scale[:n]):
+        return False
+    both = both[:, :n][:, compared]
     span, size = np.ptp(both, axis=0), np.abs(both).max(axis=0)
     return orbit.period > 1e-6 * orbit.hybrid.time_scale and bool(np.any(span > _NO_MOTION * size))
 

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,8 @@ IntArray = NDArray[np.int64]
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
+#: What an element's input moves, relative to its thresholds and to where it is, that is rounding.
+_ROUNDING = 1e-13
 _KNOTS = ("knot_time", "knot_state", "knot_value", "knot_held", "knot_slope")
 #: Where a state has grown so far that rounding ends the run, it has diverged.
 _LARGEST_STATE = 1e100
@@ -279,7 +282,38 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         hybrid.compared,
         found,
     )
+    if _VERDICTS[int(code)] is Status.LIMIT_CYCLE:
+        last = run.order[-int(found[0]) - 1 :]
+        states = run.state[last]
+        moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
+        if is_rounding(hybrid, states, run.held_values[last], moves):
+            return Status.SETTLED, np.zeros(4)
     return _VERDICTS[int(code)], found
+
+
+def is_rounding(hybrid: HybridSystem, states: Array, held: Array, moves: Array) -> bool:
+    """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
+
+    Parameters
+    ----------
+    hybrid : HybridSystem
+    states, held : arrays, shapes (events, n), (events, h)
+        At the events of the motion.
+    moves : array, shape (n,)
+        How far each state moves at most.
+    """
+    model = hybrid.model
+    place = np.abs(states @ model.C.T + held @ model.Kz.T).max(axis=0)
+    swing = np.abs(model.C) @ moves + np.abs(model.Kz) @ np.ptp(held, axis=0)
+    seen = False
+    for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
+        own = model.guard_element == e
+        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
+        size = np.abs(model.guard_0[own]).max(initial=0.0) + float(weight @ place[first:end])
+        if float(weight @ swing[first:end]) > _ROUNDING * size:
+            return False
+        seen |= size > 0.0
+    return seen
 
 
 def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:

@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complex128]
 #: resets or fast decay wipe out.
 VANISHED = 1e-13
 #: A multiplier this near to 1 belongs to the direction of a continuum of cycles, where there is one.
-_NEUTRAL = 1e-6
+_NEUTRAL = 1e-5
 
 
 def return_map(A: Array, n_free: int) -> Array:

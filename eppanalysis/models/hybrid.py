@@ -70,8 +70,12 @@ class HybridSystem:
     automata: tuple[Automaton, ...]
 
     @classmethod
-    def from_lure(cls, system: LureSystem, motions: Mapping[str, Motion] | None = None) -> HybridSystem:
+    def from_lure(
+        cls, system: LureSystem, motions: Mapping[str, Motion] | None = None, observed: bool = False
+    ) -> HybridSystem:
         """Derive the hybrid system of `system` driven by `motions` (by input name; at rest where not given).
+
+        The extrema of the first element's input are events where no element can switch, or where it is `observed`.
 
         Raises
         ------
@@ -86,7 +90,7 @@ class HybridSystem:
             raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}; expected one of: {known}.")
         automata = [e.automaton() for e in system.elements]
         names = list(system.element_names)
-        if not any(a.guards for a in automata):
+        if observed or not any(a.guards for a in automata):
             automata.append(_observer())
             names.append("observer")
         return _Packer(system, automata, names, motions or {}).pack()

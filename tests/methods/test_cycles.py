@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ellipk
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
@@ -255,3 +256,45 @@ def test_growth_is_no_rest() -> None:
     search = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, -1.0]), epp.Relay(), delay=0.75))
     assert search.diverges and not search.cycles
     assert np.all(np.abs(search.rest_state) <= 1.0)
+
+
+# Continua and rounding ----------------------------------------------------------------------------------------------
+#: Period times peak of x'' = -x^3, from x'^2 / 2 + x^4 / 4: the complete elliptic integral of modulus 1/2.
+CUBIC = 4.0 * ellipk(0.5)
+
+
+@pytest.mark.parametrize(
+    ("plant", "element", "families"),
+    [
+        (([1.0], [1.0, 0.0, 0.0]), epp.Cube(1.0), [lambda peak: CUBIC / peak]),
+        # Four quarters of a sine outside the dead zone of 1, and twice across it, at constant speed.
+        (([1.0], [1.0, 0.0, 0.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi + 4.0 / (peak - 1.0)]),
+        (([1.0], [1.0, 0.0, 0.0]), epp.Relay(), [lambda peak: 4.0 * np.sqrt(2.0 * peak)]),
+        # Linear within the dead zone, where nothing switches.
+        (([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None]),
+    ],
+    ids=["cubic", "dead zone", "relay", "oscillator"],
+)
+def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, families):
+    """Every amplitude has its own closed orbit, and often its own period."""
+    found = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, element), predicted=())
+    assert len(found) == len(families)
+    for cycle, period in zip(found, families, strict=True):
+        assert cycle.method == "exact orbit" and cycle.stable
+        assert "one of a continuum" in cycle.stability_criterion
+        assert np.min(np.abs(cycle.multipliers - 1.0)) < 1e-5
+        if period is not None:
+            assert cycle.period == pytest.approx(period(cycle.peak_to_peak["x"] / 2.0), rel=1e-9)
+    assert "for a continuum of cycles" in found.search
+
+
+def test_what_rounding_moves_at_rest_is_no_cycle():
+    # A play that nothing moves is let go and caught again by the last bits of its input: twelve such were listed.
+    blocks = [epp.DeadZone(-0.2, 0.2), ([8.0], [1.0, 1.0, 0.0]), epp.Play(1.0)]
+    loop = epp.LureSystem.from_blocks(blocks, x0=[4.55938567, 0.42925234])
+    found = epp.find_limit_cycles(loop, predicted=())
+    assert [c.stable for c in found] == [False, True] and found.rests
+    assert min(c.peak_to_peak["play_input"] for c in found) > 1.0
+    still = replace(loop, x0=np.array([-5.4e-25, -0.0701351276]), memory=(None, 0.5713134929))
+    run = epp.simulate(still, t_end=300.0)
+    assert run.status is Status.SETTLED and run.limit_cycle is None
