@@ -10,6 +10,8 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
+from eppanalysis.errors import EppError
+
 if TYPE_CHECKING:
     import pint
 
@@ -82,9 +84,12 @@ class QuantityError(ValueError):
 
 @cache
 def _registry() -> pint.UnitRegistry:
-    import pint
+    try:
+        import pint
 
-    return pint.UnitRegistry()
+        return pint.UnitRegistry()
+    except (ImportError, *_PINT_FAILURES) as error:
+        raise EppError(f"pint: cannot be started ({error}); expected a version that can, 0.24.4 or newer.") from error
 
 
 def _factor_and_base(unit: str) -> tuple[float, str]:
@@ -94,6 +99,8 @@ def _factor_and_base(unit: str) -> tuple[float, str]:
     ------
     QuantityError
         If there is no such unit.
+    EppError
+        If pint is needed and does not start.
     """
     return _COMMON.get(unit) or _as_pint_has_it(unit)
 
@@ -107,8 +114,8 @@ def _as_pint_has_it(unit: str) -> tuple[float, str]:
     QuantityError
         If there is no such unit.
     """
+    registry = _registry()
     try:
-        registry = _registry()
         parsed = registry.parse_units(unit)
         one, two = (registry.Quantity(count, parsed).to_base_units() for count in (1.0, 2.0))
     except _PINT_FAILURES as error:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from eppanalysis import units
+from eppanalysis.errors import EppError
 from eppanalysis.units import KINDS, QuantityError, format_si, parse_any, parse_quantity, write_si
 
 POUND_FORCE = 4.4482216152605  # N, exact by definition
@@ -140,6 +141,17 @@ def test_a_dimension_without_a_name_of_its_own() -> None:
 @pytest.mark.parametrize("unit", units._COMMON)
 def test_common_units_are_what_pint_says(unit: str) -> None:
     assert units._as_pint_has_it(unit) == units._COMMON[unit]
+
+
+@pytest.mark.parametrize("failure", ["ImportError", "TypeError", "AttributeError"])
+def test_a_pint_that_does_not_start_is_not_taken_for_a_unit_that_is_none(tmp_path, monkeypatch, failure: str) -> None:
+    (tmp_path / "pint.py").write_text(f"raise {failure}('too old for this Python')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pint", raising=False)
+    for remembered in (units._registry, units._as_pint_has_it):
+        monkeypatch.setattr(units, remembered.__name__, remembered.__wrapped__)
+    with pytest.raises(EppError, match=r"pint: cannot be started \(too old for this Python\); expected .*0\.24\.4"):
+        parse_quantity("1 furlong", "m")
 
 
 def test_pint_is_imported_when_it_is_used() -> None:
