@@ -16,7 +16,7 @@ from eppanalysis.kernels.closure import closing, ring_on, sort_into
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.delays import extend_lines, line_room, read_line, start_lines
 from eppanalysis.kernels.flow import compile_long, compile_step
-from eppanalysis.kernels.jumps import clearly_above, let_go, may_leave_behind, place_of, throw_off
+from eppanalysis.kernels.jumps import clearly_above, let_go, may_leave_behind, place_of
 from eppanalysis.kernels.lanes import (
     add,
     any_above,
@@ -121,10 +121,6 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     take(low, x)
     take(high, x)
     one[:] = 1.0
-    take(beyond, x)
-    if watched:
-        _put_inputs(model, 0, 0.0, beyond)
-    throw_off(model, modes, beyond, H)
     q = find_slot(model, slots, work, modes, base_step)
     if q < 0:
         return SINGULAR

@@ -61,25 +61,6 @@ def let_go(
 
 
 @njit(**HOT)
-def throw_off(model, modes, x, H):
-    """At a start, let elements whose input does not stand on the level on which they would keep it leave it."""
-    for e in range(modes.size):
-        m, z0 = model.mode_first[e] + modes[e], model.first[e, 0]
-        if not model.mode_stick[m]:
-            continue
-        off, size = -model.mode_level[m], abs(model.mode_level[m])
-        for i in range(model.C.shape[1]):
-            off += model.C[z0, i] * x[i]
-            size += abs(model.C[z0, i] * x[i])
-        for j in range(H.size):
-            off += model.Kz[z0, j] * H[j]
-            size += abs(model.Kz[z0, j] * H[j])
-        k = _way_off(model, m, off) if abs(off) > CLEAR * size else -1
-        if k >= 0:
-            modes[e] = model.guard_target[k]
-
-
-@njit(**HOT)
 def place_of(slots, q, k):
     """Place of guard k in a slot."""
     for i in range(slots.n_guards[q]):
