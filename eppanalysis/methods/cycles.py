@@ -22,6 +22,7 @@ from eppanalysis.methods.mirrored import mirror
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.reach import reach_of_elements
+from eppanalysis.methods.sampled import search_sampled
 from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near, same_orbit
 from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.stability import is_stable
@@ -167,7 +168,7 @@ def find_limit_cycles(
     Parameters
     ----------
     system : LureSystem
-        In continuous time.
+        In discrete time orbits are sought that close after a whole number of samples.
     input_value : mapping of str to float, optional
         Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
     by_balance : bool
@@ -187,7 +188,7 @@ def find_limit_cycles(
     Raises
     ------
     EppError
-        For a discrete-time system.
+        For a discrete-time system with an element of several inputs.
     ModelError
         If an input is unknown.
 
@@ -199,6 +200,8 @@ def find_limit_cycles(
     [(8.25509713, False), (6.3277966, True)]
     """
     require_system(system, "find_limit_cycles")
+    if system.time_step:
+        return _in_discrete_time(system, input_value, predicted)
     hybrid = steady_hybrid(system, input_value)
     seeds = _predictions(system, input_value) if predicted is None else predicted
     if seeds and not np.any(poles(system.A)):
@@ -218,6 +221,22 @@ def find_limit_cycles(
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
         provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
+    )
+
+
+def _in_discrete_time(
+    system: LureSystem, input_value: Mapping[str, float] | None, predicted: Sequence[LimitCycle] | None
+) -> CycleSearch:
+    """Orbits that close after whole numbers of samples."""
+    found = search_sampled(system, input_value, _predictions(system, input_value) if predicted is None else predicted)
+    return CycleSearch(
+        cycles=found.cycles,
+        status=Status.UNDECIDED if found.undecided else Status.CONVERGED,
+        rests=found.rest is not None,
+        diverges=found.diverges,
+        search=found.search,
+        rest_state=np.zeros(0) if found.rest is None else found.rest,
+        provenance={"system": system.name, "runs": found.runs, "edges": 0},
     )
 
 

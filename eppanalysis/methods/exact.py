@@ -16,6 +16,7 @@ from eppanalysis.methods.harmonic import balances_of
 from eppanalysis.methods.mirrored import mirrored_orbits
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import require_autonomous
+from eppanalysis.methods.sampled import sampled_orbit
 from eppanalysis.methods.shooting import Orbit, orbits_near, same_orbit
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
@@ -46,7 +47,7 @@ def steady_hybrid(
     """
     value = system.input_vector(input_value)
     if system.time_step:
-        raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples; simulate it instead.")
+        raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
     steps = zip(system.input_names, (value - system.v0).tolist(), strict=True)
     motions = {name: Constant(step) for name, step in steps if step}
     return require_autonomous(HybridSystem.from_lure(system, motions, observed))
@@ -64,7 +65,7 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     Parameters
     ----------
     system : LureSystem
-        In continuous time.
+        In discrete time the orbit closes after a whole number of samples.
     start : LimitCycle
         With state and period.
     input_value : mapping of str to float, optional
@@ -79,9 +80,11 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     Raises
     ------
     EppError
-        For a discrete-time system, or a start without a state.
+        For a start without a state.
     """
     require_system(system, "exact_orbit")
+    if system.time_step:
+        return sampled_orbit(system, start, input_value)
     hybrid = steady_hybrid(system, input_value)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")

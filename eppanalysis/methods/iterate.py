@@ -46,10 +46,10 @@ def iterate(
     for i, name in enumerate(system.input_names):
         if name in motions:
             v[:, i] += motions[name].value(t)
-    order = _cascade_order(system)
+    order = cascade_order(system)
     x, memory = system.x0.copy(), list(system.memory)
-    lag = _samples(system, "a dead time", system.delays)
-    shown = slice(None) if t_eval is None else _samples(system, "a time of t_eval", t_eval)
+    lag = whole_samples(system, "a dead time", system.delays)
+    shown = slice(None) if t_eval is None else whole_samples(system, "a time of t_eval", t_eval)
     W = np.zeros((n, system.B.shape[1]))
     X = np.zeros((n, x.size))
     for k in range(n):
@@ -62,7 +62,7 @@ def iterate(
     signals = dict(zip(s.names, Y.T.copy(), strict=True))
     status, period, change = _verdict(X, Y)
     facts = provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
-    cycle = _cycle(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
+    cycle = cycle_of_samples(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     if cycle is not None and not np.any(lag):
         # What is on its way through a dead time would be missing. A whole number of periods lies behind the begin.
         cycle = replace(cycle, state=x, memory=tuple(map(_plain, memory)))
@@ -86,7 +86,7 @@ def _plain(memory: Any) -> Any:
     return memory.item() if isinstance(memory, np.ndarray | np.generic) else memory
 
 
-def _samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int64]:
+def whole_samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int64]:
     """Times as numbers of samples."""
     step = float(system.time_step or 1.0)
     counts = np.round(times / step)
@@ -103,7 +103,7 @@ def _since(t: Array, X: Array, period: int) -> float:
     return float(t[moving[-1] + 1]) if moving.size else 0.0
 
 
-def _cascade_order(system: LureSystem) -> list[int]:
+def cascade_order(system: LureSystem) -> list[int]:
     """Order in which elements can be evaluated, each after those that feed it directly."""
     feeds = np.zeros((len(system.elements),) * 2, bool)
     for i, zs in enumerate(system.input_slices):
@@ -154,7 +154,8 @@ def _verdict(X: Array, Y: Array) -> tuple[Status, int, float]:
     return Status.UNDECIDED, 0, float("nan")
 
 
-def _cycle(signals: dict[str, Array], period: int, step: float, change: float, facts: dict) -> LimitCycle:
+def cycle_of_samples(signals: dict[str, Array], period: int, step: float, change: float, facts: dict) -> LimitCycle:
+    """The cycle that signals are on over their last `period` samples."""
     last = {k: y[-period:] for k, y in signals.items()}
     harmonics = {}
     for name, y in last.items():

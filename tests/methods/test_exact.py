@@ -86,13 +86,11 @@ def test_a_prediction_without_an_orbit_says_so():
     assert cycle.status is Status.NOT_CONVERGED and np.isnan(cycle.residual) and cycle.stable is None
 
 
-def test_a_start_without_state_and_a_sampled_loop_are_refused():
+def test_a_start_without_state_is_refused():
     system = epp.case("relay_ideal_khalil79").to_system()
     guess = epp.predict_limit_cycles(system)[0]
     with pytest.raises(EppError, match="no state"):
         epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
-    with pytest.raises(EppError, match="discrete-time"):
-        epp.exact_orbit(epp.case("backlash_discrete_pi").to_system(), guess)
 
 
 def test_asymmetric_orbits_come_in_mirrored_pairs():

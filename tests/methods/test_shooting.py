@@ -145,9 +145,3 @@ def test_moving_inputs_are_refused():
     hybrid = HybridSystem.from_lure(system, {"harness_position": Ramp(0.01, 0.0)})
     with pytest.raises(EppError, match="come to rest"):
         require_autonomous(hybrid)
-
-
-def test_discrete_time_is_refused():
-    case = epp.case("backlash_discrete_pi")
-    with pytest.raises(EppError, match="discrete-time"):
-        epp.find_limit_cycles(case.to_system())
