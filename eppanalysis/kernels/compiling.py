@@ -18,32 +18,28 @@ import hashlib
 import os
 import re
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
+from multiprocessing import parent_process
 from pathlib import Path
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 from numba.core import config
 from numba.misc.appdirs import AppDirs
 
-_IMPORT = re.compile(r"^from eppanalysis\.kernels\.(\w+) import ", re.MULTILINE)
+#: Of other kernels; from here comes no code.
+_IMPORT = re.compile(r"^from eppanalysis\.kernels\.(?!compiling\b)(\w+) import ", re.MULTILINE)
 _place_is_set = Lock()
 
 
-class Store(NamedTuple):
-    """Where compiled code is kept: a folder, or None for nowhere; and whether it is the place of last resort."""
-
-    folder: str | None
-    makeshift: bool
-
-
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Numba's decorator of the same name; with ``cache=True`` the code is kept where :func:`store` says, if anywhere.
+    """Numba's decorator of the same name; with ``cache=True`` the code is kept in the :func:`store`, if there is one.
 
     Raises
     ------
@@ -54,7 +50,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         raise TypeError("fastmath: a kernel's bits would depend on what was compiled before it; expected none.")
 
     def compiled(function: Callable[..., Any]) -> Any:
-        folder = store().folder
+        folder = store()
         if not options.get("cache") or folder is None:
             return numba.njit(**options | {"cache": False})(function)
         module = function.__module__.rpartition(".")[2]
@@ -77,7 +73,7 @@ def _kept_in(folder: str) -> Iterator[None]:
 
 @cache
 def sources(module: str) -> str:
-    """Digest of the sources that the code of a kernel module is made from: its own, and of all that it imports here."""
+    """Digest of what the code of a kernel module is made from: its own source, and those of all kernels it imports."""
     found: dict[str, str] = {}
     wanted = [module]
     while wanted:
@@ -89,21 +85,38 @@ def sources(module: str) -> str:
 
 
 @cache
-def store() -> Store:
-    """Where this process keeps compiled code: the first place that can be written.
+def store() -> str | None:
+    """Folder in which this process keeps compiled code: the first that can be written; None where nothing can.
 
-    NUMBA_CACHE_DIR where it is given; beside the sources; in the user's folder for such things; else, as a read-only
-    installation without a home has none of these, in a temporary folder of this user's.
+    NUMBA_CACHE_DIR where it is given; beside the sources; in the user's folder for such things. A read-only
+    installation without a home has none of these: then in a temporary folder of this user's, as standard error says.
     """
     given, beside = config.CACHE_DIR, Path(__file__).with_name("__pycache__")
     for place in (given and Path(given).absolute(), beside, Path(AppDirs("eppanalysis", False).user_cache_dir)):
         if place and place.is_absolute() and _takes_files(place):  # a home that nobody knows leaves "~"
-            return Store(str(place), makeshift=False)
+            return str(place)
+    folder = _temporary()
+    if parent_process() is None:  # workers leave it to the process that started them
+        kept = f"compiled code is kept in {folder}" if folder else "code is compiled anew in each process"
+        sys.stderr.write(f"Neither the installation nor a folder of the user's can be written: {kept}.\n")
+    return folder
+
+
+def _temporary() -> str | None:
+    """A folder of this user's among the temporary ones, if there can be one.
+
+    Its name can be guessed, and code is run that lies in it: it is taken only where nobody else may write.
+    """
+    own = hasattr(os, "getuid")  # on Windows each user has temporary files of their own
     try:
-        place = _temporary()
+        folder = Path(tempfile.gettempdir()) / (f"eppanalysis-{os.getuid()}" if own else "eppanalysis")
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
     except OSError:
-        return Store(None, makeshift=True)
-    return Store(str(place) if _takes_files(place) else None, makeshift=True)
+        return None
+    if own and (not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022):
+        return None
+    return str(folder) if _takes_files(folder) else None
 
 
 def _takes_files(folder: Path) -> bool:
@@ -113,21 +126,3 @@ def _takes_files(folder: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _temporary() -> Path:
-    """A folder of this user's among the temporary ones. Code is run that lies in it: nobody else may write there.
-
-    Raises
-    ------
-    OSError
-        If there is none, or if it is somebody else's.
-    """
-    if not hasattr(os, "getuid"):  # Windows, where each user has temporary files of their own
-        return Path(tempfile.gettempdir()) / "eppanalysis"
-    folder = Path(tempfile.gettempdir()) / f"eppanalysis-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        raise PermissionError(f"{folder}: can be written by others.")
-    return folder

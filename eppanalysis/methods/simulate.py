@@ -238,17 +238,9 @@ _own = _Own()
 
 def announce_compilation(kernel: Any) -> None:
     """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
-    from eppanalysis.kernels.compiling import store
-
-    if is_compiled(kernel):
-        return
-    place = store()
-    how = "for this machine; once"
-    if place.makeshift:
-        kept = f"in {place.folder}" if place.folder else "for this process alone"
-        how = f"{kept}, as neither the installation nor a folder of the user's can be written"
-    sys.stderr.write(f"Compiling the engine {how}, for about a minute ...\n")
-    sys.stderr.flush()
+    if not is_compiled(kernel):
+        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
+        sys.stderr.flush()
 
 
 def is_compiled(kernel: Any) -> bool:

@@ -23,9 +23,11 @@ FACTOR = st.floats(-1e3, 1e3)
 #: Compiles one small kernel, or loads it: prints where it is kept, and how often it was loaded.
 CODE = """
 import numpy as np
-from eppanalysis.kernels.verdict import _repeats
-assert _repeats(np.array([1, 2, 1, 2]), 4, 4, 2)
-print(_repeats.stats.cache_path, sum(_repeats.stats.cache_hits.values()))
+from eppanalysis.kernels.orbits import _times
+one, product = np.eye(3), np.zeros((3, 3))
+_times(one, one, product, 3, 3)
+assert np.array_equal(product, one)
+print(_times.stats.cache_path, sum(_times.stats.cache_hits.values()))
 """
 
 
@@ -60,8 +62,8 @@ def test_arithmetic_cannot_be_loosened() -> None:
         njit(fastmath={"contract"})
 
 
-def run(root: Path, **environment: str) -> tuple[Path, int]:
-    """The folder and the loads of CODE in a process of its own, with the package from `root`."""
+def run(root: Path, **environment: str) -> tuple[Path, int, str]:
+    """The folder and the loads of CODE in a process of its own, and what it said; with the package from `root`."""
     kept = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
         [sys.executable, "-c", CODE],
@@ -72,7 +74,7 @@ def run(root: Path, **environment: str) -> tuple[Path, int]:
         check=True,
     )
     folder, hits = done.stdout.rsplit(maxsplit=1)
-    return Path(folder), int(hits)
+    return Path(folder), int(hits), done.stderr
 
 
 @pytest.fixture
@@ -89,17 +91,21 @@ def test_a_read_only_installation_without_a_home_keeps_its_code_among_the_tempor
     nowhere.touch()
     (copy / "eppanalysis" / "kernels" / "__pycache__").touch()
     places = {"HOME": str(nowhere), "XDG_CACHE_HOME": str(nowhere), "NUMBA_CACHE_DIR": str(nowhere)}
-    folder, hits = run(copy, TMPDIR=str(tmp_path), **places)
-    assert folder.is_relative_to(tmp_path) and not folder.is_relative_to(copy)
+    folder, hits, said = run(copy, TMPDIR=str(tmp_path), **places)
+    own = tmp_path / f"eppanalysis-{os.getuid()}"
+    assert folder.is_relative_to(own)
     assert hits == 0
-    assert run(copy, TMPDIR=str(tmp_path), **places) == (folder, 1)
+    assert said.splitlines() == [
+        f"Neither the installation nor a folder of the user's can be written: compiled code is kept in {own}."
+    ]
+    assert run(copy, TMPDIR=str(tmp_path), **places) == (folder, 1, said)
 
 
 def test_code_is_made_anew_when_a_file_that_it_is_made_from_has_changed(tmp_path, copy) -> None:
     place = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    folder, _ = run(copy, **place)
-    assert run(copy, **place) == (folder, 1)
-    imported = copy / "eppanalysis" / "kernels" / "compiling.py"
+    folder, *_ = run(copy, **place)
+    assert run(copy, **place) == (folder, 1, "")
+    imported = copy / "eppanalysis" / "kernels" / "lanes.py"
     imported.write_text(imported.read_text() + "# another\n")
     assert run(copy, **place)[1] == 0
 
@@ -118,16 +124,18 @@ def test_code_is_not_loaded_from_a_folder_that_others_can_write(tmp_path, anew, 
     monkeypatch.setattr(compiling, "_takes_files", lambda folder: folder.is_relative_to(tmp_path))
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     own = tmp_path / f"eppanalysis-{os.getuid()}"
-    assert store() == (str(own), True)
+    assert store() == str(own)
     assert own.stat().st_mode & 0o777 == 0o700
     own.chmod(0o777)
     store.cache_clear()
-    assert store() == (None, True)
+    assert store() is None
 
 
-def test_where_nothing_can_be_written_kernels_are_compiled_all_the_same(anew, monkeypatch) -> None:
+def test_where_nothing_can_be_written_kernels_are_compiled_all_the_same(tmp_path, anew, monkeypatch, capsys) -> None:
     monkeypatch.setattr(compiling, "_takes_files", lambda folder: False)
-    assert store() == (None, True)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    assert store() is None
     total = njit(cache=True)(lambda a: a.sum())
     assert total(np.arange(4.0)) == 6.0
     assert total.stats.cache_path is None
+    assert capsys.readouterr().err.endswith("can be written: code is compiled anew in each process.\n")
