@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,15 +105,16 @@ def sweep(
         kept = MemoryStore(task, design, attributes, size)
     else:
         kept = ZarrStore(Path(store), task, design, attributes, size, resume)
-    blocks = kept.pending()
-    missing = sum(map(cells_in, blocks))
-    with show_progress(design.n_cells, design.n_cells - missing, progress) as report:
-        run_blocks(task, blocks, kept, scheduler, workers, report)
+    with closing(kept):
+        blocks = kept.pending()
+        missing = sum(map(cells_in, blocks))
+        with show_progress(design.n_cells, design.n_cells - missing, progress, kept.told()) as report:
+            run_blocks(task, blocks, kept, scheduler, workers, report)
     return kept.dataset()
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:
-    """The results in a store, finished or not; numbers are read when they are used.
+    """The results in a store, finished or not; numbers are read, and checked, when they are used.
 
     Parameters
     ----------
@@ -122,7 +124,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     Raises
     ------
     EppError
-        If there is no store of a sweep.
+        If there is no store of a sweep, or it is damaged; what is damaged of its numbers is refused when it is read.
     """
     _require("zarr")
     from eppanalysis.sweep import store

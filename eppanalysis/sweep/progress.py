@@ -18,7 +18,7 @@ _PAUSE, _WIDTH = 0.25, 90
 
 
 @contextmanager
-def progress(n_cells: int, n_done: int, wanted: bool) -> Iterator[Report]:
+def progress(n_cells: int, n_done: int, wanted: bool, told: str = "") -> Iterator[Report]:
     """Show how a sweep gets on; nothing where nobody looks.
 
     Parameters
@@ -26,6 +26,8 @@ def progress(n_cells: int, n_done: int, wanted: bool) -> Iterator[Report]:
     n_cells, n_done : int
         Cells of the sweep, and how many of them are there already.
     wanted : bool
+    told : str
+        What there is to know before it begins; a terminal, a notebook and a file that is written all show it.
 
     Yields
     ------
@@ -35,6 +37,8 @@ def progress(n_cells: int, n_done: int, wanted: bool) -> Iterator[Report]:
     from rich.console import Console
 
     console = Console(stderr=True)
+    if wanted and told:
+        console.print(told, markup=False, highlight=False, soft_wrap=True)
     if not wanted or n_done == n_cells or not (console.is_jupyter or console.is_terminal):
         yield lambda n: None
     elif console.is_jupyter:

@@ -1,18 +1,19 @@
 """Where the results of a sweep are kept: in memory, or in a Zarr folder that grows block by block.
 
-A block counts as done only when its mark is there; the mark is written after all its numbers, and every file takes its
-place in one step. So a sweep may be killed at any moment and go on later. Only one process writes: the one that was
-asked for the sweep.
+A block counts as done only when its mark is there; the mark is written after all its numbers are on the disk, and every
+file takes its place in one step. So a sweep may be killed at any moment and go on later. The mark holds digests of what
+the block has written, the sheet those of everything else: what was damaged since is computed, or made, anew, and is
+never read. Only one process writes: the one that was asked for the sweep, which holds the store's lock.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -22,16 +23,18 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.models.signals import Recorded, Steps
+from eppanalysis.readable import count
+from eppanalysis.sweep import integrity
 from eppanalysis.sweep.axes import Design
 from eppanalysis.sweep.verbs import Columns, Task, Variable
 
 if TYPE_CHECKING:
     import xarray
-    import zarr
 
 Bounds = tuple[tuple[int, int], ...]
-_MARK, _FORMAT = "eppanalysis_sweep", 1
-_DONE = "progress/done"
+_FORMAT = 2
+#: What stores of the first form, which had no digests, hold in their attributes.
+_FIRST_FORM = b'"eppanalysis_sweep"'
 
 
 class MemoryStore:
@@ -53,6 +56,13 @@ class MemoryStore:
         for name, values in columns.items():
             self.values[name][place] = values.reshape([stop - start for start, stop in bounds])
 
+    def close(self) -> None:
+        """Nothing to let go."""
+
+    def told(self) -> str:
+        """Nothing to be told."""
+        return ""
+
     def dataset(self) -> xarray.Dataset:
         """All results."""
         import xarray
@@ -63,93 +73,162 @@ class MemoryStore:
 
 
 class ZarrStore:
-    """Results in a Zarr folder."""
+    """Results in a Zarr folder.
+
+    Attributes
+    ----------
+    damaged : int
+        Blocks that were finished once and are no longer as they were written.
+    """
 
     def __init__(
         self, path: Path, task: Task, design: Design, attributes: Mapping[str, Any], chunk: int, resume: bool
     ) -> None:
-        self.path, self.design, self.variables = path, design, task.variables()
+        self.path, self.design, self.attributes, self.variables = path, design, attributes, task.variables()
         self.identity = identity(task, design)
-        self.done: Any = None
-        if path.exists() and not path.is_dir():
-            raise EppError(f"{path}: is a file and is no store of a sweep; expected another name.")
+        self.damaged = 0
+        _refuse_what_is_no_store(path)
         with _writing(path):
-            if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-                part = path.with_name(f".{path.name}.part")
-                try:
-                    self._create(part, attributes, block_shape(design.shape, chunk))
-                except OSError:
-                    shutil.rmtree(part, ignore_errors=True)
-                    raise
-            self._open(resume)
+            ours = not path.exists()
+            (path / integrity.PROGRESS).mkdir(parents=True, exist_ok=True)
+            self._lock = integrity.Lock(path)
+            # Bringing numbers to the disk takes longer than computing them at times: the next block need not wait.
+            self._marker, self._failure = ThreadPoolExecutor(1, thread_name_prefix="marks"), list[BaseException]()
+            try:
+                self._open(block_shape(design.shape, chunk), resume)
+            except BaseException:
+                if ours and not (path / integrity.SHEET).exists():
+                    shutil.rmtree(path, ignore_errors=True)
+                self.close()
+                raise
 
-    def _create(self, part: Path, attributes: Mapping[str, Any], blocks: tuple[int, ...]) -> None:
-        """The empty store, made beside its place as `part` and moved there in one step."""
+    def close(self) -> None:
+        """Mark what is still to be marked, and let others write.
+
+        Raises
+        ------
+        EppError
+            If a mark cannot be written.
+        """
+        self._marker.shutdown()
+        self._lock.release()
+        with _writing(self.path):
+            self._fail()
+
+    def _open(self, blocks: tuple[int, ...], resume: bool) -> None:
+        """The store that is there, if it is of this very sweep, made whole; or an empty one."""
         import zarr
 
-        shutil.rmtree(part, ignore_errors=True)
-        names = tuple(d.name for d in self.design.dimensions)
-        group = zarr.open_group(str(part), mode="w-", zarr_format=3)
-        for name, variable in self.variables.items():
-            array = group.create_array(
-                name,
-                shape=self.design.shape,
-                chunks=blocks,
-                dtype=str if variable.dtype == "text" else variable.dtype,
-                fill_value=variable.fill,
-                dimension_names=names,
+        sheet = _read_sheet(self.path)
+        if sheet is not None:
+            self._compare(sheet)
+            blocks = tuple(sheet["blocks"])
+        self.blocks, self.stamp = blocks, _stamp(blocks, self.identity)
+        marked = [key for key in map(self._key, self._bounds()) if (self.path / integrity.DONE / key).exists()]
+        names = tuple(self.variables)
+        self.whole = {key for key in marked if integrity.is_whole(self.path, key, self.stamp, names)}
+        self.damaged = len(marked) - len(self.whole)
+        if marked and not resume:
+            raise EppError(f"{self.path}: holds results already; expected another name, or to resume.")
+        if sheet is None and marked and not self.whole:
+            raise EppError(
+                f"{self.path}: {integrity.SHEET} is damaged, and no block shows whose results these are; "
+                "expected another name."
             )
-            array.attrs.update(variable.attributes())
-        for name, (dims, values, attrs) in _coordinates(self.design, attributes).items():
-            array = group.create_array(name, data=np.asarray(values), chunks=(len(values),), dimension_names=dims)
-            array.attrs.update(attrs)
-        counts = tuple(-(-n // b) for n, b in zip(self.design.shape, blocks, strict=True))
-        group.create_array(_DONE, shape=counts, chunks=(1,) * len(counts), dtype="i1", fill_value=0)
-        group.attrs.update({**_plain(attributes), _MARK: {"format": _FORMAT, "blocks": blocks, **self.identity}})
-        os.rename(part, self.path)
+        if sheet is None or _damaged_file(self.path, sheet):
+            self._lay_out()
+        for stale in self.path.rglob("*.partial"):
+            stale.unlink(missing_ok=True)
+        group = zarr.open_group(str(self.path), mode="r+")
+        self.arrays: dict[str, Any] = {name: group[name] for name in self.variables}
 
-    def _open(self, resume: bool) -> None:
-        """The store that is there, if it is of this very sweep."""
-        import zarr
-
-        try:
-            self.group: zarr.Group = zarr.open_group(str(self.path), mode="r+")
-            held: Any = self.group.attrs.asdict()[_MARK]
-            self.blocks = tuple(int(b) for b in held["blocks"])
-            self.done = self.group[_DONE]
-        except (KeyError, ValueError, TypeError, FileNotFoundError, NotADirectoryError) as error:
-            raise EppError(f"{self.path}: is there and is no store of a sweep; expected another name.") from error
+    def _compare(self, held: Mapping[str, Any]) -> None:
+        """Refuse a store of another sweep."""
         for key, what in _PARTS.items():
             if held.get(key) != self.identity[key]:
                 changed = _difference(key, held.get(key), self.identity[key])
                 raise EppError(
                     f"{self.path}: holds a sweep with {what}{changed}; expected the same sweep, or another name."
                 )
-        self.arrays: dict[str, Any] = {name: self.group[name] for name in self.variables}
-        if not resume and self.done[...].any():
-            raise EppError(f"{self.path}: holds results already; expected another name, or to resume.")
-        for stale in self.path.rglob("*.partial"):
-            stale.unlink(missing_ok=True)
+
+    def _lay_out(self) -> None:
+        """Everything but the blocks, made aside and moved to its place file by file, and then the sheet."""
+        import zarr
+        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        part = self.path / integrity.PROGRESS / "part"
+        shutil.rmtree(part, ignore_errors=True)
+        names = tuple(d.name for d in self.design.dimensions)
+        codecs = (ZstdCodec(), Crc32cCodec())
+        group = zarr.open_group(str(part), mode="w-", zarr_format=3)
+        for name, variable in self.variables.items():
+            array = group.create_array(
+                name,
+                shape=self.design.shape,
+                chunks=self.blocks,
+                dtype=str if variable.dtype == "text" else variable.dtype,
+                fill_value=variable.fill,
+                dimension_names=names,
+                compressors=codecs,
+            )
+            array.attrs.update(variable.attributes())
+        for name, (dims, values, attrs) in _coordinates(self.design, self.attributes).items():
+            array = group.create_array(
+                name, data=np.asarray(values), chunks=(len(values),), dimension_names=dims, compressors=codecs
+            )
+            array.attrs.update(attrs)
+        group.create_group(integrity.PROGRESS)
+        group.attrs.update(_plain(self.attributes))
+        digests = {}
+        for file in sorted(f for f in part.rglob("*") if f.is_file()):
+            name = file.relative_to(part).as_posix()
+            digests[name] = integrity.file_digest(file, on_disk=True)
+            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            file.replace(self.path / name)
+        shutil.rmtree(part)
+        facts = {"format": _FORMAT, "blocks": self.blocks, **self.identity, "files": digests}
+        integrity.write_sheet(self.path / integrity.SHEET, _SHEET_PLACE, facts)
+
+    def _bounds(self) -> Iterator[Bounds]:
+        return _all_bounds(self.design.shape, self.blocks)
+
+    def _key(self, bounds: Bounds) -> str:
+        """Name of the files of a block."""
+        return "/".join(str(start // b) for (start, _), b in zip(bounds, self.blocks, strict=True))
 
     def pending(self) -> list[Bounds]:
-        """Blocks that are still to be computed."""
-        done = np.asarray(self.done[...], bool)
-        return [
-            bounds
-            for bounds, ready in zip(_all_bounds(self.design.shape, self.blocks), done.ravel(), strict=True)
-            if not ready
-        ]
+        """Blocks that are still to be computed, or again."""
+        return [bounds for bounds in self._bounds() if self._key(bounds) not in self.whole]
 
     def write(self, bounds: Bounds, columns: Columns) -> None:
-        """Keep the results of a block, and then mark it as done."""
-        place = tuple(slice(*b) for b in bounds)
+        """Keep the results of a block; it is marked as done as soon as they are on the disk."""
+        place, key = tuple(slice(*b) for b in bounds), self._key(bounds)
         shape = [stop - start for start, stop in bounds]
         with _writing(self.path):
+            self._fail()
             for name, values in columns.items():
-                if values.dtype == object and not any(values):
-                    continue  # empty sentences are what stands there anyway
-                self.arrays[name][place] = values.reshape(shape)
-            self.done[tuple(start // b for (start, _), b in zip(bounds, self.blocks, strict=True))] = 1
+                # What stands there may be torn, and nothing is written where it is what an empty block has anyway.
+                (self.path / name / "c" / key).unlink(missing_ok=True)
+                if values.dtype != object or any(values):
+                    self.arrays[name][place] = values.reshape(shape)
+            self._marker.submit(self._mark, key)
+
+    def _mark(self, key: str) -> None:
+        try:
+            integrity.write_mark(self.path, key, self.stamp, tuple(self.variables))
+        except BaseException as error:
+            self._failure.append(error)
+
+    def _fail(self) -> None:
+        """Raise what went wrong with a mark."""
+        if self._failure:
+            raise self._failure[0]
+
+    def told(self) -> str:
+        """What was found damaged, as a sentence; empty where nothing was."""
+        if not self.damaged:
+            return ""
+        return f"{self.path}: {count(self.damaged, 'block')} damaged since stored, computed again."
 
     def dataset(self) -> xarray.Dataset:
         """All results, read from the store when they are used."""
@@ -157,7 +236,7 @@ class ZarrStore:
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:
-    """The results in a store, finished or not; numbers are read when they are used.
+    """The results in a store, finished or not; numbers are read, and checked, when they are used.
 
     Parameters
     ----------
@@ -166,20 +245,62 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     Raises
     ------
     EppError
-        If there is no store of a sweep.
+        If there is no store of a sweep, or it is damaged; what is damaged of its numbers is refused when it is read.
     """
     import xarray
-    import zarr
 
-    try:
-        facts: Any = zarr.open_group(str(path), mode="r").attrs.asdict()
-        order = list(facts[_MARK]["variables"])
-        found = xarray.open_zarr(str(path), chunks=None, consolidated=False)
-    except (KeyError, ValueError, TypeError, OSError) as error:
-        raise EppError(f"{path}: is no store of a sweep; expected one that sweep has made.") from error
-    del found.attrs[_MARK]
-    return found[order]
+    path = Path(path)
+    with _reading(path):
+        sheet = _read_sheet(path) if path.is_dir() else None
+        if sheet is None:
+            _refuse_what_is_no_store(path)
+            known = (path / integrity.SHEET).exists() or (path / integrity.LOCK).exists()
+            raise EppError(f"{path}: {integrity.SHEET} is damaged; {integrity.REMEDY}." if known else _no_store(path))
+        damaged = _damaged_file(path, sheet)
+        if damaged:
+            raise EppError(f"{path}: {damaged} is damaged; {integrity.REMEDY}.")
+        stamp = _stamp(sheet["blocks"], {key: sheet[key] for key in _PARTS})
+        store = integrity.CheckedStore(path, sheet["variables"], stamp)
+        return xarray.open_zarr(store, chunks=None, consolidated=False)[sheet["variables"]]
 
+
+def _refuse_what_is_no_store(path: Path) -> None:
+    """Leave alone what is there and is something else."""
+    if path.exists() and not path.is_dir():
+        raise EppError(f"{path}: is a file and is no store of a sweep; expected another name.")
+    with _reading(path):
+        if not path.exists() or not any(path.iterdir()) or any((path / f).exists() for f in _OURS):
+            return
+        with suppress(FileNotFoundError):
+            if _FIRST_FORM in (path / "zarr.json").read_bytes():
+                raise EppError(
+                    f"{path}: is a store of an earlier form, without digests; expected another name "
+                    "(xarray.open_zarr reads it)."
+                )
+    raise EppError(f"{path}: is there and is no store of a sweep; expected another name.")
+
+
+def _no_store(path: Path) -> str:
+    return f"{path}: is no store of a sweep; expected one that sweep has made."
+
+
+def _read_sheet(path: Path) -> dict[str, Any] | None:
+    return integrity.read_sheet(path / integrity.SHEET, _SHEET_PLACE)
+
+
+def _damaged_file(path: Path, sheet: Mapping[str, Any]) -> str:
+    """The first file but those of the blocks that is not as it was written; empty where all are."""
+    return next((name for name, held in sheet["files"].items() if integrity.file_digest(path / name) != held), "")
+
+
+def _stamp(blocks: Sequence[int], identity: Mapping[str, Any]) -> str:
+    """What marks the blocks of this very sweep, cut like this."""
+    return integrity.digest_of([_FORMAT, list(blocks), identity])
+
+
+_SHEET_PLACE = "sheet"
+#: A folder that has one of these is, or was, a store.
+_OURS = (integrity.SHEET, integrity.LOCK, integrity.DONE)
 
 _PARTS = {
     "case": "another case",
@@ -282,3 +403,13 @@ def _writing(path: Path) -> Iterator[None]:
             f"{path}: cannot be written ({why}); expected a place to write to; "
             "what is stored already stays, and the same command goes on from there."
         ) from error
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """What the operating system does not let one read, in one sentence."""
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise EppError(f"{path}: cannot be read ({why}); expected a store of a sweep.") from error

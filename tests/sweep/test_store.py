@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -44,7 +46,7 @@ def wanted() -> xarray.Dataset:
 
 def done(path: Path) -> int:
     """Blocks that are marked as done; each mark is a file of its own."""
-    return sum(1 for f in (path / "progress" / "done" / "c").rglob("*") if f.is_file() and f.suffix != ".partial")
+    return sum(1 for f in (path / "progress" / "done").rglob("*") if f.is_file() and f.suffix != ".partial")
 
 
 @pytest.mark.parametrize("chunk", [1, 5, 48, 1000])
@@ -72,14 +74,11 @@ def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> 
     path, computed = tmp_path / "map.zarr", []
     block, write = Work.block, ZarrStore.write
 
-    class Broken:
-        def __setitem__(self, *_):
-            raise KeyboardInterrupt
-
     def write_half(store, bounds, columns):
         if len(computed) == 10:
-            store.done = Broken()
-            columns = {k: v[::-1] for k, v in columns.items()}  # what a torn write leaves is wrong
+            store._mark = lambda key: None
+            write(store, bounds, {k: v[::-1] for k, v in columns.items()})  # what a torn write leaves is wrong
+            raise KeyboardInterrupt
         write(store, bounds, columns)
 
     def counted(work, bounds):
@@ -91,7 +90,7 @@ def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> 
     with pytest.raises(KeyboardInterrupt):
         sweep(CASE, AXES, store=path, chunk=1, workers=1, progress=False)
     assert done(path) == 9
-    assert int(np.sum(open_sweep(path)["status"].values == NOT_RUN)) == 48 - 10
+    assert int(np.sum(open_sweep(path)["status"].values == NOT_RUN)) == 48 - 9
     monkeypatch.setattr(ZarrStore, "write", write)
     found = sweep(CASE, AXES, store=path, workers=1, progress=False)
     assert wanted.identical(found.load())
@@ -256,3 +255,170 @@ def test_a_sweep_of_another_signal_is_another_sweep(tmp_path) -> None:
     sweep(CASE, axes, store=tmp_path / "map.zarr", signals="theta", progress=False)
     with pytest.raises(EppError, match=r"holds a sweep with other signals \(theta\)"):
         sweep(CASE, axes, store=tmp_path / "map.zarr", signals="sensor_force", progress=False)
+
+
+def answer(act: Callable[[], xarray.Dataset]) -> xarray.Dataset | str:
+    """The numbers, or one sentence; anything else is let through, and is a fault."""
+    try:
+        return act().load()
+    except EppError as error:
+        assert "\n" not in str(error)
+        return str(error)
+
+
+def same_or_not_run(read: xarray.Dataset, wanted: xarray.Dataset) -> bool:
+    """Whether every cell is as it was, or has nothing at all."""
+    ran = (read["status"] != NOT_RUN).values
+    same = read.attrs == wanted.attrs and read[list(read.coords)].identical(wanted[list(wanted.coords)])
+    for name, values in wanted.items():
+        texts = [list(map(repr, found.values[ran])) for found in (read[name], values)]  # NaN is not NaN
+        same &= read[name].attrs == values.attrs and texts[0] == texts[1]
+    return same
+
+
+def some_damage(draw: np.random.Generator, path: Path) -> str:
+    """A file of a store is flipped in a bit, cut, lengthened, emptied or removed, or gets what another one holds."""
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    victim = files[draw.integers(len(files))]
+    content = victim.read_bytes()
+    kind = ("flip", "cut", "lengthen", "empty", "remove", "swap", "copy", "folder")[draw.integers(8)]
+    if kind == "flip" and content:
+        place = int(draw.integers(len(content)))
+        changed = content[place] ^ (1 << int(draw.integers(8)))
+        victim.write_bytes(content[:place] + bytes([changed]) + content[place + 1 :])
+    elif kind == "cut":
+        victim.write_bytes(content[: int(draw.integers(len(content) + 1))])
+    elif kind == "lengthen":
+        victim.write_bytes(content + draw.bytes(5))
+    elif kind == "empty":
+        victim.write_bytes(b"")
+    elif kind == "remove":
+        victim.unlink()
+    elif kind in ("swap", "copy"):
+        other = files[draw.integers(len(files))]
+        others = other.read_bytes()
+        victim.write_bytes(others)
+        if kind == "swap":
+            other.write_bytes(content)
+    elif kind == "folder" and victim.parent != path:
+        shutil.rmtree(victim.parent)
+    return f"{kind} {victim.relative_to(path)}"
+
+
+@pytest.mark.parametrize("share", range(4))
+def test_what_is_damaged_is_computed_again_or_said_and_never_read(tmp_path, share) -> None:
+    """Damage at random to a finished store: it holds every cell as it was, as not run, or it says what is damaged."""
+    axes = {"lock_pin.backlash": ["1 deg", "2.5 deg", "-1 deg", "3 deg"]}
+    case = CASE.with_values({"run.t_end": "0.1 s"})
+    whole, path = tmp_path / "whole.zarr", tmp_path / "map.zarr"
+    wanted = sweep(case, axes, store=whole, chunk=2, progress=False).load()
+    assert np.any(wanted["message"].values != "") and np.any(wanted["message"].values == "")
+    draw, mended = np.random.default_rng([5, share]), 0
+    for _ in range(40):
+        shutil.copytree(whole, path)
+        what = some_damage(draw, path)
+        read = answer(lambda: open_sweep(path))
+        if isinstance(read, xarray.Dataset):
+            assert same_or_not_run(read, wanted), what
+        again = answer(lambda: sweep(case, axes, store=path, chunk=2, progress=False))
+        if isinstance(again, xarray.Dataset):
+            assert wanted.identical(again), what
+            mended += 1
+        shutil.rmtree(path)
+    assert mended > 30
+
+
+def test_numbers_that_are_damaged_after_opening_are_refused_as_they_are_read(tmp_path) -> None:
+    path = tmp_path / "map.zarr"
+    found = sweep(CASE, {"lock_pin.backlash": "1:3:4:deg"}, store=path, chunk=2, progress=False)
+    (path / "amplitude" / "c" / "1").unlink()
+    with pytest.raises(EppError, match=r"amplitude/c/1 is damaged; the command .* computes what is damaged anew"):
+        found["amplitude"].load()
+    assert np.any(np.isfinite(found["amplitude"][:2]))
+
+
+def test_any_reader_of_zarr_hears_of_a_flipped_bit(tmp_path) -> None:
+    path = tmp_path / "map.zarr"
+    sweep(CASE, {"lock_pin.backlash": "1:3:4:deg"}, store=path, chunk=2, progress=False)
+    chunk = path / "amplitude" / "c" / "0"
+    content = chunk.read_bytes()
+    chunk.write_bytes(content[:-5] + bytes([content[-5] ^ 1]) + content[-4:])
+    with pytest.raises(ValueError, match="checksum"):
+        xarray.open_zarr(path, chunks=None, consolidated=False)["amplitude"].load()
+
+
+def test_blocks_of_another_sweep_are_not_taken_for_its_own(tmp_path) -> None:
+    """Whole blocks with their marks, from a store that differs in one value of the case."""
+    one, other = tmp_path / "one.zarr", tmp_path / "other.zarr"
+    axes = {"lock_pin.backlash": "1:3:4:deg"}
+    wanted = sweep(CASE, axes, store=one, chunk=2, progress=False).load()
+    sweep(CASE.with_values({"forearm.inertia": 0.05}), axes, store=other, chunk=2, progress=False)
+    for name in (*wanted.data_vars, "progress/done"):
+        block = f"{name}/1" if name == "progress/done" else f"{name}/c/1"
+        (one / str(block)).unlink(missing_ok=True)
+        if (other / str(block)).exists():
+            shutil.copy(other / str(block), one / str(block))
+    assert "damaged" in str(answer(lambda: open_sweep(one)))
+    assert wanted.identical(sweep(CASE, axes, store=one, progress=False).load())
+
+
+def test_what_was_damaged_is_said_once(tmp_path, capsys) -> None:
+    path, axes = tmp_path / "map.zarr", {"lock_pin.backlash": "1:3:4:deg"}
+    sweep(CASE, axes, store=path, chunk=2)
+    (path / "events" / "c" / "1").write_bytes(b"")
+    capsys.readouterr()
+    sweep(CASE, axes, store=path)
+    assert capsys.readouterr().err.replace("\n", "") == f"{path}: 1 block damaged since stored, computed again."
+    sweep(CASE, axes, store=path)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_mark_is_written_after_its_numbers_are_on_the_disk(tmp_path, monkeypatch) -> None:
+    """Whatever the system has not brought to the disk when the power goes is not marked as done."""
+    path, synced, early = tmp_path / "map.zarr", set(), []
+    fsync, replace = os.fsync, Path.replace
+
+    def watched_sync(file):
+        synced.add(os.fstat(file).st_ino)
+        fsync(file)
+
+    def watched_replace(part, target):
+        place = Path(target)
+        if "done" in place.parts:
+            early.extend(f for f in (*path.glob(f"*/c/{place.name}"), part) if f.stat().st_ino not in synced)
+        return replace(part, target)
+
+    monkeypatch.setattr(os, "fsync", watched_sync)
+    monkeypatch.setattr(Path, "replace", watched_replace)
+    sweep(CASE, {"lock_pin.backlash": "1:3:4:deg"}, store=path, chunk=2, progress=False)
+    assert done(path) == 2 and len(synced) > 20 and not early
+
+
+def test_processes_that_start_at_once_leave_a_store_that_is_whole(wanted, tmp_path) -> None:
+    """Each has the store or one sentence, and the same sweep goes on from there; a killed one leaves no lock."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        PROGRAM.replace('print("ready", flush=True)', "sys.stdin.read()").replace(
+            "progress=False)", "progress=False)\n    print(sys.argv[1])"
+        )
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    path = tmp_path / "map.zarr"
+    started = [
+        subprocess.Popen(
+            [sys.executable, str(program), str(path), "threads"],
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    for process in started:
+        assert process.stdin is not None
+        process.stdin.close()
+        process.stdin = None
+    ended = [(process.communicate(timeout=120), process.returncode) for process in started]
+    assert any(code == 0 for _, code in ended)
+    for (_, said), code in ended:
+        assert code == 0 or "EppError: " + str(path) in said.splitlines()[-1]
+        assert code == 0 or "another process is writing to this store" in said
+    assert wanted.identical(sweep(CASE, AXES, store=path, progress=False).load())
+    assert [p.name for p in tmp_path.iterdir() if p.name not in ("map.zarr", "program.py")] == []
