@@ -64,7 +64,10 @@ def load_case(text: str, settings: Sequence[str]) -> Case:
     is_file = text.endswith(".toml") or os.path.isfile(text) or (os.path.exists(text) and text not in shipped_cases())
     found = read_case(text) if is_file else case(text)
     values = given_values(settings)
-    return found.with_values(values, "--set") if values else found
+    found = found.with_values(values, "--set") if values else found
+    for remark in found.remarks:
+        typer.echo(f"{found.name}: {remark}", err=True)
+    return found
 
 
 def expanded(texts: Sequence[str]) -> list[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -84,12 +85,23 @@ class QuantityError(ValueError):
 
 @cache
 def _registry() -> pint.UnitRegistry:
+    """Pint's units.
+
+    Raises
+    ------
+    EppError
+        If pint cannot be loaded: no unit but the common ones can then be told from a wrong one.
+    """
     try:
         import pint
 
         return pint.UnitRegistry()
-    except (ImportError, *_PINT_FAILURES) as error:
-        raise EppError(f"pint: cannot be started ({error}); expected a version that can, 0.24.4 or newer.") from error
+    except Exception as error:  # an old pint beside new libraries fails with whatever they raise
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise EppError(
+            f"units: pint, which knows all but the most common units, cannot be loaded ({why}); "
+            "expected a version of it that works with the other packages (pip install -U pint)."
+        ) from error
 
 
 def _factor_and_base(unit: str) -> tuple[float, str]:
@@ -231,6 +243,45 @@ def parse_any(value: object) -> tuple[float, str]:
         if base == unit_base:
             return _finite(number * factor / unit_factor, unit), unit
     return _finite(number * factor, base), base.replace(" ** ", "^").replace(" ", "")
+
+
+@cache
+def dimensions(unit: str) -> dict[str, int]:
+    """Exponents of the base units of a unit, angles among them.
+
+    Raises
+    ------
+    QuantityError
+        If there is no such unit.
+
+    Examples
+    --------
+    >>> dimensions("N/m")
+    {'kilogram': 1, 'second': -2}
+    """
+    found: dict[str, int] = {}
+    for sign, name, power in re.findall(r"(?:^|([*/]) )([a-z_]+)(?: \*\* (\d+))?", _factor_and_base(unit)[1]):
+        found[name] = found.get(name, 0) + (-1 if sign == "/" else 1) * int(power or 1)
+    found.pop("dimensionless", None)
+    return {name: power for name, power in found.items() if power}
+
+
+def unit_of(exponents: Mapping[str, float]) -> str:
+    """The SI unit with these exponents of base units, as people call it where it has a name.
+
+    Examples
+    --------
+    >>> unit_of({"kilogram": 1, "second": -2}), unit_of({"second": 2.0})
+    ('N/m', 'second^2')
+    """
+    wanted = {name: power for name, power in exponents.items() if power}
+    for unit in KINDS:
+        if dimensions(unit) == wanted:
+            return unit
+    parts = ["", ""]
+    for name, power in wanted.items():
+        parts[power < 0] += ("/" if power < 0 else "*") + name + (f"^{abs(power):g}" if abs(power) != 1 else "")
+    return (parts[0].removeprefix("*") or "1") + parts[1]
 
 
 def format_si(value: float, unit: str, friendly: str | None = None, digits: int = 6) -> str:

@@ -67,6 +67,8 @@ class Block:
         Lists and texts of the element, or num and den of a linear block.
     memory : float or None
         First held value at the start.
+    lists : dict of str to list of Parameter
+        Lists of the element with their units.
     """
 
     name: str
@@ -74,6 +76,13 @@ class Block:
     parameters: dict[str, Parameter]
     others: dict[str, Any]
     memory: float | None = None
+    lists: dict[str, list[Parameter]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def width(self) -> tuple[int, int]:
+        """Number of inputs and outputs of the element."""
+        made = element_class(self.kind)
+        return made.n_inputs, made.n_outputs
 
 
 def element_class(kind: str) -> type[Nonlinearity]:
@@ -106,7 +115,7 @@ def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
             shown: object = table[wrong] if wrong else Missing()
             name = wrong or ("num" if "num" not in table else "den")
             raise CaseError(source, f"{field}.{name}", shown, "an element, or num and den of a linear block")
-        return Block("", "", {}, {k: _numbers(table[k], f"{field}.{k}", source) for k in ("num", "den")})
+        return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", source) for k in ("num", "den")})
     kind = table["element"]
     if not isinstance(kind, str) or kind not in ELEMENTS:
         close = difflib.get_close_matches(str(kind)[:60], ELEMENTS, n=1)
@@ -125,6 +134,7 @@ def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, An
     known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
+    lists: dict[str, list[Parameter]] = {}
     for key, value in table.items():
         if key in ("element", "name", "memory"):
             continue
@@ -134,7 +144,8 @@ def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, An
             hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
             raise CaseError(source, place, value, f"a field of {kind}: {hint}")
         if key in _LIST_FIELDS:
-            others[key] = _numbers(value, place, source)
+            lists[key] = _list(value, place, source)
+            others[key] = [float(p.value) for p in lists[key]]
         elif key in _TEXT_FIELDS:
             others[key] = value
         else:
@@ -142,7 +153,7 @@ def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, An
     for key, default in known.items():
         if default is inspect.Parameter.empty and key not in table:
             raise CaseError(source, f"{field}.{key}", Missing(), f"a value: {kind} needs it")
-    return Block(name, kind, parameters, others, memory)
+    return Block(name, kind, parameters, others, memory, lists)
 
 
 def _scalar(value: Any, field: str, source: str) -> Parameter:
@@ -153,10 +164,19 @@ def _scalar(value: Any, field: str, source: str) -> Parameter:
         raise CaseError(source, field, context.get("shown", value), context.get("expected", "a number")) from None
 
 
-def _numbers(value: Any, field: str, source: str) -> list[float]:
+def _list(value: Any, field: str, source: str) -> list[Parameter]:
     if not isinstance(value, list) or not value:
         raise CaseError(source, field, value, "a list of numbers")
-    return [float(_scalar(v, f"{field}.{i}", source).value) for i, v in enumerate(value)]
+    return [_scalar(v, f"{field}.{i}", source) for i, v in enumerate(value)]
+
+
+def _coefficients(value: Any, field: str, source: str) -> list[float]:
+    """Coefficients of a transfer function; units differ from power to power, and are the user's own affair."""
+    found = _list(value, field, source)
+    for i, (parameter, given) in enumerate(zip(found, value, strict=True)):
+        if parameter.unit or parameter.friendly:
+            raise CaseError(source, f"{field}.{i}", given, "a plain number, in SI units: a coefficient takes no unit")
+    return [float(parameter.value) for parameter in found]
 
 
 def make_element(block: Block, field: str, source: str) -> Nonlinearity:

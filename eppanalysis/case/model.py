@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.arguments import checked
+from eppanalysis.case.dimensions import check_units, remarks
 from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters, implied, other_bands
 from eppanalysis.case.expected import Expected, make_expected
 from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
@@ -87,6 +88,27 @@ class Case:
         """
         system = self._system
         return standing_inputs(system.input_names, system.v0, self.input, self.t_end)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on values that are possible and hardly meant: an angle without a unit, a length of parsecs.
+
+        Examples
+        --------
+        >>> from eppanalysis.case import case
+        >>> case("fig8a_original").with_values({"lock_pin.backlash": 2.5}).remarks
+        ('lock_pin.backlash is 2.5 without a unit: 2.5 rad, which are 143.239 deg; for degrees write "2.5 deg".',)
+        """
+        return remarks(self.parameters, [name for name in self.parameters if self._is_plain(name)])
+
+    def _is_plain(self, name: str) -> bool:
+        """Whether the file has a parameter as a plain number."""
+        found: Any = self._raw.data
+        for part in self._path(name):
+            found = found.get(part) if isinstance(found, dict) else found[part] if isinstance(part, int) else None
+        if isinstance(found, dict):
+            found = found.get("value")
+        return isinstance(found, int | float)
 
     @property
     def folder(self) -> Path:
@@ -374,6 +396,7 @@ def _load_loop(file: LoopFile, raw: RawCase) -> Case:
     loop = file.loop
     place = "loop.elements" if loop.blocks is None else "loop.blocks"
     blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
+    check_units(loop, blocks, place, raw.origin(place))
     system = build_loop(loop, blocks, raw)
     fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
     for name in ("gain", "delay", "time_step"):

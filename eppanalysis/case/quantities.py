@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -199,7 +200,8 @@ class AnyQuantity(_Field):
             value, unit = parse_any(given)
         except QuantityError as error:
             raise _fail(error.expected, given) from None
-        return Parameter(value, unit, written(unit), mark, note, _tolerance(tolerance, value, unit))
+        share = not unit and isinstance(given, str) and given.rstrip().endswith("%")
+        return Parameter(value, unit, "%" if share else written(unit), mark, note, _tolerance(tolerance, value, unit))
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""
@@ -246,7 +248,8 @@ class Flag(_Field):
         return {"type": "boolean"}
 
 
-Angle = Annotated[Parameter, Quantity("rad", "deg", at_least=0)]
+#: A full turn: a gap beyond it is none.
+Angle = Annotated[Parameter, Quantity("rad", "deg", at_least=0, at_most=2.0 * math.pi)]
 Length = Annotated[Parameter, Quantity("m", "mm")]
 PositiveLength = Annotated[Parameter, Quantity("m", "mm", above=0)]
 Duration = Annotated[Parameter, Quantity("s", "ms", at_least=0)]
