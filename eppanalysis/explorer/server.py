@@ -1,9 +1,18 @@
-"""The server of the page: this machine only, no files, one page for every tab."""
+"""The server of the page: this machine only, no files, one page for every tab, and nobody without its address.
+
+Other programs and other users of the machine reach its loopback address too, and so does a page of any site in the
+reader's own browser, under a name that its owner has led there. So the address has a token that is new at every start,
+and a request that lacks it, or comes under another name, is refused before anything looks at it.
+"""
 
 from __future__ import annotations
 
+import hmac
+import logging
+import secrets
 import signal
 import socket
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,21 +20,28 @@ from typing import TYPE_CHECKING, Any
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
-from bokeh.server.server import Server
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
 from jinja2 import Environment
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+from tornado.web import ErrorHandler
 
 from eppanalysis.case import Case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, visible
 from eppanalysis.explorer import quick
 from eppanalysis.explorer.page import Page
 from eppanalysis.explorer.slow import Workshop
 
 if TYPE_CHECKING:
     from bokeh.document import Document
+    from tornado.httputil import HTTPServerRequest
 
 #: The loopback address: nothing outside this machine reaches it.
 ADDRESS = "127.0.0.1"
 _LARGEST_MESSAGE = 1_000_000
+#: Random bytes of the token, and how long a line about a failed request may be.
+_TOKEN_BYTES, _LONGEST_LINE = 24, 300
 _TEMPLATE = Path(__file__).with_name("page.html")
 
 
@@ -82,22 +98,68 @@ def serve(case: Case, port: int, ready: Callable[[str], None]) -> None:
             pictures=[picture.figure.name for picture in page.pictures],
         )
 
-    server = Server(
-        {"/": Application(FunctionHandler(make))},
-        address=ADDRESS,
-        port=port,
-        websocket_max_message_size=_LARGEST_MESSAGE,
-        allow_websocket_origin=[f"{ADDRESS}:{port}", f"localhost:{port}"],
-    )
+    token = secrets.token_urlsafe(_TOKEN_BYTES)
+    _log_in_lines()
+    app = _Guarded(Application(FunctionHandler(make)), token, port)
+    http = HTTPServer(app)
+    http.listen(port, ADDRESS)
+    server = BaseServer(IOLoop.current(), app, http)
     signal.signal(signal.SIGTERM, lambda *_: server.io_loop.add_callback_from_signal(server.io_loop.stop))
     try:
         server.start()
-        ready(f"http://{ADDRESS}:{port}/")
+        ready(f"http://{ADDRESS}:{port}/{token}/")
         server.io_loop.start()
     finally:
         server.stop()
         workshop.close()
         threads.shutdown(wait=False, cancel_futures=True)
+
+
+class _Guarded(BokehTornado):
+    """Bokeh's server behind a token and under its own names.
+
+    Parameters
+    ----------
+    application : bokeh.application.Application
+    token : str
+        First part of every path.
+    port : int
+    """
+
+    def __init__(self, application: Application, token: str, port: int) -> None:
+        self._token, self._hosts = token, (f"{ADDRESS}:{port}", f"localhost:{port}")
+        super().__init__(
+            {"/": application},
+            prefix=token,
+            extra_websocket_origins=list(self._hosts),
+            websocket_max_message_size_bytes=_LARGEST_MESSAGE,
+            log_function=lambda handler: None,
+        )
+
+    def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
+        """What answers a request: a refusal unless it has the token and one of the names."""
+        given = request.path.split("/")[1] if request.path.startswith("/") else ""
+        known = hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
+        if not known or request.host.lower() not in self._hosts:
+            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+        return super().find_handler(request, **more)
+
+
+class _Lines(logging.Handler):
+    """What Bokeh and Tornado have to say, a line each: a request that makes no sense is no reason for a traceback."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write the first line of a message and of its exception."""
+        parts = [record.getMessage(), str(record.exc_info[1]) if record.exc_info else ""]
+        line = ": ".join(part.splitlines()[0] for part in parts if part.strip())
+        sys.stderr.write(f"explorer: {visible(line)[:_LONGEST_LINE]}\n")
+
+
+def _log_in_lines() -> None:
+    for name in ("bokeh", "tornado", "asyncio"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [_Lines()], False
+        logger.setLevel(logging.ERROR)
 
 
 def _template() -> Any:

@@ -76,17 +76,18 @@ def running_explorer(
     """Address and process of an explorer; ended as Ctrl-C would.
 
     Without its slow pictures a page leaves the processor to what a test is about: every new value asks for seconds of
-    work on exact cycles, branch and map.
+    work on exact cycles, branch and map. What the explorer says on its error stream is in the process' `said`.
     """
     program = ["-m", "eppanalysis"] if slow_pictures else ["-c", _FAST_ALONE]
     call = [sys.executable, *program, "explore", case, "--port", "0", "--no-browser", *options]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=said, text=True, env=environment)
+        process.said = said  # type: ignore[attr-defined]
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            found = re.match(r"http://127\.0\.0\.1:\d+/", line)
+            found = re.match(r"http://127\.0\.0\.1:\d+/[\w-]{20,}/", line)
             if not found:
                 process.wait(10)
                 said.seek(0)

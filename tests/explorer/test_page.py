@@ -8,6 +8,8 @@ import socket
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -243,15 +245,17 @@ def request(address: str, method: str, path: str, headers: dict[str, str] | None
     ],
 )
 def test_paths_lead_nowhere(address, path):
-    status, content = request(address, "GET", path)
-    assert status in (403, 404)
-    assert b"root:" not in content and b"[project]" not in content
+    for start in ("", urlsplit(address).path.rstrip("/")):
+        status, content = request(address, "GET", start + path)
+        assert status in (403, 404)
+        assert b"root:" not in content and b"[project]" not in content
 
 
 @pytest.mark.parametrize("method", ["PUT", "POST", "DELETE", "PATCH"])
 def test_nothing_can_be_sent_to_it(address, method):
-    assert request(address, method, "/")[0] in (403, 404, 405)
-    assert request(address, method, "/static/js/bokeh.min.js")[0] in (403, 404, 405)
+    start = urlsplit(address).path
+    assert request(address, method, start)[0] in (403, 404, 405)
+    assert request(address, method, f"{start}static/js/bokeh.min.js")[0] in (403, 404, 405)
 
 
 def test_a_page_of_another_site_cannot_speak_to_it(address):
@@ -263,7 +267,85 @@ def test_a_page_of_another_site_cannot_speak_to_it(address):
         "Sec-WebSocket-Protocol": "bokeh, token",
         "Origin": "http://example.org",
     }
-    assert request(address, "GET", "/ws", upgrade)[0] == 403
+    path = f"{urlsplit(address).path}ws"
+    assert request(address, "GET", path, upgrade)[0] == 403
+    assert request(address, "GET", path, upgrade | {"Origin": address.rstrip("/")})[0] != 403
+
+
+@pytest.mark.parametrize("path", ["", "ws", "static/js/bokeh.min.js", "favicon.ico", "autoload.js"])
+def test_without_its_token_or_under_another_name_nothing_answers(address, path):
+    """A token is new at every start; a name that leads here is what a hostile site would give this machine."""
+    parts = urlsplit(address)
+    token = parts.path.strip("/")
+    assert len(token) >= 30
+    for wrong in ("", "x/", f"{token[:-1]}/", f"{token}x/", f"{token.swapcase()}/", "%ff%00/", f"/{token}/"):
+        assert request(address, "GET", f"/{wrong}{path}")[0] == 403
+    for name in ("example.org", f"example.org:{parts.port}", "127.0.0.1", f"127.0.0.1.example.org:{parts.port}", ""):
+        assert request(address, "GET", f"{parts.path}{path}", {"Host": name})[0] in (400, 403)
+    for name in (parts.netloc, f"localhost:{parts.port}", f"LOCALHOST:{parts.port}"):
+        assert request(address, "GET", f"{parts.path}", {"Host": name})[0] == 200
+
+
+def messages_without_sense(address: str) -> None:
+    """Over HTTP and over web sockets, with the token of the page and without it."""
+    import asyncio
+    import json
+
+    from tornado.httpclient import HTTPRequest
+    from tornado.websocket import websocket_connect
+
+    parts = urlsplit(address)
+    lines = [
+        b"GARBAGE",
+        b"GET / HTTP/9.9",
+        b"\xff\xfe\x00",
+        b"GET %s HTTP/1.1\r\nContent-Length: -5" % parts.path.encode(),
+    ]
+    lines += [b"POST %s HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\nZZ" % parts.path.encode(), b"A" * 100_000]
+    for line in lines:
+        with socket.create_connection((parts.hostname, parts.port), timeout=2) as raw, suppress(OSError):
+            raw.sendall(line + b"\r\n\r\n")
+            raw.shutdown(socket.SHUT_WR)
+            raw.recv(100)
+    page = request(address, "GET", parts.path)[1].decode()
+    token = re.search(r'"token":"([^"]+)"', page).group(1)
+    header = json.dumps({"msgid": "1", "msgtype": "PATCH-DOC"})
+
+    async def speak(protocols, messages):
+        asked = HTTPRequest(f"ws://{parts.netloc}{parts.path}ws", headers={"Origin": f"http://{parts.netloc}"})
+        socket_ = await websocket_connect(asked, subprotocols=protocols)
+        with suppress(Exception):  # it may hang up
+            for message in messages:
+                await socket_.write_message(message, binary=isinstance(message, bytes))
+            await asyncio.wait_for(socket_.read_message(), 1)
+        socket_.close()
+
+    async def all_of_them():
+        for protocols in ([], ["bokeh"], ["bokeh", "x"], ["bokeh", "e30="], ["other", token]):
+            await speak(protocols, ["{}"])
+        patches = (
+            {"events": [{"kind": "ModelChanged", "model": {"id": "none"}, "attr": "x", "new": 1}]},
+            {"events": 3},
+            [],
+        )
+        for content in ("{", "[]", "null", '"x"', "{}", "\x00", "9" * 2000, "[" * 5000, b"\xff" * 10, "x" * 2_000_000):
+            await speak(["bokeh", token], [content] * 3)
+            await speak(["bokeh", token], [header, "{}", content])
+        for patch in patches:
+            await speak(["bokeh", token], [header, "{}", json.dumps(patch)])
+
+    with ThreadPoolExecutor(1) as thread:  # the browser's driver has the loop of this one
+        thread.submit(asyncio.run, all_of_them()).result()
+
+
+def test_messages_without_sense_leave_no_traceback():
+    with running_explorer("backlash_servo", slow_pictures=False) as (address, process):
+        messages_without_sense(address)
+        assert request(address, "GET", urlsplit(address).path)[0] == 200
+        process.said.seek(0)  # what it shares with the explorer
+        said = process.said.read()
+    assert "Traceback" not in said and 'File "' not in said
+    assert all(line.startswith("explorer: ") and len(line) < 400 for line in said.splitlines())
 
 
 def test_it_listens_on_the_loopback_only(address):
