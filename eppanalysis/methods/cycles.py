@@ -57,8 +57,8 @@ _QUIET_TURN, _SEEN = 2, 3.0
 _FAR = 1e6
 #: Events that show how much what piles up still moves, and what is little, relative to the whole run.
 _PILE, _PILED = 64, 1e-3
-#: Times as long is looked at once more for a slow cycle.
-_LATE = 100.0
+#: Times as long is looked at once more for a slow cycle, and at most where something drifts on.
+_LATE, _LATEST = 100.0, 1e6
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
 _MOST_EDGES = 150
 #: Change over all periods to come, relative to the cycle, below which a cycle is listed as a run has it, and how often
@@ -481,7 +481,7 @@ class _Search:
             if status is Status.EVENT_LIMIT:
                 return self._rested(start, run) if _died_out(start, run) else "undecided"
             if fades(start, run, t, self.horizon, self._sizes()):
-                return self._late_cycle(start, t) or "rest"
+                return self._late_cycle(start, run, t) or "rest"
             known = self._recognise(start, run, None)
             if known == "undecided" and turn == _QUIET_TURN:
                 known = self._quiet_cycle(run, t)
@@ -522,16 +522,21 @@ class _Search:
             words = f"{self.system.name}: {self.n_runs} runs, {self.n_edges} edges, {len(self.orbits)} cycles"
             self.progress(self.n_runs, None, words)
 
-    def _late_cycle(self, start: HybridSystem, t: float) -> str | None:
+    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> str | None:
         """The cycle that a run that seemed to fade by time t is on much later, as a number; None for none.
 
         What sticks may creep towards its next slip far more slowly than the linear part moves by itself.
         """
         if self.hybrid.model.S.shape[1]:
             return None  # without long steps that would take minutes
-        run = self._run(start, _LATE * t)
-        status, facts = judge(start, run, _LATE * t)
-        return self._recognise(start, run, float(facts[1])) if status is Status.LIMIT_CYCLE else None
+        # What drifts evenly has come far enough to slip after so long, unless that is beyond any patience.
+        with np.errstate(divide="ignore"):
+            way = (self._sizes() / np.abs(run.rate_end))[start.compared]
+        late = max(_LATE * t, 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0)))
+        run = self._run(start, late)
+        status, facts = judge(start, run, late)
+        known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
+        return None if known == "undecided" else known
 
     def _sizes(self) -> Array:
         """How far the states move on what was predicted and found."""
