@@ -366,7 +366,8 @@ class _Packer:
     def _target(self, e: int, guard: Guard, B: Array, C: Array, D: Array) -> int:
         """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
         target = self.automata[e].modes[guard.target]
-        if not target.sticking or admitted(target.jump, *self.first[e, :2], B, C, D):
+        z, w = self.first[e, :2]
+        if not target.sticking or admitted(target.jump, int(z), int(w), B, C, D):
             return guard.target
         return guard.bypass
 

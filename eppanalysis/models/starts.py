@@ -84,7 +84,8 @@ def _turned_back(model: Model, e: int, memory: Any, x: Array, H: Array) -> bool:
         return False
     z = float(model.C[row] @ x + model.Kz[row] @ H)
     size = float(np.abs(model.C[row]) @ np.abs(x) + np.abs(model.Kz[row]) @ np.abs(H))
-    return float(memory.direction) * (z - float(memory.reached)) < -_ROUNDING * size
+    direction, reached = float(np.asarray(memory.direction)), float(np.asarray(memory.reached))
+    return direction * (z - reached) < -_ROUNDING * size
 
 
 def remembered(hybrid: HybridSystem, x: Array, H: Array, modes: IntArray) -> tuple[Any, ...]:
@@ -113,7 +114,7 @@ def _inputs_and_outputs(hybrid: HybridSystem, x: Array, H: Array, modes: IntArra
         smooth = [_smooth(c.kind, c.scale, float(c.on_input @ z0[zs] + c.constant)) for c in automaton.smooth]
         E[ws] -= mode.from_input @ model.D[zs]
         w0[ws] = mode.from_input @ z0[zs] + mode.from_held @ H[hs] + mode.from_smooth @ np.array(smooth) + mode.constant
-    w = np.linalg.solve(E, w0)
+    w: Array = np.asarray(np.linalg.solve(E, w0), float)
     return z0 + model.D @ w, w
 
 

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import eppanalysis as epp
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.nonlinearities import HysteresisRelay, HysteresisRelayDeadZone, JumpAndFollow, Play, Slip
+from eppanalysis.models.nonlinearities import (
+    FiveBandLaw,
+    HysteresisRelay,
+    HysteresisRelayDeadZone,
+    JumpAndFollow,
+    ParkingBandLaw,
+    Play,
+    SampledLaw,
+    Slip,
+    StictionPulley,
+)
 from eppanalysis.models.signals import Step
 from eppanalysis.models.starts import begun, remembered
 from tests.restarts import check_restart, cycles_of
@@ -21,6 +32,7 @@ QUICK = [
     "sat_asymmetric", "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft", "van_der_pol_mu1",
 ]  # fmt: skip
 
+BANDS = FiveBandLaw(-2.0, -1.0, 1.0, 2.0, 16.0)
 LOOPS = {
     "play": (Play(2.0), ([5.0], [1.0, 1.0, 0.0])),
     "jump_and_follow": (JumpAndFollow(1.0, 0.4), ([2.0], [1.0, 1.0, 0.0])),
@@ -103,3 +115,21 @@ def test_what_is_remembered_begins_anew() -> None:
         assert again.modes0[1:].tolist() == modes[1:].tolist()
         for one, other in zip(remembered(again, again.x0, again.H0, again.modes0), memory, strict=True):
             assert one == pytest.approx(other)
+
+
+@pytest.mark.parametrize(
+    ("element", "memories"),
+    [
+        (ParkingBandLaw(BANDS, 0.5), [(True, 1.5), (False, 1.25)]),
+        (SampledLaw(BANDS, 0.01), [(3.0, 0.27)]),
+        (StictionPulley(5.0, 20.0, 0.3, 0.6), [0.1, Slip(0.1, -1, 0.4), Slip(0.1, 1, 0.4)]),
+    ],
+)
+def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(element: Any, memories: list) -> None:
+    automaton = element.automaton()
+    for memory in memories:
+        mode, held = element.start(automaton, memory)
+        output = np.array([20.0 * held[0], 0.0])
+        assert element.memory_at(
+            mode, held, np.array([memory.reached if isinstance(memory, Slip) else 0.1]), output
+        ) == (pytest.approx(memory))
