@@ -129,7 +129,5 @@ def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(ele
     automaton = element.automaton()
     for memory in memories:
         mode, held = element.start(automaton, memory)
-        output = np.array([20.0 * held[0], 0.0])
-        assert element.memory_at(
-            mode, held, np.array([memory.reached if isinstance(memory, Slip) else 0.1]), output
-        ) == (pytest.approx(memory))
+        x = np.array([memory.reached if isinstance(memory, Slip) else 0.1])
+        assert element.memory_at(mode, held, x, np.array([20.0 * held[0], 0.0])) == pytest.approx(memory)
