@@ -136,6 +136,7 @@ class _Packer:
         if self.n_z > nz:
             C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
         S, smooth = self._smooth(B, C, D, Kz)
+        acts = self._acts_on(D)
         B[:, : self.n_w][:, self._delayed()] = 0.0
         modes, guards = self._modes(B, C, D, smooth["count"])
         s = system.signals
@@ -154,8 +155,8 @@ class _Packer:
             D=D,
             Kz=Kz,
             first=self.first,
-            order=self._order(D),
-            reach=self._reach(D),
+            order=self._order(acts),
+            reach=self._reach(acts),
             **modes,
             **guards,
             smooth_kind=smooth["kind"],
@@ -193,30 +194,28 @@ class _Packer:
 
     def _acts_on(self, D: Array) -> NDArray[np.bool_]:
         """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
-        ends = [slice(*self.first[e : e + 2, 0]) for e in range(len(self.automata))]
-        starts = [slice(*self.first[e : e + 2, 1]) for e in range(len(self.automata))]
-        return np.array([[bool(np.any(D[z, w])) for w in starts] for z in ends])
+        n = len(self.automata)
+        acts = np.zeros((n, n), bool)
+        rows, columns = np.nonzero(D)
+        of_input, of_output = (np.repeat(np.arange(n), np.diff(self.first[:, k])) for k in (0, 1))
+        acts[of_input[rows], of_output[columns]] = True
+        return acts
 
-    def _order(self, D: Array) -> IntArray:
+    def _order(self, acts: NDArray[np.bool_]) -> IntArray:
         """Elements along the cascade: each behind those that act straight on it, but for algebraic loops."""
-        acts, order = self._acts_on(D), []
-        np.fill_diagonal(acts, False)
-        rest = list(range(len(acts)))
+        rest, order = list(range(len(acts))), []
         while rest:
-            free = next((e for e in rest if not np.any(acts[e, rest])), rest[0])
-            order.append(free)
-            rest.remove(free)
+            order.append(next((e for e in rest if not any(acts[e, o] for o in rest if o != e)), rest[0]))
+            rest.remove(order[-1])
         return np.array(order, np.int64)
 
-    def _reach(self, D: Array) -> IntArray:
+    def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
         """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
-        acts = self._acts_on(D)
-        n = len(acts)
-        given = np.zeros((len(D), self.system.D_input.shape[1]), bool)
-        given[: len(self.system.D_input)] = self.system.D_input != 0.0
-        reach = np.vstack([acts.T, [bool(np.any(given[self.first[e, 0] : self.first[e + 1, 0]])) for e in range(n)]])
-        for _ in range(n):
-            reach = reach | (reach.astype(int) @ acts.T > 0)
+        given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
+        inputs = np.isin(np.arange(len(acts)), np.searchsorted(self.first[:, 0], given, side="right") - 1)
+        reach = np.vstack([acts.T, inputs])
+        while np.any(further := ~reach & (reach @ acts.T)):
+            reach |= further
         return np.asarray(reach, np.int64)
 
     def _refuse_tiny_delays(self, fastest: float) -> None:
