@@ -34,6 +34,11 @@ _LARGEST_STEP = 0.5
 _SMALLEST_SHARE = 1 / 1024
 _MOST_SHARES = 8
 _SEEDS = 1 / 3  # and below which it may lead to an exact orbit
+#: Estimate below which a balance need not be compared with a yet higher order, and the highest that low ones are.
+_FINE, _MOST_COMPARED = 1e-6, 65
+#: Of a distance between orders, and of the estimate at the higher one, what is added for what is beyond it: where the
+#: harmonics fall slowly, the estimate is up to three times too small.
+_MARGIN, _REST = 0.1, 3.0
 _TRUSTED = 0.05  # estimated error below which a balance of the highest order counts as the cycle's
 
 
@@ -60,10 +65,12 @@ def harmonic_balance(
     Returns
     -------
     LimitCycle
-        Of the given order, or of the one with the smallest estimated error. Status NOT_CONVERGED where Newton's
-        iteration fails at the given order (the last iterate is returned), or where no order has an estimated error
-        below 5 %. ``error_estimate`` is the relative change of frequency and fundamentals that the neglected
-        harmonics cause to first order. ``provenance["orders"]`` lists the orders with their estimates.
+        Of the given order, or of the one that the neglected harmonics change least. Status NOT_CONVERGED where Newton's
+        iteration fails at the given order (the last iterate is returned), or without one where they change each by more
+        than 5 % or higher orders do not settle. ``error_estimate`` is the relative error of frequency and fundamentals,
+        from balances of higher orders; it is not-a-number where those do not settle, and ``provenance["error_note"]``
+        says why: an exact orbit need not be near then. ``provenance["orders"]`` lists the orders tried, with the change
+        that the neglected harmonics cause to first order.
 
     Raises
     ------
@@ -90,6 +97,10 @@ def harmonic_balance(
             most = loop.highest(guess.omega)
             raise EppError(f"harmonic_balance: order is {order}; expected at most {most} (half the sample rate).")
         found, log = _fixed(loop, start, int(order)) if order is not None else _automatic(loop, start)
+        if found.converged:
+            found = _compared(loop, found)
+        if order is None:
+            found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
             return _cycle(system, loop, found, log)
         except Unsettled:
@@ -172,6 +183,7 @@ class _Point:
     residual: float = float("nan")
     error: float = float("nan")
     iterations: int = 0
+    note: str = ""
 
     @property
     def order(self) -> int:
@@ -214,6 +226,48 @@ def _automatic(loop: Loop, start: _Point) -> tuple[_Point, list[_Point]]:
         return log[-1], log
     best = min(good, key=lambda p: p.error if np.isfinite(p.error) else np.inf)
     return replace(best, converged=best.error < _TRUSTED), log
+
+
+def _compared(loop: Loop, point: _Point) -> _Point:
+    """The balance with an error that is measured: by how far it is from balances of higher orders.
+
+    Higher orders are solved until what is left of the error, as estimated there, is small beside the distance. The
+    change by the neglected harmonics alone (see :func:`_error`) does not see that they move switches far, add some, or
+    lead elsewhere.
+    """
+    better, distance = point, 0.0
+    for order in _higher(point.order, loop.highest(point.omega)):
+        trial = _solve(loop, better, order)
+        if not trial.converged:
+            trial = _solve(loop, better, (better.order + order) // 2)
+        if not trial.converged:
+            break
+        better, distance = trial, _distance(point, trial)
+        if better.error < max(0.25 * distance, _FINE) or better.order < order:
+            break
+    if better is point:
+        return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
+    error = (1.0 + _MARGIN) * distance + _REST * better.error
+    if not (better.error < _TRUSTED and error < _SEEDS):
+        return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
+    return replace(point, error=error)
+
+
+def _unknown(point: _Point, why: str) -> _Point:
+    return replace(point, error=float("nan"), note=why)
+
+
+def _higher(order: int, highest: int) -> list[int]:
+    """Orders with which one is compared."""
+    wanted = [2 * order + 7, 4 * order + 21]
+    most = min(max(_MOST_COMPARED, order + order // 2), highest)
+    return sorted({min(n, most) for n in wanted if min(n, most) > order})
+
+
+def _distance(point: _Point, other: _Point) -> float:
+    """Largest relative difference of frequency and fundamentals."""
+    change = np.abs(other.Z[:, 1] - point.Z[:, 1]) / np.abs(other.Z[:, 1]).clip(1e-300)
+    return float(max(change.max(), abs(point.omega / other.omega - 1.0)))
 
 
 def _rising(loop: Loop, start: _Point, highest: int) -> Iterator[_Point]:
@@ -403,6 +457,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
             "input": dict(zip(system.input_names, loop.value.tolist(), strict=True)),
             "order": n,
             "iterations": point.iterations,
+            "error_note": point.note,
             "orders": [_entry(p) for p in log],
         },
     )

@@ -224,7 +224,7 @@ def _balances(system: LureSystem, final: Mapping[str, float], first: Sequence[Ru
 
 
 def _same(a: LimitCycle, b: LimitCycle, signal: str) -> bool:
-    return distance(a, b, signal) < max(2.0 * (a.error_estimate + b.error_estimate), 1e-6)
+    return distance(a, b, signal) < max(2.0 * float(np.nansum([a.error_estimate, b.error_estimate])), 1e-6)
 
 
 def _exact(

@@ -33,6 +33,7 @@ from eppanalysis.models.nonlinearities import (
     StictionPulley,
 )
 from tests.fourier import series, turning_points, value
+from tests.harmonic_coverage import entries
 
 LAW = FiveBandLaw(1.0, 2.0, 3.0, 4.0, 16.0, 0.5)
 
@@ -323,3 +324,22 @@ def test_refusals():
     shaft = epp.case("two_mass_damped_shaft").to_system()
     with pytest.raises(ModelError, match="LockPin"):
         harmonic_balance(shaft, guess, 1)
+
+
+@pytest.mark.parametrize("name", ["relay_hyst_goncalves6", "two_mass_deadzone", "relay_deadzone", "thruster_dz_hyst"])
+def test_estimate_covers_the_distance_to_an_exact_orbit_or_says_that_it_cannot(name):
+    """Also where the neglected harmonics add switches; of those that are given half are within twice the truth."""
+    found = entries(name, [1, 2, 3, 4, 5, 8, 13, 25])
+    given = [e for e in found if np.isfinite(e.estimate)]
+    assert len(given) >= len(found) / 2
+    assert all(e.covered for e in given)
+    assert np.median([e.estimate / e.error for e in given]) < 2.0
+
+
+def test_without_an_orbit_near_there_is_no_estimate_and_a_reason():
+    """Below its smallest stable amplitude the loop has a cycle in first order alone."""
+    system = epp.case("sat_plus_backlash").to_system()
+    small = min(epp.predict_limit_cycles(system), key=lambda c: c.peak_to_peak[next(iter(c.mean))])
+    balance = harmonic_balance(system, small, 1)
+    assert np.isnan(balance.error_estimate)
+    assert "order" in balance.provenance["error_note"]
