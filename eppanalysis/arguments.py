@@ -252,7 +252,8 @@ def _one_of(choices: Sequence[_Expected | None]) -> _Expected | None:
 
 def _row(places: Sequence[_Expected | None]) -> _Expected:
     def holds(value: Any) -> bool:
-        fits = isinstance(value, (tuple, list, np.ndarray)) and len(value) == len(places)
+        fits = isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+        fits = fits and len(value) == len(places)
         return fits and all(p is None or p.holds(v) for p, v in zip(places, value, strict=True))
 
     return _Expected(holds, f"{len(places)} values in a row")
@@ -266,7 +267,7 @@ def _many(item: _Expected | None) -> _Expected:
             or not hasattr(value, "__len__")
         ):
             return False
-        if isinstance(value, type) or (isinstance(value, np.ndarray) and not value.size):
+        if isinstance(value, type) or (isinstance(value, np.ndarray) and (not value.size or not value.ndim)):
             return False
         return item is None or all(map(item.holds, value[:_MOST_ITEMS]))
 

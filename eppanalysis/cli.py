@@ -6,6 +6,7 @@ Whatever computes is imported inside the command that needs it, so that ``eppana
 from __future__ import annotations
 
 import errno
+import io
 import math
 import os
 import sys
@@ -367,4 +368,7 @@ def main() -> None:
     """Entry point of the command ``eppanalysis``."""
     # Many small linear systems: threads inside the linear algebra cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
+            setattr(sys, name, io.StringIO())
     app()

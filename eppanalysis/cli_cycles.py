@@ -124,8 +124,12 @@ def _knock_text(case: Case, hit: Knock) -> str:
 
 
 def _show_branch(case: Case, over: str, result: Branch) -> None:
-    value = result.points["value"]
-    low, high = (case.text(over, float(v)) for v in (value.min(), value.max()))
-    typer.echo(f"{count(len(result), 'orbit')} over {over} between {low} and {high}. {result.message}")
-    for special in result.special:
-        typer.echo(f"  {special.kind} at {case.text(over, special.value, 10)}: {special.note}")
+    for branch in (result, *result.others):
+        value = branch.points["value"]
+        low, high = (case.text(over, float(v)) for v in (value.min(), value.max()))
+        typer.echo(f"{count(len(branch), 'orbit')} over {over} between {low} and {high}. {branch.message}")
+        for special in branch.special:
+            typer.echo(f"  {special.kind} at {case.text(over, special.value, 10)}: {special.note}")
+    for gap in result.missing:
+        low, high = (case.text(over, v) for v in (gap.low, gap.high))
+        typer.echo(f"No orbit between {low} and {high}: {gap.why}.")

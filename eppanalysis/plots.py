@@ -458,7 +458,8 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
-    top. Angles are in degrees, lengths in millimetres.
+    top. Parts of the range asked for that have no orbit are hatched, with the reason in the legend. Angles are in
+    degrees, lengths in millimetres.
 
     Parameters
     ----------
@@ -476,19 +477,16 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     name = _chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
     x_unit, x_factor = readable(branch.unit)
     label, factor = _shown(name, branch.units)
-    value, stable = x_factor * branch.points["value"], branch.points["stable"]
     figure, panels = _panels(2, height=2.4)
     figure.suptitle(with_name("", branch.provenance), fontsize=10)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
         y = scale * branch.points[key]
-        for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
-            # A piece belongs to the stability of its first point; the other kind leaves a gap.
-            piece = (stable == kind) | np.append(False, stable[:-1] == kind)
-            if np.any(piece):
-                ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
-        for special in branch.special:
-            height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
-            _mark_special(ax, special.kind, x_factor * special.value, scale * height)
+        for one in (branch, *branch.others):
+            _draw_branch(ax, one, name, key, x_factor, scale)
+            y = np.append(y, scale * one.points[key])
+        for gap in branch.missing:
+            edges = {"facecolor": GREY, "alpha": 0.18, "linewidth": 0, "hatch": "xx"}
+            ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"no orbit: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
@@ -500,8 +498,22 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
         words = branch.parameter.replace("_", " ").replace(".", " ")
         ax.set_xlabel(f"{words} [{x_unit}]" if x_unit else words)
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
-    panels[0].legend(handles.values(), handles.keys(), fontsize=8)
+    panels[0].legend(handles.values(), [textwrap.fill(text, 48) for text in handles], fontsize=8)
     return figure
+
+
+def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, scale: float) -> None:
+    """One curve of the diagram with its special points."""
+    value, stable = across * branch.points["value"], branch.points["stable"]
+    y = scale * branch.points[key]
+    for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
+        # A piece belongs to the stability of its first point; the other kind leaves a gap.
+        piece = (stable == kind) | np.append(False, stable[:-1] == kind)
+        if np.any(piece):
+            ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=_STABILITY[kind])
+    for special in branch.special:
+        height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
+        _mark_special(ax, special.kind, across * special.value, scale * height)
 
 
 def _mark_special(ax: Axes, kind: str, x: float, y: float) -> None:

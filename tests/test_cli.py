@@ -411,3 +411,11 @@ def test_help_loads_nothing_heavy():
     )
     process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert process.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize("command", ["cases", "predict relay_deadzone --json"])
+@pytest.mark.parametrize("end", [">&-", "2>&-", "| head -1"])
+def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) -> None:
+    line = f'"{sys.executable}" -m eppanalysis {command} {end}'
+    done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr == "", done.stderr

@@ -57,6 +57,13 @@ def test_a_branch_is_in_units_that_people_read() -> None:
     assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
 
 
+def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
+    ends = ("--over", "loop.gain", "--from", "0.7", "--to", "1")
+    output = run("branch", "wheelchair", "--set", "loop.gain=1", "--set", "play.gap=12 mm", *ends).output
+    assert re.search(r"No orbit between 0\.7 and 0\.846257: the branch turns back there", output), output
+    assert "It covers a part of the range" in output
+
+
 def test_a_knock_is_told_in_readable_units_by_two_numbers_that_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     hits = (
         Knock("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0),

@@ -29,6 +29,7 @@ WRONG: tuple[Any, ...] = (
     None, "", "x", "nan", "1 parsec", b"x", True, -1, 0, 1, -0.5, 1e308, 10**12, -(10**12), HUGE,
     float("nan"), float("inf"), -float("inf"), 1j, [], [1], [1, 2, 3], [[1, 2], [3]], ["x"], [None], [float("nan")],
     (), (1, 2), ("a", "b"), {}, {"a": 1}, {1: 2}, {"x": "y"}, {"x": None}, {"x": [1, 2]}, set(), object(), object, len,
+    np.array(1.0),
     np.array([]), np.array([np.nan]), np.zeros((2, 3, 4)), np.array(["a"]), np.eye(2), Path("nowhere") / "nothing",
     epp.Status.CONVERGED, StateSpace, StateSpace.__init__, range(3), iter(()),
 )  # fmt: skip

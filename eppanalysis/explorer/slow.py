@@ -25,8 +25,7 @@ Facts = dict[str, Any]
 
 _KEPT = 64
 _MAP_CELLS = (17, 13)
-_BRANCH_POINTS = 240
-_BRANCH_STEP = 0.1
+_BRANCH: dict[str, Any] = {"n_points": 240, "max_step": 0.1, "n_others": 0}
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
             if start == stop:
                 continue
             try:
-                pieces.append(continue_branch(case, over, start, stop, n_points=_BRANCH_POINTS, max_step=_BRANCH_STEP))
+                pieces.append(continue_branch(case, over, start, stop, **_BRANCH))
             except EppError as error:
                 reason = str(error)
                 break

@@ -54,8 +54,10 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
     for i in range(n):
         # Of the time of an event, too.
         rounding[i] += 1e-15 * abs(ev_v[(count - 1) % keep, i]) * t_end if count > 0 else 0.0
+    last = ev_t[(count - 1) % keep] if count > 0 else 0.0
     for p in range(1, held // 3 + 1):
-        if _repeats(ev_guard, count, keep, p):
+        # Far out, where rounding moves a state across a switch and back, switches repeat at one instant: no period.
+        if _repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
             local = np.zeros(n)
             _range(ev_t, ev_x, ev_v, count, keep, p, local)
             since = max(quiet, ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep])

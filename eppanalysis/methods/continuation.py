@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation_borders import across, borders, corner
+from eppanalysis.methods.continuation_cover import Gap, gaps
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
 from eppanalysis.methods.continuation_labels import crossing, difference
 from eppanalysis.methods.continuation_steps import (
@@ -45,6 +48,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+#: What is added to the reason of a gap in which other cycles were searched for.
+_SOUGHT = "an exact search in this part found no cycle that leads on through it"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,6 +96,12 @@ class Branch(Brief):
         How the branch ended, at both ends.
     simulated : dict of str to array
         Points of runs for comparison, where asked for.
+    ends : (str, str)
+        How it ends at its first and at its last point.
+    missing : tuple of Gap
+        Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
+    others : tuple of Branch
+        Branches of other cycles, followed where this one leaves a part of the range without having turned back.
     """
 
     parameter: str
@@ -102,6 +113,9 @@ class Branch(Brief):
     signals: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     simulated: dict[str, Array] = field(default_factory=dict)
+    ends: tuple[str, str] = ("", "")
+    missing: tuple[Gap, ...] = ()
+    others: tuple[Branch, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -125,6 +139,8 @@ class Branch(Brief):
                 for s in self.special
             ],
             "simulated": {k: v.tolist() for k, v in self.simulated.items()},
+            "missing": [gap.to_dict() for gap in self.missing],
+            "others": [branch.to_dict() for branch in self.others],
             "provenance": dict(self.provenance),
         }
 
@@ -146,8 +162,12 @@ def continue_branch(
     n_points: int = 200,
     max_step: float = 0.02,
     n_simulated: int = 0,
+    n_others: int = 3,
 ) -> Branch:
     """The branch of exact limit cycles over a parameter, stable and unstable, through its folds.
+
+    Where it covers a part of the range only, and has not turned back, cycles are searched for in the rest, and their
+    branches followed too.
 
     Parameters
     ----------
@@ -167,6 +187,8 @@ def continue_branch(
         Longest step along the branch, relative to the parameter's range and the motion's size.
     n_simulated : int
         Number of values, evenly over the range, at which the case is simulated for comparison.
+    n_others : int
+        At most so many branches besides; none where `cycle` or `origin` says which branch is wanted.
 
     Returns
     -------
@@ -179,7 +201,9 @@ def continue_branch(
         `origin`.
     """
     require_case(case, "continue_branch")
-    check_counts("continue_branch", {"n_points": (n_points, 1), "n_simulated": (n_simulated, 0)})
+    check_counts(
+        "continue_branch", {"n_points": (n_points, 1), "n_simulated": (n_simulated, 0), "n_others": (n_others, 0)}
+    )
     if not 0.0 < max_step <= 1.0:
         raise EppError(f"continue_branch: max_step is {max_step}; expected more than 0 and 1 at most.")
     first, last = case.si(parameter, start), case.si(parameter, stop)
@@ -192,9 +216,51 @@ def continue_branch(
         branch = walk.run(_seed(case, parameter, family, (first, last), cycle))
     else:
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
+    branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)
     if n_simulated == 0:
         return branch
     return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
+
+
+def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
+    """The branch, with those of cycles found in what it does not cover, and what even these leave."""
+    others: list[Branch] = []
+    tried: list[float] = []
+    while len(others) < most:
+        left = [v for g in _gaps(walk, branch, others) if not g.turns for v in _places(walk, g) if v not in tried]
+        if not left:
+            break
+        tried.append(left[0])
+        found = _branch_from(walk, left[0])
+        others += [found] if found is not None else []
+    missing = _gaps(walk, branch, others)
+    if tried:
+        missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {_SOUGHT}") for g in missing)
+    part = " Together they cover" if others else " It covers"
+    message = branch.message + (f"{part} a part of the range asked for." if missing else "")
+    return replace(branch, message=message, missing=missing, others=tuple(others))
+
+
+def _gaps(walk: Walk, branch: Branch, others: Sequence[Branch]) -> tuple[Gap, ...]:
+    # A fold lies between two points, a little beyond both.
+    folds = [([s.index for s in b.special], [s.value for s in b.special]) for b in (branch, *others)]
+    values = [np.insert(b.points["value"], *at) for b, at in zip((branch, *others), folds, strict=True)]
+    return gaps(walk.limits, list(zip(values, [b.ends for b in (branch, *others)], strict=True)))
+
+
+def _places(walk: Walk, gap: Gap) -> list[float]:
+    """Where other cycles are searched for: at the end of the range, and in the middle of the gap."""
+    return [*(v for v in (gap.low, gap.high) if v in walk.limits), 0.5 * (gap.low + gap.high)]
+
+
+def _branch_from(walk: Walk, value: float) -> Branch | None:
+    """The longest of the branches of the cycles that the exact search finds at a value."""
+    found = []
+    with suppress(EppError, np.linalg.LinAlgError):
+        for orbit in _orbits_found(walk.case, walk.parameter, walk.family, value):
+            with suppress(EppError, np.linalg.LinAlgError):
+                found.append(replace(walk, special=[]).run((value, orbit)))
+    return max(found, key=lambda b: float(np.ptp(b.points["value"])), default=None)
 
 
 def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array]:
@@ -243,13 +309,18 @@ def _seed(
             if closed is not None:
                 return value, closed
     for value in ends[::-1]:
-        hybrid = family.at(value)
-        system = case.with_values({parameter: value}).to_system()
-        inputs = dict(zip(system.input_names, hybrid.x0[hybrid.n_plant :].tolist(), strict=True))
-        for known in find_limit_cycles(system, inputs):
-            for orbit in orbits_near(hybrid, *start_of(hybrid, known), known.period):
-                return value, orbit
+        for orbit in _orbits_found(case, parameter, family, value):
+            return value, orbit
     raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
+
+
+def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit]:
+    """The orbits of all cycles that the exact search finds at a value, smallest first."""
+    hybrid = family.at(value)
+    system = case.with_values({parameter: value}).to_system()
+    inputs = dict(zip(system.input_names, hybrid.x0[hybrid.n_plant :].tolist(), strict=True))
+    for known in find_limit_cycles(system, inputs):
+        yield from islice(orbits_near(hybrid, *start_of(hybrid, known), known.period), 1)
 
 
 @dataclass
@@ -279,12 +350,12 @@ class Walk:
             turned = [(k, p, note, n - 1 - i) for k, p, note, i in self.special]
             self.special = turned[::-1] + [(k, p, note, i + n - 1) for k, p, note, i in forward]
             points = back[::-1][:-1] + points
-        return self._branch(points, f"One end {other}; the other {why}.")
+        return self._branch(points, (other, why))
 
     def run_off(self, begin: Point) -> Branch:
         """Away from where the branch leaves another one."""
         points, why = self.along(begin, self.n_points)
-        return self._branch(points, f"One end leaves the branch of half the period; the other {why}.")
+        return self._branch(points, ("leaves the branch of half the period", why))
 
     def _at_limit(self, value: float) -> bool:
         return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
@@ -373,7 +444,7 @@ class Walk:
     def _note(self, kind: str, point: Point, note: str, index: int) -> None:
         self.special.append((kind, point, note, index))
 
-    def _branch(self, points: list[Point], message: str) -> Branch:
+    def _branch(self, points: list[Point], ends: tuple[str, str]) -> Branch:
         system = self.case.to_system()
         names = system.signals.names
         ranges = np.array([signal_ranges(p.orbit) for p in points])
@@ -398,7 +469,8 @@ class Walk:
             points=data,
             special=special,
             status=Status.NOT_CONVERGED if failed else Status.CONVERGED,
-            message=message,
+            message=f"One end {ends[0]}; the other {ends[1]}.",
+            ends=ends,
             signals=tuple(names),
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
             provenance={"case": self.case.name, "limits": self.limits},

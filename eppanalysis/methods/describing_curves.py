@@ -145,6 +145,8 @@ def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
     """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
     from contourpy import LineType, contour_generator
 
+    if min(values.shape) < 2:  # of a loop without gain there is one frequency, and no line in a plane
+        return []
     masked = np.ma.masked_invalid(values.T)
     generator = contour_generator(
         np.arange(len(x)), np.arange(len(y)), masked, line_type=LineType.Separate, corner_mask=True

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation import steady_case
+from eppanalysis.methods.continuation_cover import gaps
 from eppanalysis.methods.continuation_steps import bend, last_admissible, other_sequence, step
 from eppanalysis.methods.families import Family, interpolate
 
@@ -223,3 +224,52 @@ def test_steps_lead_on_from_a_grazing_contact_however_closely_it_is_located() ->
         assert new.value == pytest.approx(graze.value, rel=1e-6)
         ahead = step(new, 1e-6)
         assert ahead is not None and bend(new, ahead) < 0.1, n_halvings
+
+
+# What a branch covers of what was asked ----------------------------------------------------------------------------
+def test_a_branch_that_ends_on_the_way_is_joined_by_those_of_other_cycles() -> None:
+    """The wheelchair's stable cycle grows beyond all bounds near a gain of 1.41; an unstable one exists up to 2."""
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    branch = epp.continue_branch(case, "loop.gain", 1.0, 2.0, n_points=60)
+    assert branch.points["value"].max() < 1.5 and "number of points" in branch.message
+    (other,) = branch.others
+    assert other.points["value"].min() == 1.0 and other.points["value"].max() == 2.0 and not branch.missing
+    at_two = epp.find_limit_cycles(case.with_values({"loop.gain": 2.0}).to_system())
+    assert min(abs(c.period / other.points["period"][np.argmax(other.points["value"])] - 1.0) for c in at_two) < 1e-9
+    legend = [text.get_text() for text in branch.plot("play_input").axes[0].get_legend().get_texts()]
+    assert legend == ["stable", "unstable"]
+    assert branch.to_dict()["others"][0]["message"] == other.message
+
+
+def test_what_a_branch_does_not_cover_is_said_in_result_and_picture() -> None:
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    alone = epp.continue_branch(case, "loop.gain", 1.0, 2.0, n_points=20, n_others=0)
+    (gap,) = alone.missing
+    assert gap.low == alone.points["value"].max() and gap.high == 2.0
+    assert gap.why == "the branch stops at the number of points asked for" and "a part of the range" in alone.message
+    figure = alone.plot("play_input")
+    assert f"no orbit: {gap.why}" in [
+        text.get_text().replace("\n", " ") for text in figure.axes[0].get_legend().get_texts()
+    ]
+    assert figure.axes[0].get_xlim()[1] >= 2.0
+    assert alone.to_dict()["missing"] == [{"low": gap.low, "high": 2.0, "why": gap.why}]
+
+
+def test_beyond_a_fold_there_is_no_orbit(original) -> None:
+    case, found = original
+    branch = epp.continue_branch(case, "lock_pin.backlash", "1.2 deg", "0.6 deg", cycle=None)
+    (gap,) = branch.missing
+    assert gap.low == math.radians(0.6) and gap.high == branch.folds[0].value
+    assert "turns back" in gap.why and not branch.others
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_branches_and_gaps_make_up_the_range(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    branches = [(rng.uniform(0.0, 1.0, rng.integers(1, 6)), ("begins", "ends")) for _ in range(rng.integers(1, 4))]
+    left = gaps((0.0, 1.0), branches)
+    x = rng.uniform(0.0, 1.0, 2000)
+    covered = np.any([(v.min() <= x) & (x <= v.max()) for v, _ in branches], axis=0)
+    missing = np.any([(g.low < x) & (x < g.high) for g in left] or [np.zeros(x.size, bool)], axis=0)
+    assert np.array_equal(covered, ~missing)
+    assert all(g.why for g in left)

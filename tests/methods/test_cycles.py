@@ -258,6 +258,25 @@ def test_growth_is_no_rest() -> None:
     assert np.all(np.abs(search.rest_state) <= 1.0)
 
 
+@pytest.mark.parametrize("slope", [1.4, 1.55])
+def test_runs_that_fly_off_lose_no_cycle(slope: float) -> None:
+    """Far out rounding moves a state across a switch and back: switches at one instant are no period."""
+    plant = ([0.35], [1.0, 3.33, 2.88, 0.91, 0.64])
+    loop = epp.LureSystem.from_tf(plant, epp.DeadZone(-0.45, 0.35, slope=slope))
+    search = epp.find_limit_cycles(loop)
+    assert search.rests and search.diverges and len(search) == 1
+    # Within the dead zone the plant is stable, beyond it not: the cycle between is unstable.
+    assert not search[0].stable and search[0].residual < 1e-9
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+def test_a_loop_without_gain_has_no_cycle(delay: float) -> None:
+    loop = epp.LureSystem.from_tf(([0.0], [1.0, 1.0, 0.0]), epp.HysteresisRelay(-0.2, 0.2), delay=delay)
+    assert len(epp.predict_limit_cycles(loop)) == 0
+    search = epp.find_limit_cycles(loop)
+    assert search.status is Status.CONVERGED and not len(search)
+
+
 # Continua and rounding ----------------------------------------------------------------------------------------------
 #: Period times peak of x'' = -x^3, from x'^2 / 2 + x^4 / 4: the complete elliptic integral of modulus 1/2.
 CUBIC = 4.0 * ellipk(0.5)

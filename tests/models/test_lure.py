@@ -161,3 +161,10 @@ def test_automatic_signals_are_the_elements_inputs_with_their_constants():
     assert cycle.mean["hysteresisrelay_input"] == pytest.approx(0.0, abs=1e-9)
     assert np.abs(cycle.waveform["hysteresisrelay_input"]).max() == pytest.approx(0.1, rel=1e-9)
     np.testing.assert_array_equal(loop.signals.D_input[:, 0], [0.5, 0.0])
+
+
+@pytest.mark.parametrize("omega", [0.0, 1.0])
+def test_the_response_at_a_pole_is_huge_and_that_next_to_it(omega: float) -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 1.0, 0.0]), epp.Saturation())
+    at, beside = (abs(loop.frequency_response(w)[0, 0]) for w in (omega, omega + 1e-6))
+    assert at > 1e6 * beside and np.isfinite(at)

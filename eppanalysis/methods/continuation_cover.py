@@ -1,0 +1,83 @@
+"""Which part of a range branches of orbits cover, and why not the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Parts of the range that are shorter than this, relative to it, are rounding.
+_ROUNDING = 1e-9
+TURNS = "the branch turns back there (cycles of other branches were not sought)"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A part of the range asked for in which no branch has an orbit.
+
+    Attributes
+    ----------
+    low, high : float
+        [SI]
+    why : str
+        What ends the branch beside it, and where else orbits were sought, in words.
+    turns : bool
+        Whether the branch beside it is followed to its end and turns back: then nothing is left to try along it.
+    """
+
+    low: float
+    high: float
+    why: str
+    turns: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units."""
+        return {"low": self.low, "high": self.high, "why": self.why}
+
+
+def gaps(limits: tuple[float, float], branches: Sequence[tuple[Array, tuple[str, str]]]) -> tuple[Gap, ...]:
+    """What branches leave of a range, lowest first.
+
+    Parameters
+    ----------
+    limits : (float, float)
+        The range, its lower end first.
+    branches : sequence of (array, (str, str))
+        The values of the parameter along each, and how each ends at its first and at its last value.
+    """
+    least = _ROUNDING * (limits[1] - limits[0])
+    covered = _joined((float(v.min()), float(v.max())) for v, _ in branches if v.size)
+    edges = [limits[0], *(edge for pair in covered for edge in pair), limits[1]]
+    out = []
+    for low, high in zip(edges[::2], edges[1::2], strict=True):
+        if high - low > least:
+            beside = [_end(branches, edge) for edge in (low, high) if edge not in limits]
+            why = "; ".join(dict.fromkeys(text for text, _ in beside))
+            out.append(Gap(low, high, why, all(turns for _, turns in beside)))
+    return tuple(out)
+
+
+def _joined(parts: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    out: list[tuple[float, float]] = []
+    for low, high in sorted(parts):
+        if out and low <= out[-1][1]:
+            out[-1] = out[-1][0], max(high, out[-1][1])
+        else:
+            out.append((low, high))
+    return out
+
+
+def _end(branches: Sequence[tuple[Array, tuple[str, str]]], edge: float) -> tuple[str, bool]:
+    """How the branch that reaches to an edge ends there, and whether it turns back."""
+    for values, (first, last) in branches:
+        places = np.flatnonzero(values == edge).tolist()
+        if len(values) - 1 in places:
+            return f"the branch {last}", False
+        if 0 in places:
+            return f"the branch {first}", False
+    return TURNS, True
