@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.hybrid import run
+from eppanalysis.kernels.hybrid import PAUSED, run
 from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
@@ -32,6 +32,7 @@ class Outcome(NamedTuple):
     mean: np.ndarray  # (cells, y)
     low: np.ndarray  # (cells, y)
     high: np.ndarray  # (cells, y)
+    stop: np.ndarray  # (1,) int: set, from another thread, to end before all cells are done
 
 
 @njit(cache=True, nogil=True)
@@ -53,7 +54,11 @@ def run_cells(
         x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
         step = base_step[c]
-        code = run(model, slots, work, room, x, modes, H, t_end, step, none, max_events, ring, rate, stats, True)
+        room.pause[2], code = 0.0, PAUSED
+        while code == PAUSED:
+            if out.stop[0]:
+                return
+            code = run(model, slots, work, room, x, modes, H, t_end, step, none, max_events, ring, rate, stats, True)
         count = int(stats[1])
         out.code[c], out.events[c] = code, count
         out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
@@ -76,7 +81,9 @@ def run_cells(
                 times[i] = 2.0 * i * period
         else:
             continue
-        run(model, slots, work, room, x, modes, H, period, step, period_samples, max_events, ring, rate, stats, False)
+        once, code = period_samples, PAUSED
+        while code == PAUSED and not out.stop[0]:
+            code = run(model, slots, work, room, x, modes, H, period, step, once, max_events, ring, rate, stats, False)
         if kind == SETTLED:
             out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
         else:

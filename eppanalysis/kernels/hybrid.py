@@ -45,7 +45,7 @@ from eppanalysis.kernels.series import (
 from eppanalysis.kernels.switches import record, rise_from_start, smooth_at, switch
 from eppanalysis.kernels.tables import ENTRY, HOT, INLINE, LONG_DOUBLINGS, LONGS
 
-DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY = 0, 1, 2, 3, 4, 5
+DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY, STEP_LIMIT, PAUSED = 0, 1, 2, 3, 4, 5, 6, 7
 #: A state beyond this has diverged.
 LARGEST = 1e100
 #: Why fast steps end.
@@ -87,7 +87,8 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     Returns
     -------
     int
-        DONE or the reason for stopping early.
+        DONE or the reason for stopping early. PAUSED: the same call goes on, to the last bit as if there had been no
+        pause; the interpreter has its turn in between.
     """
     n, n_s = model.S.shape
     X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
@@ -110,22 +111,45 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     aside, t_behind, i_behind = False, 0.0, 0
     delayed = line_h.shape[1] > 1
     limit_same = 2 * model.mode_first[-1] + 16
-    watch, keep = room.watch, ring.t.size
-    watch[0] = watch[2] = 0.0
-    code = DONE
-    for i in range(8):
-        stats[i] = 0.0
-    _forget(room, x, n)
-    take_sizes(largest, x)
-    take_sizes(recent, x)
-    take(low, x)
-    take(high, x)
-    one[:] = 1.0
-    q = find_slot(model, slots, work, modes, base_step)
-    if q < 0:
-        return SINGULAR
-    start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
+    watch, keep, pause = room.watch, ring.t.size, room.pause
+    code, spent = DONE, 0.0
+    if pause[2] == 0.0:
+        watch[0] = watch[2] = 0.0
+        for i in range(8):
+            stats[i] = 0.0
+        _forget(room, x, n)
+        take_sizes(largest, x)
+        take_sizes(recent, x)
+        take(low, x)
+        take(high, x)
+        one[:] = 1.0
+        q = find_slot(model, slots, work, modes, base_step)
+        if q < 0:
+            return SINGULAR
+        start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
+    else:
+        t, until, origin, last_t, t_behind, spent = pause[3], pause[4], pause[5], pause[6], pause[7], pause[8]
+        count, i_sample, n_samples, i_knot, j_grid = (
+            int(pause[9]), int(pause[10]), int(pause[11]), int(pause[12]), int(pause[13])
+        )  # fmt: skip
+        same_instant, quiet, i_behind, q = int(pause[14]), int(pause[15]), int(pause[16]), int(pause[17])
+        armed, forced, entered = pause[18] > 0.0, pause[19] > 0.0, pause[20] > 0.0
+        renewed, stepped, aside, watched = pause[21] > 0.0, pause[22] > 0.0, pause[23] > 0.0, pause[24] > 0.0
+        pause[2] = 0.0
+    stop_at = spent + pause[0]
     while True:
+        if spent >= stop_at:
+            if spent >= pause[1] and not aside:
+                code = STEP_LIMIT
+                break
+            pause[2] = 1.0
+            pause[3], pause[4], pause[5], pause[6], pause[7], pause[8] = t, until, origin, last_t, t_behind, spent
+            pause[9], pause[10], pause[11], pause[12], pause[13] = count, i_sample, n_samples, i_knot, j_grid
+            pause[14], pause[15], pause[16], pause[17] = same_instant, quiet, i_behind, q
+            pause[18], pause[19], pause[20] = armed, forced, entered
+            pause[21], pause[22], pause[23], pause[24] = renewed, stepped, aside, watched
+            return PAUSED
+        spent += 1.0
         # External inputs that jump or bend now; what begins at the start is no jump, for all starts from there.
         if i_knot < n_knots and model.knot_time[i_knot] <= t:
             if t > 0.0 and may_leave_behind(model, modes, n_e):
@@ -208,6 +232,7 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
                 t = origin + j_grid * h
                 quiet += j_grid - before
                 stats[3] += j_grid - before
+                spent += (j_grid - before) * 0.0625
                 if _too_large(x):
                     code = DIVERGED
                     break

@@ -13,7 +13,7 @@ from eppanalysis.kernels.closure import MOST_EVENTS
 from eppanalysis.kernels.delays import LINE_CAPACITY
 from eppanalysis.kernels.lanes import aligned, aligned_by_name, padded
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
-from eppanalysis.kernels.tables import Model, Slots, Work, make_slots, make_work, most_guards
+from eppanalysis.kernels.tables import MOST_STEPS, PAUSE, SLICE, Model, Slots, Work, make_slots, make_work, most_guards
 from eppanalysis.kernels.tuples import by_address
 
 
@@ -58,6 +58,7 @@ class Room(NamedTuple):
     then_modes: np.ndarray  # (E,) int
     then_H: np.ndarray  # (H,)
     before: np.ndarray  # (z,) inputs of the elements before a jump
+    pause: np.ndarray  # (PAUSE,) steps until a pause and at most, and what a run that paused goes on from
 
 
 @by_address
@@ -100,9 +101,10 @@ def make_room(model: Model) -> Room:
         "still": (padded(model.Yx.shape[0]),), "row": (10, wide), "range": (2, wide), "held": (n_H,),
         "guard": (7, half), "end": (2 * wide + 2 * half,), "watch": (3,),
         "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),
-        "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,),
+        "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,), "pause": (PAUSE,),
         "then_x": (2, wide), "then_H": (n_H,), "before": (model.C.shape[0],),
     })  # fmt: skip
+    numbers["pause"][:2] = SLICE, MOST_STEPS
     numbers["line_h"][:] = 1.0
     places = {"line_n": (n_s, 2), "modes": (n_e,), "then_modes": (n_e,)}
     return Room(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})

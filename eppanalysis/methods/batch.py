@@ -31,6 +31,7 @@ _EARLY = {
     3: Status.NOT_CONVERGED,
     4: Status.EVENT_LIMIT,
     5: Status.EVENT_LIMIT,
+    6: Status.EVENT_LIMIT,
 }
 _VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE)
 
@@ -233,6 +234,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     out = Outcome(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(n, np.nan),
         np.full((n, 2), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan),
+        np.zeros(1, np.int64),
     )  # fmt: skip
     base = 2.0 * stack.time_scale
 
@@ -253,13 +255,13 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         )  # fmt: skip
         spare.append(rooms)
 
-    starts = range(0, n, CHUNK)
-    if threads == 1:
-        for first in starts:
-            work(first)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, starts))
+    # On threads of their own even where there is one: the caller hears an interrupt, and stops them.
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            list(pool.map(work, range(0, n, CHUNK)))
+        except BaseException:
+            out.stop[0] = 1
+            raise
     status = tuple(_EARLY.get(int(c)) or _VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
     return BatchResult(
         status=status,

@@ -61,6 +61,9 @@ _PILE, _PILED = 64, 1e-3
 _LATE, _LATEST = 100.0, 1e6
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
 _MOST_EDGES = 150
+#: Steps of the engine after which no further start is run (the largest search of a shipped case takes a fifth of it).
+#: So many fast ones count as one; where no orbit can be closed that counts as so many.
+_MOST_WORK, _FAST_STEPS, _FAILURE = 2e7, 20.0, 4e5
 #: Change over all periods to come, relative to the cycle, below which a cycle is listed as a run has it, and how often
 #: the run is made three times as long for that; and how many are listed at most, for they may fill a continuum.
 _REACHED, _MOST_LONGER, _MOST_REACHED = 1e-9, 6, 12
@@ -302,6 +305,8 @@ class _Search:
     n_runs: int = 0
     n_edges: int = 0
     n_left: int = 0
+    n_ended: int = 0
+    work: float = 0.0
     rest: tuple[Array, Array] | None = None
     unclosed: list[LimitCycle] = field(default_factory=list)
 
@@ -317,6 +322,7 @@ class _Search:
             f"{undecided} runs neither settled nor repeated themselves": undecided,
             f"{unclosed} runs are on cycles that could not be closed": unclosed,
             f"{self.n_left} edges between different outcomes were not bisected": self.n_left,
+            f"{self.n_ended} starts were left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,
         }
         return tuple(text for text, count in parts.items() if count)
 
@@ -384,6 +390,11 @@ class _Search:
 
     def _left(self) -> str:
         """What was not looked at."""
+        if self.work > _MOST_WORK:
+            return (
+                f" The search ended after {_MOST_WORK:.0e} steps of the engine; "
+                f"{self.n_ended} starts and {self.n_left} edges were left."
+            )
         if not self.n_left:
             return ""
         return f" {self.n_left} more edges were left: the starts of different outcomes are interwoven."
@@ -462,6 +473,9 @@ class _Search:
 
     def _outcome(self, x: Array, H: Array) -> str:
         self._tell()
+        if self.work > _MOST_WORK:
+            self.n_ended += 1
+            return "not run"
         try:
             return self._end_of(replace(self.hybrid, x0=x, H0=H))
         except EppError:  # a dead time with more switches than its history holds
@@ -563,6 +577,7 @@ class _Search:
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
             return str(self.add(orbit))
+        self.work += _FAILURE
         for i, known in enumerate(self.orbits):
             if has_period_of(known, period):  # it only touches a guard, now and then
                 return str(i)
@@ -589,7 +604,9 @@ class _Search:
     def _run(self, start: HybridSystem, t: float) -> Run:
         """A run of the search, without samples."""
         self.n_runs += 1
-        return run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
+        run = run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
+        self.work += float(run.stats[4] + run.stats[3] / _FAST_STEPS)
+        return run
 
     def _rays(self) -> list[tuple[Array, Array, Array]]:
         """Lines of starts: centre, direction, held values."""
@@ -640,7 +657,7 @@ class _Search:
 
     def _edge(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
         """Bisect between two outcomes; close orbits from the run that stays longest near the edge."""
-        if self.n_edges >= _MOST_EDGES:
+        if self.n_edges >= _MOST_EDGES or self.work > _MOST_WORK:
             self.n_left += 1
             return
         centre, direction, H = ray
@@ -667,6 +684,7 @@ class _Search:
             if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
                 self.add(orbit)
                 return True
+        self.work += _FAILURE / 10.0
         return False
 
 

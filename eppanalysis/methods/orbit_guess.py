@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
+#: switches that pile up without end look like one.
+MOST_ARCS = 120
+
 
 @dataclass(frozen=True, eq=False)
 class Guess:
@@ -86,7 +90,7 @@ def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> 
 
 
 def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: Array, tau: Array) -> Guess | None:
-    """A guess from what a run met; delayed switches are put in where the loop has dead time.
+    """A guess from what a run met, None for one of too many arcs; delayed switches are put in for dead time.
 
     Parameters
     ----------
@@ -97,6 +101,8 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
     tau : array, shape (p,)
         Dwell times [s].
     """
+    if guards.size > MOST_ARCS:
+        return None
     it = Itinerary(modes, guards, np.full((guards.size, 3), -1), _brought_about(hybrid.model, guards, tau))
     if np.any(hybrid.model.smooth_kind == DELAY_LINE):
         try:
@@ -135,6 +141,8 @@ def make_half(hybrid: HybridSystem, image: Array, run: Run, first: int, last: in
     """
     order = run.order[first : last + 1]
     p = order.size - 1
+    if p > MOST_ARCS:
+        return None
     guards = np.append(run.guard[order[1:]], -1)
     tau = np.diff(run.time[order])
     marks = np.append(_brought_about(hybrid.model, guards[:p], tau), 0)

@@ -31,9 +31,13 @@ CONVERGED = 1e-9
 #: Residual with which an orbit that is only begun elsewhere needs no further step.
 _ROUNDING = 1e-14
 _MOST_ITERATIONS = 40
+#: Where many arcs make an iteration dear there are fewer: so many in all of the products of their number with itself.
+_FEW_ITERATIONS, _MOST_PRODUCTS = 8, 400_000
 #: Shares of Newton's step that are tried, longest first.
 _SHARES = tuple(0.4**k for k in range(8))
 _MOST_SEQUENCES = 10
+#: How many more arcs than twice those of its guess an orbit may have.
+_MORE_ARCS = 40
 #: Span of a state, relative to its size, that is rounding.
 _NO_MOTION = 1e-9
 #: Share of the largest singular value of the scaled equations below which the smallest one is rounding.
@@ -216,7 +220,7 @@ def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
     orbit = evaluate(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau)
     k = 0
-    for _ in range(_MOST_ITERATIONS):
+    for _ in range(max(_FEW_ITERATIONS, min(_MOST_ITERATIONS, _MOST_PRODUCTS // guess.tau.size**2))):
         if not np.isfinite(orbit.residual):
             break
         step = -orbit.correction(orbit.r)
@@ -274,7 +278,10 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         near rounding.
     """
     seen: set[bytes] = set()
+    most = 2 * guess.tau.size + _MORE_ARCS
     for _ in range(_MOST_SEQUENCES):
+        if guess.tau.size > most:
+            return None  # ever more switches: they pile up
         try:
             orbit = solve(hybrid, guess)
         except ModelError:

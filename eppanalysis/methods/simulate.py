@@ -31,9 +31,11 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Codes of the kernel that end a run before its time.
-_EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT}
+_EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT, 6: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
+#: A minute or two, if none of them can be saved.
+_MOST_STEPS = 10_000_000
 #: What an element's input moves, relative to its thresholds and to where it is, that is rounding.
 _ROUNDING = 1e-13
 _KNOTS = ("knot_time", "knot_state", "knot_value", "knot_held", "knot_slope")
@@ -78,6 +80,7 @@ def simulate(
     t_eval: ArrayLike | None = None,
     *,
     max_events: int = 200_000,
+    max_steps: int = _MOST_STEPS,
     step: float | None = None,
 ) -> Trajectory:
     """Run a loop in time, exactly between events, every switch of every element located to rounding.
@@ -94,6 +97,9 @@ def simulate(
         Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
     max_events : int
         A run with more stops there and says so (accumulating switches).
+    max_steps : int
+        And so with one of more steps (sixteen count as one where they are proven free of events): a loop with motions
+        far faster than its run is long.
     step : float, optional
         Longest internal step [s]; the results do not depend on it but for rounding.
 
@@ -128,11 +134,11 @@ def simulate(
         return iterate(system, input, t_end, None if t_eval is None else times)
     hybrid = HybridSystem.from_lure(system, motions_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
-    run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS)
+    run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS, max_steps)
     status, found = judge(hybrid, run, t_end)
     n_written = int(run.stats[2])
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
-    settings = {"t_end": t_end, "step": base, "max_events": max_events, "system": system.name}
+    settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
     facts = provenance("event-exact simulation", settings) | {"statistics": _statistics(run)}
     cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
     settled = status is Status.SETTLED
@@ -149,15 +155,23 @@ def simulate(
     )
 
 
-def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, max_events: int, keep: int) -> Run:
-    """One call of the compiled engine.
+def run_hybrid(
+    hybrid: HybridSystem,
+    t_end: float,
+    times: Array,
+    base: float,
+    max_events: int,
+    keep: int,
+    max_steps: int = _MOST_STEPS,
+) -> Run:
+    """One run of the compiled engine.
 
     Raises
     ------
     EppError
         If a combination of modes has no unique solution, or a dead time is too long for its history.
     """
-    from eppanalysis.kernels.hybrid import HISTORY, SINGULAR, run
+    from eppanalysis.kernels.hybrid import HISTORY, PAUSED, SINGULAR, run
     from eppanalysis.kernels.lanes import aligned, padded
     from eppanalysis.kernels.rooms import make_samples
 
@@ -169,9 +183,12 @@ def run_hybrid(hybrid: HybridSystem, t_end: float, times: Array, base: float, ma
     (x, rate), modes, H = aligned((padded(n),), (padded(n),)), hybrid.modes0.copy(), hybrid.H0.copy()
     x[:n] = hybrid.x0
     samples, stats = make_samples(times, n_y), np.zeros(8)
-    code = run(
-        hybrid.model, slots, work, room, x, modes, H, t_end, base, samples, max_events, ring, rate, stats, True
-    )  # fmt: skip
+    room.pause[1:3] = max_steps, 0.0
+    code = PAUSED
+    while code == PAUSED:  # between the calls an interrupt is heard
+        code = run(
+            hybrid.model, slots, work, room, x, modes, H, t_end, base, samples, max_events, ring, rate, stats, True
+        )  # fmt: skip
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "

@@ -10,9 +10,10 @@ from scipy.special import ellipk
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods import cycles
+from eppanalysis.methods import cycles, shooting
 from eppanalysis.methods.cycles import fades
 from eppanalysis.methods.exact import steady_hybrid
+from eppanalysis.methods.orbit_guess import MOST_ARCS
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
@@ -317,3 +318,21 @@ def test_what_rounding_moves_at_rest_is_no_cycle():
     still = replace(loop, x0=np.array([-5.4e-25, -0.0701351276]), memory=(None, 0.5713134929))
     run = epp.simulate(still, t_end=300.0)
     assert run.status is Status.SETTLED and run.limit_cycle is None
+
+
+def test_a_search_among_switches_that_pile_up_is_bounded_and_says_so(monkeypatch):
+    # Every follow-up of a sequence of events that does not close tripled it, until memory ended.
+    arcs = []
+    evaluate = shooting.evaluate
+
+    def counted(hybrid, given, y, tau):
+        arcs.append(given.n_arcs)
+        return evaluate(hybrid, given, y, tau)
+
+    monkeypatch.setattr(shooting, "evaluate", counted)
+    monkeypatch.setattr(cycles, "_MOST_WORK", 1e6)
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Relay(-1.0, 2.0))
+    found = epp.find_limit_cycles(loop, predicted=())
+    assert arcs and max(arcs) <= MOST_ARCS
+    assert found.status is Status.UNDECIDED and not found.cycles
+    assert "The search ended after 1e+06 steps" in found.search and "starts were left" in found.message

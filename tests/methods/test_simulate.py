@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,6 +21,7 @@ from scipy.signal import lsim
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods import simulate as engine
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.signals import Constant, Motion, Ramp, Recorded, Sine, Step, Steps
@@ -590,3 +593,56 @@ def test_events_are_counted_beyond_those_that_are_kept() -> None:
     assert len(run.events) == 20_000
     assert run.n_events == run.to_dict()["n_events"]
     assert run.n_events == pytest.approx(2 * 160_000.0 / run.limit_cycle.period, abs=10)
+
+
+# Bounded work -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("slice_", [1.0, 5.0, 40.0])
+@pytest.mark.parametrize("case_name", ["fig8a_original", "two_mass_deadzone", "upright", "relay_fopdt_closed"])
+def test_a_run_that_pauses_is_the_same_to_the_last_bit(case_name, slice_, monkeypatch):
+    case = epp.case(case_name)
+    system = case.to_system()
+    whole = epp.simulate(system, case.input, t_end=3.0)
+    monkeypatch.setattr("eppanalysis.kernels.rooms.SLICE", slice_)
+    monkeypatch.setattr(engine, "_own", type(engine._own)())
+    paused = epp.simulate(system, case.input, t_end=3.0)
+    assert paused.events == whole.events and paused.status is whole.status
+    for name, values in whole.signals.items():
+        np.testing.assert_array_equal(paused.signals[name], values)
+    assert paused.provenance["statistics"] == whole.provenance["statistics"]
+
+
+@pytest.mark.parametrize(
+    ("system", "settings"),
+    [
+        (epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay()), {"step": 1e-300}),
+        (epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay()), {"step": 1e-9}),
+        # A spring that swings 1e9 times per second.
+        (epp.LureSystem.build([[0, 1], [-1e18, 0]], [[0], [1]], [[-1, 0]], [epp.Sine(1.0)], x0=[1.0, 0.0]), {}),
+    ],
+)
+def test_steps_are_bounded_and_the_end_says_so(system, settings):
+    begin = time.process_time()
+    run = epp.simulate(system, t_end=10.0, t_eval=[0.0, 10.0], max_steps=100_000, **settings)
+    assert time.process_time() - begin < 5.0
+    assert run.status is Status.EVENT_LIMIT and "steps" in run.to_dict()["message"]
+    assert run.provenance["statistics"]["time_reached"] < 1.0
+
+
+def test_a_compiled_loop_hears_an_interrupt():
+    code = (
+        "import epp_path, eppanalysis as epp, sys\n"
+        "loop = epp.LureSystem.build([[0, 1], [-1e18, 0]], [[0], [1]], [[-1, 0]], [epp.Sine(1.0)], x0=[1.0, 0.0])\n"
+        "epp.simulate(loop, t_end=1e-9)\n"
+        "print('ready', flush=True)\n"
+        "try:\n    epp.simulate(loop, t_end=10.0, max_steps=10**12)\n"
+        "except KeyboardInterrupt:\n    print('heard', flush=True)\n"
+    ).replace("epp_path, ", "")
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        begin = time.perf_counter()
+        assert process.stdout.readline() == "heard\n"
+        # On an idle machine some 0.1 s.
+        assert time.perf_counter() - begin < 3.0
+        process.wait(10.0)
