@@ -11,6 +11,7 @@ difference between the ends is free of slow drift and of what noise in the angle
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
+from eppanalysis.identify.plausible import mistaken
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
 from eppanalysis.models.nonlinearities.memory import StictionPulley
@@ -98,7 +100,21 @@ def fit_backlash(recording: Recording, case: Case, *, press: float = 0.0) -> Ben
     backlash = _backlash(angle, force, stays, recording, case, press)
     cable = _cable(_slope(force, stays, recording), held, force, stays, recording, case)
     estimates = [backlash, *cable] + ([pin] if pin else [])
+    _check_units(estimates, recording, case)
     return _result(recording, stays, angle, force, tuple(estimates), share, case, press)
+
+
+def _check_units(estimates: Sequence[Estimate], recording: Recording, case: Case) -> None:
+    """Refuse a cable that is softer or stiffer than the case's by the factor between degrees and radians."""
+    for found in estimates:
+        if found.name != "cable.stiffness" or not (found.identified and found.value > 0):
+            continue
+        wrong = mistaken("angle", case.value(found.name) / found.value)
+        if wrong:
+            raise EppError(
+                f"{recording.source}: its angle makes the cable {found.text(found.value)}, where the case has "
+                f"{case.text(found.name, case.value(found.name))}{wrong}; expected the angle in its own unit."
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from eppanalysis.case import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, weighted
+from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
 from eppanalysis.identify.reading import Progress, Recording
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import Cloud, draw_cloud
@@ -81,8 +82,10 @@ def fit_step(
         raise EppError(
             f"{recording.source}: {len(response.time)} rows cannot tell {len(unknowns)} parameters; expected more rows."
         )
-    if _deaf(response, seed):
+    candidates = [response.signals(q) for q in _starts(unknowns, seed)[:8]]
+    if _deaf(response, candidates):
         raise EppError(f"{recording.source}: cannot tell {' or '.join(names)}; {_remedy(response)}")
+    refuse_what_is_no_response(response, candidates, recording.source)
     q = _search(response, seed, progress)
     solution = _settle(response, q, names, seed)
     if all(name in solution.held for name in names):
@@ -130,9 +133,9 @@ def _starts(unknowns: Sequence[Unknown], seed: int) -> Array:
     return np.clip(np.vstack([first, np.column_stack(rows)]), low, high)
 
 
-def _deaf(response: Response, seed: int) -> bool:
+def _deaf(response: Response, candidates: Sequence[dict[str, Array]]) -> bool:
     """Whether the motion is the same, next to the noise, whatever the parameters."""
-    first, *others = (response.signals(q) for q in _starts(response.unknowns, seed)[:8])
+    first, *others = candidates
     return all(
         float(np.max(np.abs(other[c.role] - first[c.role]))) < 0.1 * c.noise
         for other in others
@@ -426,7 +429,7 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
 def _result(recording: Recording, solution: _Solution, names: Sequence[str], seed: int) -> BenchFit:
     response = solution.response
     now = response.signals(solution.q)
-    panels, residuals, worst = {}, {}, 0.0
+    panels, residuals, worst, shares = {}, {}, 0.0, {}
     for channel in response.channels:
         r = channel.data - now[channel.role]
         share = np.linalg.lstsq(channel.nuisance[channel.live], r[channel.live], rcond=None)[0]
@@ -435,9 +438,15 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         unit = "rad" if channel.role == "angle" else "N"
         residuals[channel.role] = Residual(float(np.std(left)), lag_one(left), drift, unit)
         worst = max(worst, float(np.std(left)) / channel.noise)
+        shares[channel.role] = explained(channel, left)
         panels[channel.role] = {
             "x": response.time, "y": channel.data, "fit": channel.data - left, "residual": left, "units": ("s", unit)
         }  # fmt: skip
+    if max(shares.values()) < LEAST_SHARE:
+        left_over = ", ".join(f"{100 * max(share, 0.0):.2g} % of the {role}" for role, share in shares.items())
+        raise EppError(
+            f"{recording.source}: the best fit explains {left_over}; expected the response of such an elbow."
+        )
     notes = recording.sentences()
     notes.append(f"{response.runs} simulated candidates from {STARTS} starts.")
     if solution.cloud.temper < 1.0:
@@ -447,7 +456,13 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
             f"The residuals are {worst:.3g} times the noise of the record: the model does not describe this motion; "
             "the intervals count that as wander."
         )
-    status = Status.CONVERGED if solution.converged else Status.NOT_CONVERGED
+    notes += [
+        f"Of the {role} only {100 * max(share, 0.0):.2g} % are explained."
+        for role, share in shares.items()
+        if share < LEAST_SHARE
+    ]
+    told = solution.converged and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
+    status = Status.CONVERGED if told else Status.NOT_CONVERGED
     return BenchFit(
         "step response", recording.source, _estimates(solution, names), residuals, tuple(notes), recording.n_rows,
         len(response.time), status, {"panels": panels, "x": "time", "line": True},
