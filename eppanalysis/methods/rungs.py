@@ -180,11 +180,13 @@ def _search(
 def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> str:
     if search is None:
         return why_not
-    if not len(search) and not search.status.ok:
-        return "No exact limit cycle was found, but some runs of the search are undecided."
+    if not len(search) and search.left_open:
+        return f"No exact limit cycle was found. {search.message}"
     if not len(search):
-        ends = "rest" if search.rests else "grow without bound"
-        return f"There is no exact limit cycle: all {search.provenance['runs']} runs of the search {ends}."
+        ends = f"all {search.provenance['runs']} runs of the search {'rest' if search.rests else 'grow without bound'}"
+        if search.unclosed:
+            return f"No exact limit cycle was found: {ends}, and no prediction leads to an orbit."
+        return f"There is no exact limit cycle: {ends}."
     exact = [c for c in search if c.method == EXACT]
     parts = [f"{n} {kind}" for kind, n in Counter(_STABILITY[c.stable] for c in exact).items()]
     sentences = [f"Exact limit cycles: {' and '.join(sorted(parts))}."] if exact else []
