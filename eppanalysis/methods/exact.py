@@ -95,8 +95,14 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     facts = dict(start.provenance)
     if found:
         facts["instead"] = f"the orbit that was found {found[-1].difference}"
-    nothing = {"stable": None, "residual": float("nan"), "provenance": facts}
-    return replace(start, method="exact orbit", status=Status.NOT_CONVERGED, **nothing)
+    return replace(
+        start,
+        method="exact orbit",
+        status=Status.NOT_CONVERGED,
+        stable=None,
+        residual=float("nan"),
+        provenance=facts,
+    )
 
 
 @dataclass(frozen=True, eq=False)

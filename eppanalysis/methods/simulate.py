@@ -318,7 +318,7 @@ def is_rounding(hybrid: HybridSystem, states: Array, held: Array, moves: Array) 
     for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
         own = model.guard_element == e
         weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
-        size = np.abs(model.guard_0[own]).max(initial=0.0) + float(weight @ place[first:end])
+        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(weight @ place[first:end])
         if float(weight @ swing[first:end]) > _ROUNDING * size:
             return False
         seen |= size > 0.0
