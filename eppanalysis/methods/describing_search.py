@@ -183,13 +183,14 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
     amplitude = single.with_turns(amplitude)
     bias = single.at(amplitude)
     amplitude, bias = amplitude[np.isfinite(bias)], bias[np.isfinite(bias)]
-    N = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
-    omega = frequency_nodes(balance.system, 40, _lowest_gain(N))
+    gains = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
+    omega = frequency_nodes(balance.system, 40, _lowest_gain(gains))
     L = balance.linear(omega)[:, 0, 0]
+    N = np.asarray(gains.real, float)
     cycles = [np.zeros((0, 4))]
     for w in phase_crossings(balance, omega, L):
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
-        cycles.append(_roots_in_amplitude(balance, amplitude, N.real * gain, w, gain, single.at))
+        cycles.append(_roots_in_amplitude(balance, amplitude, N * gain, w, gain, single.at))
     return Found(distinct(balance, np.concatenate(cycles)), (), _sentence(balance.system, True, omega, amplitude, 1))
 
 
@@ -270,8 +271,8 @@ def _bias_nodes(balance: Balance, scales: Array) -> Array:
     """
     steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
     element = balance.system.elements[0]
-    static = isinstance(element, PiecewiseLinear)
-    centres = [0.0, *(element.breakpoints[:_MOST_CENTRES] if static else balance.operating_bias[:1])]
+    stands = element.breakpoints[:_MOST_CENTRES] if isinstance(element, PiecewiseLinear) else balance.operating_bias[:1]
+    centres = [0.0, *stands]
     if balance.on_bias[0, 0]:
         centres.append(balance.prescribed[0] / balance.on_bias[0, 0])
     around = [np.concatenate([[c], c + steps, c - steps]) for c in {float(c) for c in centres}]
@@ -320,8 +321,9 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         for line in lines:
             if not np.any(line[:, 1]):
-                N = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0].real
-                cycles.append(_roots_in_amplitude(balance, line[:, 0], N * gain, w, gain, np.zeros_like))
+                known = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0]
+                loop_gain = np.asarray(known.real * gain, float)
+                cycles.append(_roots_in_amplitude(balance, line[:, 0], loop_gain, w, gain, np.zeros_like))
                 continue
             gains = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1]
             N = np.asarray(gains[:, 0].real, float)
@@ -339,7 +341,7 @@ def _roots_in_amplitude(
     def excess(log_a: Array) -> Array:
         a = np.exp(log_a)
         N = balance.evaluate(a[:, None], bias_of(a)[:, None], np.full(a.size, omega))[1][:, 0].real
-        return _log_excess(N * gain)
+        return _log_excess(np.asarray(N * gain, float))
 
     roots = roots_at_once(excess, np.log(amplitude), _log_excess(loop_gain))
     return np.stack([roots, np.full(roots.size, np.log(omega)), bias_of(np.exp(roots)), np.zeros(roots.size)], -1)
