@@ -124,7 +124,7 @@ def checked_class(made: Made) -> Made:
     return made
 
 
-def floats(value: object, name: str, **options: Any) -> NDArray[np.float64]:
+def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     """An array of floats of what a caller gave, for what is called too often to be :func:`checked`.
 
     Parameters

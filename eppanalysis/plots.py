@@ -250,8 +250,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
             bands.append((middle - half, middle + half))
             ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
     text = "stable cycle that first order misses"
-    for number in ladder.missed if ladder.search is not None else ():
-        cycle = ladder.search[number]
+    for cycle in () if ladder.search is None else [ladder.search[number] for number in ladder.missed]:
         half, middle = 0.5 * factor * cycle.peak_to_peak[name], factor * cycle.mean[name]
         bands.append((middle - half, middle + half))
         style: dict[str, Any] = {"facecolor": "none", "edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
@@ -485,7 +484,7 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
             _draw_branch(ax, one, name, key, x_factor, scale)
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
-            edges = {"facecolor": GREY, "alpha": 0.18, "linewidth": 0, "hatch": "xx"}
+            edges: dict[str, Any] = {"facecolor": GREY, "alpha": 0.18, "linewidth": 0, "hatch": "xx"}
             ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"no orbit: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]

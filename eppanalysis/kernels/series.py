@@ -232,6 +232,8 @@ def first_rise(p, tolerance):
         u += -2.0 * v / below
         if u > 1.0:
             return 2.0
+        if not u > 0.0:  # a bound beyond all range: no step is safe, however short
+            return 0.0
         v, d = value_and_slope(p, u)
         d /= u
     return u
@@ -241,9 +243,11 @@ def first_rise(p, tolerance):
 def _newton(p, u, v, d):
     """Finish from a point where the zero ahead is unique and near."""
     for _ in range(12):
+        if d == 0.0:
+            break
         step = -v / d
         u += step
-        if abs(step) <= 1e-17 + 1e-16 * u:
+        if abs(step) <= 1e-17 + 1e-16 * u or not u > 0.0:
             break
         v, d = value_and_slope(p, u)
         d /= u

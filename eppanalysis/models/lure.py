@@ -397,7 +397,7 @@ class LureSystem:
         return control.ss(self.A, self.B, self.C, self.D, *([self.time_step] if self.time_step else []))
 
 
-def _solved(resolvent: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _solved(resolvent: NDArray[np.complex128], right: NDArray[Any]) -> NDArray[Any]:
     """``(s - A)^-1`` times a matrix, for many s; for one that is a pole to the last bit, a rounding beside it."""
     try:
         return np.linalg.solve(resolvent, right)

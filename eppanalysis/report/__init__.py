@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
 
@@ -91,7 +91,7 @@ def report(
     """
     target = Path(path)
     check(target)
-    chosen = tuple(cases) if hasattr(cases, "__len__") else (cases,)
+    chosen: tuple[Any, ...] = (cases,) if hasattr(cases, "to_system") else tuple(cases)
     if not chosen:
         raise EppError(f"{target}: is a report of no case; expected one case or more.")
 
