@@ -343,3 +343,13 @@ def test_without_an_orbit_near_there_is_no_estimate_and_a_reason():
     balance = harmonic_balance(system, small, 1)
     assert np.isnan(balance.error_estimate)
     assert "order" in balance.provenance["error_note"]
+
+
+def test_error_is_measured_up_to_half_the_sample_rate():
+    """The highest order that a sampled loop allows changes with the frequency on the way there."""
+    system = epp.case("backlash_discrete_pi_kp05_ki01").to_system()
+    guess = epp.predict_limit_cycles(system)[0]
+    for order in (1, 3, 9, None):
+        balance = harmonic_balance(system, guess, order)
+        assert balance.status.ok
+        assert np.isnan(balance.error_estimate) or balance.error_estimate < 1 / 3
