@@ -413,7 +413,8 @@ def _error(loop: Loop, equations: Equations, last: _Iterate) -> float:
     """
     n = equations.n
     Z, omega = equations.unpack(last.X)
-    longer = loop.continued(Z, omega, min(3 * n + 8, loop.highest(omega)), min(2, len(loop.elements)))
+    most = max(n, min(3 * n + 8, loop.highest(omega)))
+    longer = loop.continued(Z, omega, most, min(2, len(loop.elements)))
     W, _ = loop.answers(longer, omega)
     R = equations.residual(Z, W[:, : n + 1], loop.linear(omega, n)) / last.rows
     change = last.unknowns * last.solve(R)
