@@ -72,7 +72,7 @@ def _functions() -> Iterator[Door]:
         "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "inputs": None},
         "ladder": {"case": case},
         "continue_branch": {"case": case, "parameter": threshold, "start": 0.5, "stop": 0.6, "cycle": None,
-                            "origin": None, "n_points": 3, "max_step": 0.05, "n_simulated": 0},
+                            "origin": None, "n_points": 3, "max_step": 0.05, "n_simulated": 0, "n_others": 0},
         "continue_folds": {"case": case, "parameter": threshold, "other": level, "limits": (0.5, 2.0),
                            "over": (1.0, 1.1), "cycle": None, "n_points": 2},
         "design_bounds": {"case": case, "over": level, "limit": threshold, "start": 1.0, "stop": 1.1, "points": 1,
