@@ -25,6 +25,8 @@ PROGRESS = "progress"
 SHEET, LOCK, DONE = f"{PROGRESS}/sweep.json", f"{PROGRESS}/lock", f"{PROGRESS}/done"
 REMEDY = "the command that made it, given again, computes what is damaged anew"
 
+#: There is no such file; a store of other axes may have a folder in its place.
+_NO_FILE = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 #: A file system that knows no locks, or does not let one be taken where nothing can be written either.
 _NO_LOCKS = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
@@ -53,7 +55,7 @@ def file_digest(path: Path, *, on_disk: bool = False) -> str | None:
             if on_disk:
                 os.fsync(file.fileno())
             return digest(file.read())
-    except (FileNotFoundError, NotADirectoryError):
+    except _NO_FILE:
         return None
 
 
@@ -73,7 +75,7 @@ def read_sheet(path: Path, place: str) -> dict[str, Any] | None:
     try:
         held = json.loads(path.read_bytes())
         whole = held["digest"] == digest_of([place, held["facts"]])
-    except (FileNotFoundError, NotADirectoryError, ValueError, TypeError, KeyError, RecursionError):
+    except (*_NO_FILE, ValueError, TypeError, KeyError, RecursionError):
         return None
     return held["facts"] if whole else None
 

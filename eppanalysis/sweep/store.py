@@ -130,7 +130,7 @@ class ZarrStore:
         self.damaged = len(marked) - len(self.whole)
         if marked and not resume:
             raise EppError(f"{self.path}: holds results already; expected another name, or to resume.")
-        if sheet is None and marked and not self.whole:
+        if sheet is None and not self.whole and any((self.path / integrity.DONE).rglob("*")):
             raise EppError(
                 f"{self.path}: {integrity.SHEET} is damaged, and no block shows whose results these are; "
                 "expected another name."
@@ -249,6 +249,8 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     """
     import xarray
 
+    if not isinstance(path, str | Path):
+        raise EppError(f"open_sweep: path is {path!r}; expected the name of a store.")
     path = Path(path)
     with _reading(path):
         sheet = _read_sheet(path) if path.is_dir() else None

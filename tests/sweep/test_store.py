@@ -362,6 +362,26 @@ def test_blocks_of_another_sweep_are_not_taken_for_its_own(tmp_path) -> None:
     assert wanted.identical(sweep(CASE, axes, store=one, progress=False).load())
 
 
+@pytest.mark.parametrize("axes", [{"lock_pin.backlash": "1:3:4:deg"}, AXES, {"bands.range": "9:10:100:lbf"}])
+def test_a_store_that_lost_its_sheet_is_left_to_the_sweep_that_made_it(tmp_path, axes) -> None:
+    """Its blocks show whose it is."""
+    path, made = tmp_path / "map.zarr", {"pulley.friction": "0:0.05:2", "lock_pin.backlash": "1:3:3:deg"}
+    wanted = sweep(CASE, made, store=path, chunk=2, progress=False).load()
+    (path / "progress" / "sweep.json").write_text("{}")
+    with pytest.raises(EppError, match=r"no block shows whose results these are; expected another name"):
+        sweep(CASE, axes, store=path, chunk=2, progress=False)
+    with pytest.raises(EppError, match=r"sweep\.json is damaged; the command that made it"):
+        open_sweep(path)
+    assert wanted.identical(sweep(CASE, made, store=path, chunk=2, progress=False).load())
+
+
+@pytest.mark.parametrize("path", [None, 5, b"map.zarr", ["map.zarr"], "", "none", "/dev/null"])
+def test_what_is_no_store_is_one_sentence(path, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(EppError, match="expected"):
+        open_sweep(path)
+
+
 def test_what_was_damaged_is_said_once(tmp_path, capsys) -> None:
     path, axes = tmp_path / "map.zarr", {"lock_pin.backlash": "1:3:4:deg"}
     sweep(CASE, axes, store=path, chunk=2)
