@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from itertools import product
 from math import prod
 from pathlib import Path
+from threading import Semaphore
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 Bounds = tuple[tuple[int, int], ...]
 _FORMAT = 2
+#: Threads that bring blocks to the disk: a disk takes several at once.
+_MARKERS = 4
 #: What stores of the first form, which had no digests, hold in their attributes.
 _FIRST_FORM = b'"eppanalysis_sweep"'
 
@@ -92,8 +95,10 @@ class ZarrStore:
             ours = not path.exists()
             (path / integrity.PROGRESS).mkdir(parents=True, exist_ok=True)
             self._lock = integrity.Lock(path)
-            # Bringing numbers to the disk takes longer than computing them at times: the next block need not wait.
-            self._marker, self._failure = ThreadPoolExecutor(1, thread_name_prefix="marks"), list[BaseException]()
+            # Bringing numbers to the disk takes longer than computing them at times: the next block need not wait. But
+            # what is not marked yet stays little, as an end waits for it and a kill loses it.
+            self._marker, self._failure = ThreadPoolExecutor(_MARKERS), list[BaseException]()
+            self._room = Semaphore(2 * _MARKERS)
             try:
                 self._open(block_shape(design.shape, chunk), resume)
             except BaseException:
@@ -211,6 +216,7 @@ class ZarrStore:
                 (self.path / name / "c" / key).unlink(missing_ok=True)
                 if values.dtype != object or any(values):
                     self.arrays[name][place] = values.reshape(shape)
+            self._room.acquire()
             self._marker.submit(self._mark, key)
 
     def _mark(self, key: str) -> None:
@@ -218,6 +224,8 @@ class ZarrStore:
             integrity.write_mark(self.path, key, self.stamp, tuple(self.variables))
         except BaseException as error:
             self._failure.append(error)
+        finally:
+            self._room.release()
 
     def _fail(self) -> None:
         """Raise what went wrong with a mark."""
