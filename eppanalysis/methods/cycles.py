@@ -57,6 +57,8 @@ _QUIET_TURN, _SEEN = 2, 3.0
 _FAR = 1e6
 #: Events that show how much what piles up still moves, and what is little, relative to the whole run.
 _PILE, _PILED = 64, 1e-3
+#: Share to which it has come down among the events that a run keeps, where it dwindles.
+_DWINDLES = 0.999
 #: Times as long is looked at once more for a slow cycle, and at most where something drifts on.
 _LATE, _LATEST = 100.0, 1e6
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
@@ -486,25 +488,31 @@ class _Search:
         for turn in range(8):
             run = self._run(start, t)
             status, facts = judge(start, run, t)
-            if status is Status.SETTLED:
-                return self._rested(start, run)
+            ended = self._ended(status, start, run)
+            if ended is not None:
+                return ended
             if status is Status.LIMIT_CYCLE:
-                return self._recognise(start, run, float(facts[1]))
-            if status is Status.DIVERGED:
-                return "leaves"
-            if status is Status.EVENT_LIMIT:
-                return self._rested(start, run) if _died_out(start, run) else "undecided"
-            if fades(start, run, t, self.horizon, self._sizes()):
+                known = self._recognise(start, run, float(facts[1]))
+            elif fades(start, run, t, self.horizon, self._sizes()):
                 return self._late_cycle(start, run, t) or "rest"
-            known = self._recognise(start, run, None)
-            if known == "undecided" and turn == _QUIET_TURN:
-                known = self._quiet_cycle(run, t)
+            else:
+                known = self._recognise(start, run, None)
+                if known == "undecided" and turn == _QUIET_TURN:
+                    known = self._quiet_cycle(run, t)
             if known != "undecided":
                 return known
-            if turn >= 3 and run.count > _ENOUGH_EVENTS:
+            if turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE:
                 break
             t *= 3.0
         return "leaves" if self._has_gone(start, run, t) else "undecided"
+
+    def _ended(self, status: Status, start: HybridSystem, run: Run) -> str | None:
+        """Where a run ends that goes on no longer; None for one that does."""
+        if status is Status.SETTLED:
+            return self._rested(start, run)
+        if status is Status.EVENT_LIMIT:
+            return self._rested(start, run) if _died_out(start, run) else "undecided"
+        return "leaves" if status is Status.DIVERGED else None
 
     def _quiet_cycle(self, run: Run, t: float) -> str:
         """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
@@ -581,6 +589,8 @@ class _Search:
         for i, known in enumerate(self.orbits):
             if has_period_of(known, period):  # it only touches a guard, now and then
                 return str(i)
+        if _dwindles(start, run)[0]:
+            return "undecided"
         self._reach(start, float(run.stats[0]))
         return UNCLOSED
 
@@ -692,11 +702,17 @@ def _died_out(start: HybridSystem, run: Run) -> bool:
     """Whether switches pile up while what still moves between them dwindles."""
     if not run.held:  # steps without number, but no switch
         return False
+    dwindles, now = _dwindles(start, run)
+    return dwindles and now <= _PILED
+
+
+def _dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
+    """Whether the last events that a run keeps are smaller than the first, and their size relative to the whole run."""
     size = np.where(run.high > run.low, run.high - run.low, np.inf)
     before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max() for part in (
         run.order[:_PILE], run.order[-_PILE:],
     ))  # fmt: skip
-    return bool(now <= _PILED and now < before)
+    return bool(now < _DWINDLES * before), float(now)
 
 
 def fades(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
