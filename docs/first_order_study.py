@@ -67,8 +67,8 @@ class Row:
 
     @property
     def error(self) -> float:
-        """The larger of the errors in frequency and in the fundamental, which the estimate is of."""
-        return max(self.error_frequency, self.error_amplitude)
+        """The largest of the errors in frequency, fundamental and size, which the estimate is of."""
+        return max(self.error_frequency, self.error_amplitude, self.error_peak_to_peak)
 
 
 def random_plant(rng: np.random.Generator) -> tuple[list[float], list[float], int]:

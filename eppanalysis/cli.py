@@ -300,6 +300,8 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     typer.echo(f"{count(n, 'limit cycle')} predicted. {prediction.search}".strip())
     if not prediction.status.ok:
         typer.echo(prediction.status.value)
+    for warning in prediction.warnings:
+        typer.echo(f"Caution: {warning}")
     if n:
         _print(cycles_table(list(prediction)))
     if prediction.margins:

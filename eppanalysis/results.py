@@ -276,7 +276,7 @@ class Prediction(Brief):
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
     ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
-    principal element. `search` says how completeness was sought.
+    principal element. `search` says how completeness was sought, `warnings` what cycles first order cannot see there.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -285,6 +285,7 @@ class Prediction(Brief):
     curves: Mapping[str, Any] = field(default_factory=dict)
     margins: Mapping[str, float] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -301,6 +302,7 @@ class Prediction(Brief):
             "status": self.status.name.lower(),
             "message": self.status.value,
             "search": self.search,
+            "warnings": list(self.warnings),
             "margins": dict(self.margins),
             "cycles": [c.to_dict() for c in self.cycles],
             "provenance": dict(self.provenance),

@@ -25,9 +25,9 @@ _KNOCKED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
-    "estimated error > 100 %: the harmonics that first order neglects would move this cycle by as much as its own "
-    "size, so the estimate cannot say how wrong it is, and the cycle may be close all the same or not exist; "
-    "compare it with the exact ones (validate, cycles)."
+    "may not exist: the harmonics that first order neglects take this cycle away, or it passes a threshold by less "
+    "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
+    "Compare with the exact cycles (validate, cycles)."
 )
 
 
@@ -323,7 +323,7 @@ def _percent(share: float) -> str:
     if math.isnan(share):
         return "-"
     if share > 1.0:
-        return "> 100 %"
+        return "may not exist" if math.isinf(share) else "> 100 %"
     return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
 
 

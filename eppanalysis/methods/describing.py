@@ -15,7 +15,8 @@ import numpy as np
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, Balance, make_balance, mean_state
-from eppanalysis.methods.describing_error import error_estimate
+from eppanalysis.methods.describing_blind import blind_spots
+from eppanalysis.methods.describing_error import Estimate, error_estimate
 from eppanalysis.methods.describing_margins import linear_margins
 from eppanalysis.methods.describing_multi import choose_pivot, search_several
 from eppanalysis.methods.describing_picture import loop_gain_curves, nyquist_curves
@@ -95,7 +96,9 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         found = search_one(balance) if single else search_several(balance)
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
         points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
-        cycles = tuple(_cycle(balance, p, value, coordinates) for p in points)
+        estimates = [error_estimate(balance, p) for p in points]
+        cycles = tuple(_cycle(balance, p, value, e, coordinates) for p, e in zip(points, estimates, strict=True))
+        warnings = blind_spots(balance, points, estimates, found)
         if single:
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
@@ -104,13 +107,14 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         cycles=cycles,
         status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
         search=found.search,
+        warnings=warnings,
         curves=curves,
         margins=Deferred(partial(linear_margins, system)),
         provenance={"system": system.name, "input": dict(zip(system.input_names, value.tolist(), strict=True))},
     )
 
 
-def _cycle(balance: Balance, p: Point, value: Array, coordinates: Array) -> LimitCycle:
+def _cycle(balance: Balance, p: Point, value: Array, estimate: Estimate, coordinates: Array) -> LimitCycle:
     """One predicted cycle; `coordinates` bring the state of the balance's loop back to that of the user."""
     system = balance.system
     turn = np.exp(-1j * p.phase[0])
@@ -121,7 +125,6 @@ def _cycle(balance: Balance, p: Point, value: Array, coordinates: Array) -> Limi
     x = mean_state(system, value, p.bias, p.mean)
     c0 = signals.C @ x + signals.D @ p.mean + signals.D_input @ value + signals.constant
     stable, criterion = stability(balance, p)
-    error, content = error_estimate(balance, p)
     period = 2.0 * np.pi / p.omega
     time = np.linspace(0.0, period, 129)
     wave = np.exp(1j * p.omega * time)
@@ -137,7 +140,7 @@ def _cycle(balance: Balance, p: Point, value: Array, coordinates: Array) -> Limi
         stable=stable,
         stability_criterion=criterion,
         residual=p.residual,
-        error_estimate=error,
+        error_estimate=estimate.error,
         time=time,
         waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
         state=coordinates @ (x + swing.imag),
@@ -150,7 +153,8 @@ def _cycle(balance: Balance, p: Point, value: Array, coordinates: Array) -> Limi
                 n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
                 for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
             },
-            "harmonic_content": content,
+            "harmonic_content": estimate.content,
+            "may_not_exist": bool(np.isinf(estimate.error)),
             "mean_state": (coordinates @ x).tolist(),
         },
     )

@@ -40,38 +40,56 @@ _LOPSIDED = 1e-9
 _SHARES = (0.1, 0.3, 0.6, 1.0)
 
 
-def error_estimate(balance: Balance, p: Point) -> tuple[float, float]:
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """How far a predicted cycle may be off.
+
+    Attributes
+    ----------
+    error : float
+        Relative; infinite where the cycle may not exist, nan where an element has no exact answer to harmonics or none
+        is below half the sample rate.
+    content : float
+        The largest root-sum-square of an input's harmonics over the amplitude of the fundamental; nan where unknown.
+    motions : tuple of Motion
+        The cycle and what harmonics make of it, as far as they have been followed.
+    """
+
+    error: float
+    content: float = float("nan")
+    motions: tuple[Motion, ...] = ()
+
+
+def error_estimate(balance: Balance, p: Point) -> Estimate:
     """Estimated relative error of a predicted cycle, and the harmonic content of the elements' inputs.
 
     The error is the largest of those in frequency, in the fundamental and in the swing of the loop's first signal. How
     often the estimate covers it is in the documentation, "When first order is good enough".
-
-    Returns
-    -------
-    (error, content) : float, float
-        `content` is the largest root-sum-square of harmonics over the amplitude of the fundamental. The error is
-        infinite where the cycle may not exist, and both are nan where an element has no exact answer to harmonics, or
-        where none is below half the sample rate.
     """
     try:
         loop = Loop.from_balance(balance)
     except ModelError:
-        return float("nan"), float("nan")
-    turned = -1j * p.amplitude * np.exp(1j * (p.phase - p.phase[balance.pivot]))
-    first = _Motion(loop, np.column_stack([p.bias + 0j, turned]), p.omega, balance.pivot)
+        return Estimate(float("nan"))
+    found = [Motion.of(balance, loop, p.amplitude, p.phase, p.bias, p.omega)]
     if loop.highest(p.omega) < min(_ORDERS):
-        return float("nan"), float("nan")
+        return Estimate(float("nan"))
     try:
-        found = [first, *_refined(first)]
-        last = found[-1]
-        lasts = len(found) > 2 and last.orientation == first.orientation
-        lasts &= not last.grazes and first.jumps == last.jumps
+        found.extend(_refined(found[0]))
+        first, last = found[0], found[-1]
+        if not _lasts(found):
+            return Estimate(float("inf"), motions=(first, last))
+        whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
     except (_Lost, Unsettled):
-        lasts = False
-    if not lasts:
-        return float("inf"), float("nan")
-    whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
-    return float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content
+        return Estimate(float("inf"), motions=tuple(found))
+    return Estimate(float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content, (first, last))
+
+
+def _lasts(found: list[Motion]) -> bool:
+    """Whether the last of the balances still is the first one's cycle, and passes no threshold by a hair."""
+    first, last = found[0], found[-1]
+    if len(found) < 3 or last.orientation != first.orientation:
+        return False
+    return not last.grazes and first.jumps == last.jumps
 
 
 class _Lost(Exception):
@@ -79,13 +97,19 @@ class _Lost(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class Motion:
     """A balanced motion: inputs of the elements Z (m, n + 1), in sine phase at the pivot, and omega [rad/s]."""
 
     loop: Loop
     Z: ComplexArray
     omega: float
     pivot: int
+
+    @classmethod
+    def of(cls, balance: Balance, loop: Loop, amplitude: Array, phase: Array, bias: Array, omega: float) -> Motion:
+        """From the unknowns of a first-order balance, each of shape (m,)."""
+        turned = -1j * amplitude * np.exp(1j * (phase - phase[balance.pivot]))
+        return cls(loop, np.column_stack([bias + 0j, turned]), omega, balance.pivot)
 
     @property
     def order(self) -> int:
@@ -147,7 +171,7 @@ class _Motion:
         regimes = self.loop.answers(self.Z, self.omega)[1]
         return [len(r.switches) for r, jumps in zip(regimes, _jumps_freely(self.loop), strict=True) if jumps]
 
-    def with_harmonics(self, order: int, loop: Loop | None = None) -> _Motion | None:
+    def with_harmonics(self, order: int, loop: Loop | None = None) -> Motion | None:
         """The balance of an order near this one, in this loop or another one; None where Newton's method finds none."""
         loop = self.loop if loop is None else loop
         try:
@@ -155,7 +179,7 @@ class _Motion:
         except Unsettled:
             return None
         found = settled(loop, start, self.omega)
-        return None if found is None else _Motion(self.loop, *found, self.pivot)
+        return None if found is None else Motion(self.loop, *found, self.pivot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +213,8 @@ def _jumps_freely(loop: Loop) -> list[bool]:
     return [bool(own) and all(s * jump >= 0 for jump in own) for s, own in zip(straight, jumps, strict=True)]
 
 
-def _refined(first: _Motion) -> Iterator[_Motion]:
-    """Balances of rising order, each from the one before, until they change little; _Lost if two in a row are missing."""
+def _refined(first: Motion) -> Iterator[Motion]:
+    """Balances of rising order, each from the one before, until they change little; _Lost after two failures."""
     top = first.loop.highest(first.omega)
     here, size, failed = first, first.measures, False
     for n in sorted({min(n, top) for n in _ORDERS}):
@@ -210,9 +234,9 @@ def _refined(first: _Motion) -> Iterator[_Motion]:
         here, size, failed = found, now, False
 
 
-def _gently(first: _Motion, order: int) -> _Motion | None:
+def _gently(first: Motion, order: int) -> Motion | None:
     """The balance of an order, with the harmonics let in share by share."""
-    here: _Motion | None = first
+    here: Motion | None = first
     for share in _SHARES:
         muted = _Muted(**vars(first.loop), share=share)
         here = here and here.with_harmonics(order, muted)

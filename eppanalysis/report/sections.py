@@ -65,7 +65,7 @@ prediction = None
 try:
     prediction = epp.predict_limit_cycles(system, final)
     display(epp.table(prediction), prediction.plot())
-    print(prediction.status.value, prediction.search)
+    print(prediction.status.value, prediction.search, *prediction.warnings)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
 

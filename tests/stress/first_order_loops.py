@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,3 +71,71 @@ def _gain_at_half_turn(plants: list[tuple[np.ndarray, np.ndarray]], turn: float)
     phase = np.angle(-loop)
     at = np.flatnonzero((phase[1:] * phase[:-1] <= 0) & (np.abs(phase[1:] - phase[:-1]) < 1.0))
     return float(abs(loop[at[0]])) if at.size else None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One predicted cycle: its estimate, and its true error (nan where no exact cycle is left within a factor of two).
+
+    The error is the largest of those in frequency, in the fundamental and in the swing of the loop's first signal.
+    """
+
+    loop: str
+    number: int
+    estimate: float
+    error: float
+
+    @property
+    def real(self) -> bool:
+        """Whether there is an exact cycle."""
+        return bool(np.isfinite(self.error))
+
+
+def compare(system: epp.LureSystem) -> Iterator[Row]:
+    """Every predicted cycle beside the exact one that is its own."""
+    predicted = epp.predict_limit_cycles(system)
+    exact = [*epp.find_limit_cycles(system, predicted=predicted.cycles)]
+    exact += [c for c in map(lambda guess: _by_balance(system, guess, exact), predicted) if c is not None]
+    partner = _partners(predicted, exact)
+    for i, guess in enumerate(predicted):
+        error = max(abs(float(np.expm1(v))) for v in _logs(guess, exact[partner[i]])) if i in partner else float("nan")
+        yield Row(system.name, i, guess.error_estimate, error)
+
+
+def _logs(guess: epp.LimitCycle, exact: epp.LimitCycle) -> list[float]:
+    """Logarithms of predicted over exact: frequency, fundamental, swing."""
+    name = next(iter(guess.harmonics))
+    pairs = [(c.omega, c.amplitude(name), c.peak_to_peak[name]) for c in (guess, exact)]
+    return [float(np.log(a / b)) for a, b in zip(*pairs, strict=True)]
+
+
+def _apart(guess: epp.LimitCycle, exact: epp.LimitCycle) -> float:
+    frequency, _, swing = _logs(guess, exact)
+    return max(abs(frequency), abs(swing))
+
+
+def _by_balance(
+    system: epp.LureSystem, guess: epp.LimitCycle, known: Sequence[epp.LimitCycle]
+) -> epp.LimitCycle | None:
+    """A cycle that the search has missed: an orbit closed from a balance of many harmonics."""
+    if any(c.stable == guess.stable and _apart(guess, c) < 0.05 for c in known):
+        return None
+    balance = epp.harmonic_balance(system, guess, order=41)
+    exact = epp.exact_orbit(system, balance) if balance.status.ok else balance
+    new = exact.status.ok and exact.residual < 1e-9 and all(_apart(exact, c) > 1e-5 for c in known)
+    return exact if new else None
+
+
+def _partners(predicted: Sequence[epp.LimitCycle], exact: Sequence[epp.LimitCycle]) -> dict[int, int]:
+    """Pairs within a factor of two in frequency and swing, nearest and of like stability first; no cycle twice."""
+    pairs = [
+        (_apart(guess, cycle) + 0.2 * (guess.stable != cycle.stable), i, k)
+        for i, guess in enumerate(predicted)
+        for k, cycle in enumerate(exact)
+        if _apart(guess, cycle) < np.log(2.0)
+    ]
+    partner: dict[int, int] = {}
+    for _, i, k in sorted(pairs):
+        if i not in partner and k not in partner.values():
+            partner[i] = k
+    return partner
