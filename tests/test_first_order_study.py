@@ -52,5 +52,7 @@ def test_what_the_page_says(study):
     assert min(r.estimate for r in invented) > 0.5
     wrong = [r for r in real if str(r.stable) != r.exact_stable]
     assert len(wrong) < 0.02 * len(real)
+    assert all(r.estimate > 0.5 for r in rows if not r.exists)
+    # Of a quantiser's many cycles the exact search may list the neighbour only.
     missed = [r for r in real if r.estimate < r.error]
-    assert sum(r.ratio < 1.1 for r in missed) >= len(missed) - 5
+    assert sum(r.element == "quantiser" and r.error > 100.0 * r.estimate for r in missed) >= len(missed) - 5
