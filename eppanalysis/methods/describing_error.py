@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing_balance import Array, Balance, ComplexArray
+from eppanalysis.methods.describing_balance import Array, Balance
 from eppanalysis.methods.describing_quality import Point
 from eppanalysis.methods.harmonic import settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop
-from eppanalysis.methods.harmonic_series import extrema, orders
+from eppanalysis.methods.harmonic_series import ComplexArray, extrema, orders
 
 #: Highest harmonics of the balances, one after the other; odd, as motions with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
