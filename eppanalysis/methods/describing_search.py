@@ -53,10 +53,10 @@ class Found:
 def frequency_scales(system: LureSystem) -> Array:
     """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time."""
     n = system.A.shape[0]
-    values = poles(system.A - np.eye(n)) + 1.0 if system.time_step else poles(system.A)
+    values: ComplexArray = poles(system.A - np.eye(n)) + 1.0 if system.time_step else poles(system.A)
     values = np.concatenate([values, _zeros(system)])
     if system.time_step:
-        values = np.log(values[np.abs(values) > 1e-9]) / system.time_step
+        values = np.asarray(np.log(values[np.abs(values) > 1e-9]) / system.time_step, complex)
     # The imaginary part counts where it shows in a resonance; of a multiple real pole it is rounding.
     turns = np.abs(values.imag)
     sizes = np.concatenate([np.abs(values), turns[turns > _RESONANT * np.abs(values)]])

@@ -145,7 +145,8 @@ def poles(A: Array, rounding: float | None = None) -> ComplexArray:
     >>> np.abs(poles(Q @ np.diag([1.0, 1.0], 1) @ Q.T)).tolist()
     [0.0, 0.0, 0.0]
     """
-    rest = scipy.linalg.matrix_balance(A, permute=False)[0] if rounding is None and A.size else A
+    balance = rounding is None and A.size
+    rest = np.asarray(scipy.linalg.matrix_balance(A, permute=False)[0], float) if balance else A
     apart, _, k = integrators_apart(rest, rounding)
     out = np.zeros(len(A), complex)
     out[:k] = np.linalg.eigvals(apart[:k, :k])

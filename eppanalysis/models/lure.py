@@ -327,7 +327,7 @@ class LureSystem:
         if not n:
             return self, unit
         balanced, size = scipy.linalg.matrix_balance(self.A - unit, permute=False, separate=True)
-        apart, Q, k = integrators_apart(balanced)
+        apart, Q, k = integrators_apart(np.asarray(balanced, float))
         if n - k <= int(np.sum(np.linalg.eigvals(self.A - unit) == 0)):
             return self, np.eye(n)
         T, inverse = size[0][:, None] * Q, Q.T / size[0]
