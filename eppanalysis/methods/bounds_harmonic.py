@@ -278,7 +278,7 @@ def _seen_at(question: Question, value: float) -> _Seen:
     except ModelError:
         return _Seen(value, [_of_order_one(loop, value, c) for c in predicted])
     first, exact = ([_of_order_one(loop, value, c) for c in found] for found in (predicted, search))
-    return _Seen(value, first, exact, search.status.ok)
+    return _Seen(value, first, exact, not search.left_open)
 
 
 def _of_order_one(loop: Loop, value: float, cycle: LimitCycle) -> Cycle:

@@ -552,7 +552,7 @@ class _Search:
         if self.hybrid.model.S.shape[1]:
             return None  # without long steps that would take minutes
         # What drifts evenly has come far enough to slip after so long, unless that is beyond any patience.
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             way = (self._sizes() / np.abs(run.rate_end))[start.compared]
         late = max(_LATE * t, 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0)))
         run = self._run(start, late)

@@ -145,12 +145,19 @@ def poles(A: Array, rounding: float | None = None) -> ComplexArray:
     >>> np.abs(poles(Q @ np.diag([1.0, 1.0], 1) @ Q.T)).tolist()
     [0.0, 0.0, 0.0]
     """
-    balance = rounding is None and A.size
-    rest = np.asarray(scipy.linalg.matrix_balance(A, permute=False)[0], float) if balance else A
+    rest = balanced(A)[0] if rounding is None and A.size else A
     apart, _, k = integrators_apart(rest, rounding)
     out = np.zeros(len(A), complex)
     out[:k] = np.linalg.eigvals(apart[:k, :k])
     return out
+
+
+def balanced(A: Array) -> tuple[Array, Array]:
+    """A state matrix in units of its states that make rows and columns alike, and these units, shape (n,)."""
+    # Scipy casts the units to places of a permutation that is not asked for; those beyond all integers warn.
+    with np.errstate(invalid="ignore"):
+        out, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    return np.asarray(out, float), np.asarray(units, float)
 
 
 def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, Array, int]:
@@ -203,7 +210,7 @@ def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
         Empty where nothing of the input reaches the output at all.
     """
     n = len(A)
-    both = scipy.linalg.matrix_balance(np.block([[A, B], [C, np.zeros((1, 1))]]), permute=False)[0]
+    both = balanced(np.block([[A, B], [C, np.zeros((1, 1))]]))[0]
     A, b, c, d = both[:n, :n], both[:n, n], both[n, :n], float(D[0, 0])
     size = _Sizes(np.abs(A), np.abs(b), np.abs(c), float(np.linalg.norm(A)), float(np.linalg.norm(c)))
     through = abs(d)

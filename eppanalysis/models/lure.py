@@ -15,12 +15,11 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked, floats
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.models.linear import StateSpace, as_state_space, integrators_apart
+from eppanalysis.models.linear import StateSpace, as_state_space, balanced, integrators_apart
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 
 if TYPE_CHECKING:
@@ -326,11 +325,11 @@ class LureSystem:
         unit = np.eye(n) if self.time_step else np.zeros((n, n))
         if not n:
             return self, unit
-        balanced, size = scipy.linalg.matrix_balance(self.A - unit, permute=False, separate=True)
-        apart, Q, k = integrators_apart(np.asarray(balanced, float))
+        even, size = balanced(self.A - unit)
+        apart, Q, k = integrators_apart(even)
         if n - k <= int(np.sum(np.linalg.eigvals(self.A - unit) == 0)):
             return self, np.eye(n)
-        T, inverse = size[0][:, None] * Q, Q.T / size[0]
+        T, inverse = size[:, None] * Q, Q.T / size
         return replace(self.in_coordinates(T, inverse), A=apart + unit), T
 
     @cached_property

@@ -222,7 +222,7 @@ def test_cycles_that_first_order_misses_everywhere_are_found_everywhere(integral
 
 
 def test_a_search_that_cannot_tell_is_no_answer(wheelchair: epp.Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    undecided = CycleSearch((), epp.Status.UNDECIDED, True, False, "blind")
+    undecided = CycleSearch((), epp.Status.UNDECIDED, True, False, "blind", left_open=("9 runs neither settled",))
     monkeypatch.setattr("eppanalysis.methods.bounds_harmonic.find_limit_cycles", lambda *_, **__: undecided)
     result = design_bounds(wheelchair, "play.gap", "loop.gain", at=[0.012], within=(0.3, 0.6))
     assert result[0].finding == "unsure" and not result.status.ok

@@ -285,7 +285,7 @@ class Quantiser(PiecewiseLinear):
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output of the map for any array `x`; `memory` is handed through unused."""
-        x = np.asarray(x, float)
+        x = floats(x, "output: x")
         # Breakpoints are symmetric: those passed or reached by the size of x, of the positive ones.
         passed = np.searchsorted(self.breakpoints[int(self.levels) :], np.abs(x), side="right")
         return np.asarray(np.where(np.isnan(x), np.nan, np.copysign(self.step * passed, x) + 0.0)), memory
