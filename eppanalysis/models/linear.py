@@ -193,6 +193,7 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
     return apart, Q, k
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers beyond all range nothing is found
 def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
     """Finite zeros of ``C (s - A)^-1 B + D`` from one input to one output, whatever the coordinates of the state.
 
