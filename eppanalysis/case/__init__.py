@@ -45,6 +45,7 @@ def read_case(path: str | Path) -> Case:
 
     Examples
     --------
+    >>> from eppanalysis.case import read_case, shipped_cases_folder
     >>> found = read_case(shipped_cases_folder() / "fig8a_original.toml")
     >>> found.name, str(found.parameters["lock_pin.backlash"])
     ('fig8a_original', '2.5 deg')

@@ -157,6 +157,7 @@ def frozen_nyquist(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import eppanalysis as epp
     >>> case = epp.case("sat_plus_backlash")
     >>> system = case.to_system()
