@@ -174,8 +174,9 @@ class Follower(Handler):
     gain: float = 1.0
 
     def start(self, now: Situation, memory: float | None) -> State:
-        """The memory (an output), moved as far as the input forces."""
-        return self.settle(now, (0, 0.0 if memory is None else memory / self.gain))
+        """The memory (an output; on its way, with the direction), moved as far as the input forces."""
+        value = getattr(memory, "value", 0.0 if memory is None else memory)
+        return self.settle(now, (int(getattr(memory, "direction", 0)), float(value) / self.gain))
 
     def output(self, z: float, state: State) -> tuple[float, float]:
         """Held or following."""

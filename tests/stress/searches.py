@@ -17,7 +17,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status, Trajectory
 from tests.stress.families import Problem, problem
-from tests.stress.machine import Machine
+from tests.stress.machine import Machine, iterate
 
 STARTS = 200
 #: Periods of the slowest cycle (or time constants) that a run is given, and how much longer one without a verdict is.
@@ -51,7 +51,10 @@ def _known(cycle: LimitCycle, listed: epp.CycleSearch) -> bool:
 
 
 def _slowest(system: LureSystem) -> float:
-    rates = np.abs(np.linalg.eigvals(system.A))
+    poles = np.linalg.eigvals(system.A).astype(complex)
+    if system.time_step:
+        poles = np.log(np.where(np.abs(poles) > 1e-9, poles, 1e-9)) / system.time_step
+    rates = np.abs(poles)
     slow = rates[rates > 1e-6 * max(float(rates.max()), 1e-300)]
     return 1.0 / float(slow.min()) if slow.size else 1.0
 
@@ -65,6 +68,8 @@ def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
 def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
     """How runs from spread starts end, and how many so."""
     t_end = _PERIODS * max([c.period for c in found] or [_slowest(system)])
+    if system.time_step:
+        t_end = system.time_step * np.ceil(t_end / system.time_step)
     ends: dict[str, int] = {}
     for start in spread(system, found, STARTS):
         run = _run(system, start, t_end)
@@ -80,7 +85,10 @@ def closes(case: Problem, cycle: LimitCycle) -> float:
     if not cycle.state.size:
         return float("nan")
     system = replace(case.system, x0=cycle.state, memory=cycle.memory or case.system.memory)
-    x = Machine(system, {}).run(np.array([0.0, cycle.period]))
+    if system.time_step:
+        x = iterate(system, {}, round(cycle.period / system.time_step) + 1)
+    else:
+        x = Machine(system, {}).run(np.array([0.0, cycle.period]))
     size = max(cycle.peak_to_peak[f"x{i}"] for i in range(system.A.shape[0]))
     most = 1.0 if cycle.multipliers is None else max(1.0, float(np.max(np.abs(cycle.multipliers), initial=0.0)))
     return float(np.max(np.abs(x[-1] - x[0]))) / (size * most)
