@@ -23,7 +23,9 @@ from tests.reference.lure_elements import Follower, Situation, handler_of
 from tests.reference.lure_reference import Loop
 
 Array = NDArray[np.float64]
+#: Tolerances for all loops, and those for a second look: samples are interpolated, to less than steps are exact.
 OPTIONS = Options(rtol=1e-11, atol=1e-13, max_events=1500)
+TIGHTEST = Options(rtol=1e-13, atol=1e-15, max_events=1500)
 
 
 class _Run:
@@ -36,7 +38,8 @@ class _Run:
 class Machine(Loop):
     """A loop whose inputs step, with the past of its elements' outputs."""
 
-    def __init__(self, system: LureSystem, steps: Mapping[str, Step]) -> None:
+    def __init__(self, system: LureSystem, steps: Mapping[str, Step], options: Options = OPTIONS) -> None:
+        self.options = options
         self.delay = float(np.max(system.delays, initial=0.0))
         if np.ptp(system.delays) > 0.0:
             raise NotImplementedError("dead times that differ")
@@ -105,7 +108,7 @@ class Machine(Loop):
             if label is not None:
                 x, mode = self.switch(t, x, mode, label)
                 run.events.append((t, label))
-                _check_progress(run.events, OPTIONS)
+                _check_progress(run.events, self.options)
             elif self.knots and self.knots[0][0] <= t:
                 mode = self.knot(t, x, mode)
             else:
@@ -152,7 +155,13 @@ class Machine(Loop):
 
         # The past is looked up within a step, so no step is longer than the dead time.
         solver = scipy.integrate.DOP853(
-            rate, t, y, t_end, rtol=OPTIONS.rtol, atol=OPTIONS.atol, max_step=0.5 * self.delay if self.delay else np.inf
+            rate,
+            t,
+            y,
+            t_end,
+            rtol=self.options.rtol,
+            atol=self.options.atol,
+            max_step=0.5 * self.delay if self.delay else np.inf,
         )
         while solver.status == "running":
             before = solver.y.copy()
@@ -163,7 +172,7 @@ class Machine(Loop):
             hit = _first_crossing(guards, armed, solution, solver.t_old, solver.t)
             stop, state, label = solver.t, solver.y, None
             if hit is not None:
-                stop, state = _polish(hit, rate, solution, (solver.t_old, before, solver.t), OPTIONS)
+                stop, state = _polish(hit, rate, solution, (solver.t_old, before, solver.t), self.options)
                 label = hit[0].label
             if self.delay:
                 self.past.append((float(solver.t_old), float(stop), solution, mode))
