@@ -241,6 +241,7 @@ def _in_discrete_time(
         diverges=found.diverges,
         search=found.search,
         rest_state=np.zeros(0) if found.rest is None else found.rest,
+        left_open=(_undecided(found.undecided),) if found.undecided else (),
         provenance={"system": system.name, "runs": found.runs, "edges": 0},
     )
 
@@ -250,6 +251,11 @@ def _predictions(system: LureSystem, input_value: Mapping[str, float] | None) ->
         return predict_limit_cycles(system, input_value).cycles
     except ModelError:
         return ()
+
+
+def _undecided(count: int) -> str:
+    """What runs without an end leave open."""
+    return f"{count} runs neither settled nor repeated themselves"
 
 
 def _named(cycle: LimitCycle) -> str:
@@ -321,7 +327,7 @@ class _Search:
         """What keeps the search from being complete, unclosed predictions aside."""
         undecided, unclosed = (self.outcomes.get(end, 0) for end in ("undecided", UNCLOSED))
         parts = {
-            f"{undecided} runs neither settled nor repeated themselves": undecided,
+            _undecided(undecided): undecided,
             f"{unclosed} runs are on cycles that could not be closed": unclosed,
             f"{self.n_left} edges between different outcomes were not bisected": self.n_left,
             f"{self.n_ended} starts were left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,

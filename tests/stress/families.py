@@ -95,11 +95,7 @@ def with_states(system: LureSystem) -> LureSystem:
 def turned(system: LureSystem, rng: Rng) -> LureSystem:
     """The same loop in states turned by a random orthogonal matrix."""
     Q = scipy.linalg.qr(rng.normal(size=system.A.shape))[0]
-    signals = replace(system.signals, C=system.signals.C @ Q.T)
-    return replace(
-        system, A=Q @ system.A @ Q.T, B=Q @ system.B, C=system.C @ Q.T, B_input=Q @ system.B_input,
-        constant_state=Q @ system.constant_state, x0=Q @ system.x0, signals=signals,
-    )  # fmt: skip
+    return system.in_coordinates(Q.T, Q)
 
 
 def _ring(
