@@ -148,7 +148,7 @@ def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
     try:
         return np.array(value, float, copy=options.pop("copy", None), **options)
     except (TypeError, ValueError, OverflowError):
-        raise ModelError(f"{name} is {shown(value)}; expected numbers.") from None
+        raise ModelError(name, value, "numbers") from None
 
 
 def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:

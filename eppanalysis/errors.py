@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 _LONGEST_SHOWN = 80
 
 
@@ -16,7 +20,7 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def shown(value: object) -> str:
+def shown(value: Any) -> str:
     """A value as a sentence shows it: on one line, and not longer than that.
 
     Examples
@@ -25,7 +29,9 @@ def shown(value: object) -> str:
     ("'1 deg'", '[1, 2]')
     """
     if getattr(value, "shape", ()):
-        return f"an array of shape {value.shape}"  # type: ignore[attr-defined]
+        return f"an array of shape {value.shape}"
+    if hasattr(value, "dtype"):
+        value = value.item()  # a number of numpy
     if type(value).__repr__ is object.__repr__:
         return f"a {type(value).__name__}"
     try:
@@ -62,9 +68,71 @@ class CaseError(EppError):
         where = f"{source}: {_cut(visible(field))}" if field else source
         super().__init__(f"{where} is {shown(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
+    def __reduce__(self) -> tuple[type[CaseError], tuple[str, str, object, str]]:
+        """Made again from its fields, so that another process can send it back."""
+        return type(self), (self.source, self.field, self.value, self.expected)
+
+
+#: Stands where an error has no single value to show.
+_NO_VALUE = object()
+
 
 class ModelError(EppError):
-    """A model that has no well-defined solution: improper, singular, negative where it must be positive."""
+    """A model that has no well-defined solution: improper, singular, negative where it must be positive.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong: the model whose `field` has the value, the quantity that has it, or a clause that says it all.
+    value : object, optional
+        What was found [SI].
+    expected : str
+        What was expected in its place; empty where `what` is a whole sentence.
+    field : str
+        Field of the model that is meant, as its class calls it; empty where it is none, or several.
+    beside : (str, object), optional
+        Another field that `expected` ends with, and its value [SI].
+
+    Examples
+    --------
+    >>> print(ModelError("Saturation", 1.0, "more than lower", field="upper", beside=("lower", 2.0)))
+    Saturation: upper is 1.0; expected more than lower (2.0).
+    >>> print(ModelError("The system has 2 inputs", expected="motions by name"))
+    The system has 2 inputs; expected motions by name.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        value: object = _NO_VALUE,
+        expected: str = "",
+        *,
+        field: str = "",
+        beside: tuple[str, object] | None = None,
+    ) -> None:
+        self.what, self.value, self.expected, self.field, self.beside = what, value, expected, field, beside
+        super().__init__(f"{self.found}; expected {self.wanted()}." if expected else what)
+
+    @property
+    def found(self) -> str:
+        """What was found, as a clause."""
+        if self.value is _NO_VALUE:
+            return self.what.removesuffix(".")
+        return (
+            f"{self.what}: {self.field} is {shown(self.value)}" if self.field else f"{self.what} is {shown(self.value)}"
+        )
+
+    def wanted(self, written: Callable[[str, object], object] = lambda _, value: value) -> str:
+        """What was expected; `written` gives the other field's value as a user wrote it."""
+        if self.beside is None:
+            return self.expected
+        other = written(*self.beside)
+        return f"{self.expected} ({other if isinstance(other, str) else shown(other)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made again from its fields, so that another process can send it back."""
+        value = () if self.value is _NO_VALUE else (self.value,)
+        return partial(type(self), expected=self.expected, field=self.field, beside=self.beside), (self.what, *value)
 
 
 class NotConverged(EppError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ def refusal(path: Path) -> CaseError:
         ("[drive]\ninertia = [1, 2]", "drive.inertia", [1, 2], "a moment of inertia"),
         ('[drive]\nno_load_speed = "2 Hz"', "drive.no_load_speed", "2 Hz", "write turn/s"),
         ('[pulley]\nkinetic_ratio = "120 %"', "pulley.kinetic_ratio", "120 %", "at most 1"),
-        ("[pulley]\nfriction = 1.5", "pulley.friction", "1.5", "never slides"),
+        ("[pulley]\nfriction = 1.5", "pulley.friction", 1.5, "never slides"),
         (
             '[bands]\nslack="1 lbf"\nlow="3 lbf"\nhigh="2 lbf"\nmax="4 lbf"',
             "bands.high",
@@ -101,7 +102,7 @@ def refusal(path: Path) -> CaseError:
         (
             '[run]\ninput = { kind = "steps", times = ["1 s", "1 s"], values = ["1 mm", "0 mm"] }',
             "run.input.times.1",
-            "1000 ms",
+            "1 s",
             "a later time",
         ),
         (
@@ -243,6 +244,126 @@ def test_loops_that_are_refused(tmp_path: Path, change: tuple[str, str], field: 
     assert change[0] in LOOP
     error = refusal(write(tmp_path, LOOP.replace(*change)))
     assert error.field == field and expected in error.expected
+
+
+#: Elements with units, each valid; and what is wrong in one of their fields, in units other than SI.
+SOUND = {
+    "five_band_law": {"slack": "1 lbf", "low": "2 lbf", "high": "3 lbf", "max": "4 lbf", "supply_voltage": "16000 mV"},
+    "saturation": {"lower": "-2 lbf", "upper": "2 lbf", "slope": "3 lbf/inch"},
+    "dead_zone": {"lower": "-2 mm", "upper": "2 mm"},
+    "relay_dead_zone": {"threshold": "2 deg", "level": "300 mV"},
+    "quantiser": {"step": "5 mV", "levels": "300 %"},
+    "friction": {"coulomb": "1 lbf", "static": "2 lbf"},
+    "hysteresis_relay": {"lower": "-1 deg", "upper": "1 deg", "low": -1, "high": 1},
+    "hysteresis_relay_dead_zone": {"on": "4 mm", "off": "2 mm", "level": 1},
+    "play": {"gap": "2 deg"},
+    "jump_and_follow": {"stick_band": "2 mm", "slip_jump": "1 mm"},
+    "stiction_pulley": {
+        "harness_stiffness": "1 lbf/mm", "forearm_stiffness": "2 lbf/mm", "friction": "5 %", "kinetic_ratio": "80 %",
+    },
+    "lock_pin": {"gap": "2 deg", "stiffness": "3 lbf*inch/deg", "damping": "1 N*m*ms/deg"},
+    "piecewise_linear": {"breakpoints": ["-1 mm", "1 mm"], "slopes": [0, 1, 0], "intercepts": [0, 0, 0]},
+}  # fmt: skip
+UNSOUND = [
+    ("five_band_law", "low", "-4 lbf"), ("five_band_law", "high", "1.5 lbf"), ("five_band_law", "max", "1 N"),
+    ("five_band_law", "supply_voltage", "-9 mV"), ("saturation", "upper", "-3 lbf"),
+    ("saturation", "slope", "-3 lbf/inch"), ("dead_zone", "upper", "-0.1 inch"),
+    ("relay_dead_zone", "threshold", "-2 deg"),
+    ("quantiser", "step", "-5 mV"), ("quantiser", "levels", "250 %"), ("friction", "coulomb", "-1 lbf"),
+    ("friction", "static", "0.5 lbf"), ("hysteresis_relay", "upper", "-1.5 deg"),
+    ("hysteresis_relay_dead_zone", "off", "5 mm"), ("play", "gap", "-2 deg"), ("play", "gap", "1e308 km"),
+    ("jump_and_follow", "slip_jump", "-1 mm"), ("stiction_pulley", "friction", "120 %"),
+    ("stiction_pulley", "forearm_stiffness", "-2 lbf/mm"), ("lock_pin", "stiffness", "-3 lbf*inch/deg"),
+    ("lock_pin", "damping", "-1 N*m*ms/deg"), ("piecewise_linear", "breakpoints", ["1 mm", "-1 mm"]),
+]  # fmt: skip
+
+
+def loop_of(fields: dict[str, object]) -> str:
+    """A loop of one element and one state."""
+    inputs = 2 if fields["element"] == "lock_pin" else 1
+    outputs = 2 if fields["element"] == "stiction_pulley" else 1
+    text = LOOP.replace("num = [5.0]\nden = [1, 1, 0]", f"A = [[-1]]\nB = [{[1] * outputs}]\nC = {[[1]] * inputs}")
+    return text.replace('element = "play"\ngap = 2.0', "\n".join(f"{k} = {json.dumps(v)}" for k, v in fields.items()))
+
+
+@pytest.mark.parametrize(("kind", "field", "typed"), UNSOUND)
+def test_elements_are_refused_in_the_words_of_the_file(tmp_path: Path, kind: str, field: str, typed: object) -> None:
+    sound = {"element": kind, **SOUND[kind]}
+    found = read_case(write(tmp_path, loop_of(sound), "sound.toml"))
+    where = f"loop.elements.0.{field}"
+    path = write(tmp_path, loop_of({**sound, field: typed}))
+    error = refusal(path)
+    assert (error.source, error.field, error.value) == (str(path), where, typed)
+    assert str(error).startswith(f"{path}: {where} is {typed!r}; expected ")
+    other = re.search(r"\((.*)\)", error.expected)
+    assert other is None or kind == "quantiser" or other[1] in sound.values()
+    with pytest.raises(CaseError) as caught:
+        found.with_values({f"{kind}.{field}": typed}, "--set")
+    assert (caught.value.source, caught.value.field, caught.value.value) == ("--set", where, typed)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"bands.parking_width": "20 N"}, "bands.parking_width"),
+        ({"bands.parking_width": 20}, "bands.parking_width"),
+        ({"bands.slack": "9 N", "bands.low": "8 N", "bands.high": "2 lbf", "bands.max": "3 lbf"}, "bands.low"),
+        ({"bands.offset_voltage": "90000 mV"}, "bands.offset_voltage"),
+        ({"forearm.upright": True, "forearm.gravity_moment": "3 lbf*inch"}, "forearm.gravity_moment"),
+        ({"cable.pretension": "9 N"}, "cable.pretension"),
+        ({"controller.sample_period": "0.01 s", "parking.dwell_time": "0.2 s"}, "parking.dwell_time"),
+        ({"pulley.friction": "150 %"}, "pulley.friction"),
+        ({"pulley.flexion_angle": "1 turn"}, "pulley.flexion_angle"),
+        ({"lock_pin.backlash": "-1 mrad"}, "lock_pin.backlash"),
+        ({"harness.step": "1 kg"}, "harness.step"),
+        ({"run.input": {"kind": "ramp", "rate": "1 inch/s", "start": "2 s", "stop": "1 s"}}, "run.input.stop"),
+        ({"run.input": {"kind": "step", "size": "2 lbf"}}, "run.input.size"),
+        ({"run.input": {"kind": "sine", "amplitude": "2 mm", "frequency": "-2 Hz"}}, "run.input.frequency"),
+    ],
+)
+def test_elbows_are_refused_in_the_words_of_the_user(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(CaseError) as caught:
+        case("elbow").with_values(changes, "--set")
+    error, section = caught.value, field.rpartition(".")
+    typed = changes[field] if field in changes else changes[section[0]][section[2]]  # type: ignore[index]
+    assert (error.source, error.field, error.value) == ("--set", field, typed)
+    assert str(error).startswith(f"--set: {field} is {typed!r}; expected ")
+
+
+def test_an_error_names_the_file_of_the_field(tmp_path: Path) -> None:
+    """In lists of elements as elsewhere: what --set leaves alone is the file's, what a file replaces is that file's."""
+    sound = {"element": "saturation", **SOUND["saturation"]}
+    base = write(tmp_path, loop_of(sound), "mine.toml")
+    with pytest.raises(CaseError) as caught:
+        read_case(base).with_values({"saturation.lower": "3 lbf"}, "--set")
+    assert (caught.value.source, caught.value.value) == (str(base), "2 lbf") and "(3 lbf)" in str(caught.value)
+    del sound["upper"]
+    child = 'base = "mine"\ntitle = "child"\n[[loop.elements]]\nelement = "play"\n'
+    error = refusal(write(tmp_path, child, "child.toml"))
+    assert error.source.endswith("child.toml") and error.field == "loop.elements.0.gap"
+
+
+@pytest.mark.parametrize(
+    ("line", "field", "typed"),
+    [
+        ("initial_state = [1, 2, 3]", "loop.initial_state", [1, 2, 3]),
+        ("input_matrix = [[1], [2]]\ninputs = ['u']", "loop.input_matrix", [[1], [2]]),
+        ("D = [[0, 0]]", "loop.D", [[0, 0]]),
+        ("constant_state = [1, 2]", "loop.constant_state", [1, 2]),
+    ],
+)
+def test_matrices_are_refused_as_the_file_calls_them(tmp_path: Path, line: str, field: str, typed: object) -> None:
+    text = LOOP.replace("num = [5.0]\nden = [1, 1, 0]", f"A = [[-1]]\nB = [[1]]\nC = [[1]]\n{line}")
+    error = refusal(write(tmp_path, text))
+    assert (error.field, error.value) == (field, typed) and str(typed) in str(error)
+
+
+def test_a_recording_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, "time [s], position [km]\n0, 0\n1, 1e308\n", "far.csv")
+    error = refusal(
+        write(tmp_path, 'base = "elbow"\ntitle = "x"\n[run]\ninput = {kind = "recorded", file = "far.csv"}')
+    )
+    assert error.field == "run.input" and "values[1] is inf" in str(error) and "far.csv" in str(error)
 
 
 @pytest.mark.parametrize("name", shipped_cases())

@@ -128,7 +128,7 @@ BAD = {
     "empty": ("", "is 'empty'", "a case file"),
     "not toml": ("a = = 1", "not TOML", "a TOML file"),
     "its own base": ('base = "bad"\ntitle = "x"', "base is 'bad'", "does not inherit from itself"),
-    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1.0, 2.0, 3.0]", "improper"),
+    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "improper"),
     "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
 }
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eppanalysis.case.quantities import Parameter
-from eppanalysis.errors import CaseError
 from eppanalysis.units import KINDS, dimensions, format_si, unit_of
 
 if TYPE_CHECKING:
+    from eppanalysis.case.files import RawCase
     from eppanalysis.case.loops import Block
     from eppanalysis.case.schema import LoopSection
 
@@ -90,7 +90,7 @@ class _Fact:
         return self.role in (_IN, _OUT, _RATIO)
 
 
-def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, source: str) -> None:
+def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: RawCase) -> None:
     """Refuse units that do not go together.
 
     Parameters
@@ -99,7 +99,7 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, source: 
     blocks : sequence of Block
     place : str
         Where the blocks stand in the file.
-    source : str
+    raw : RawCase
 
     Raises
     ------
@@ -113,7 +113,7 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, source: 
         known = list(_of_signals(loop, first_in, first_out))
         if block.kind in _SAME_UNIT:
             known.append(_Fact("", (-1, 1, 0), {}))
-        _check_block(block, known, f"{place}.{i}", source)
+        _check_block(block, known, f"{place}.{i}", raw)
         n_in, n_out = block.width
         first_in, first_out = first_in + n_in, first_out + n_out
 
@@ -152,16 +152,16 @@ def _exponents(unit: str) -> Mapping[str, int] | None:
         return None
 
 
-def _check_block(block: Block, known: list[_Fact], place: str, source: str) -> None:
+def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> None:
     """Refuse the first field of an element that does not go with `known`, which grows by those that do."""
-    for name, parameter in _given(block):
+    for where, name, parameter in _given(block):
         role = ROLES[block.kind].get(name)
         if role is None or not (parameter.unit or parameter.friendly):
             continue
         fact = _Fact(name, role, dimensions(parameter.unit))
         expected = _unlike(block.kind, fact) or _contradicted(known, fact)
         if expected:
-            raise CaseError(source, f"{place}.{name}", str(parameter), expected)
+            raise raw.refused(f"{place}.{where}", expected)
         known.append(fact)
 
 
@@ -175,11 +175,13 @@ def _unlike(kind: str, fact: _Fact) -> str:
     return ""
 
 
-def _given(block: Block) -> Iterator[tuple[str, Parameter]]:
-    yield from block.parameters.items()
+def _given(block: Block) -> Iterator[tuple[str, str, Parameter]]:
+    """Where in the block a value stands, its field, and what it is."""
+    for name, parameter in block.parameters.items():
+        yield name, name, parameter
     for name, parameters in block.lists.items():
-        for parameter in parameters:
-            yield name, parameter
+        for i, parameter in enumerate(parameters):
+            yield f"{name}.{i}", name, parameter
 
 
 def _contradicted(known: Sequence[_Fact], fact: _Fact) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from eppanalysis.case.files import Missing, RawCase
+from eppanalysis.case.files import RawCase
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.case.schema import ElbowFile
-from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.errors import ModelError
 from eppanalysis.models.elbow_parameters import (
     Bands,
     Cable,
@@ -70,16 +70,8 @@ def elbow_parameters(fields: dict[str, Parameter], raw: RawCase) -> ElbowParamet
         try:
             sections[section] = cls(**values)
         except ModelError as error:
-            sentence = str(error).rstrip(".")
-            expected = sentence.rpartition("; expected ")[2]
-            shown = {name: str(fields[f"{section}.{name}"]) for name in values}
-            raise CaseError(raw.origin(section), section, shown, expected) from None
+            raise raw.refused_by_model(error, section) from None
     return ElbowParameters(**sections)
-
-
-def _fail(fields: dict[str, Parameter], raw: RawCase, name: str, expected: str) -> CaseError:
-    shown: object = str(fields[name]) if name in fields else Missing()
-    return CaseError(raw.origin(name), name, shown, expected)
 
 
 def _check_bands(fields: dict[str, Parameter], raw: RawCase) -> None:
@@ -87,44 +79,44 @@ def _check_bands(fields: dict[str, Parameter], raw: RawCase) -> None:
     thresholds = [f"bands.{n}" for n in _THRESHOLDS if f"bands.{n}" in fields]
     either = "either centre, parking_width and range, or slack, low, high and max"
     if widths and thresholds:
-        raise _fail(fields, raw, thresholds[0], f"{either}, not both")
+        raise raw.refused(thresholds[0], f"{either}, not both")
     needed = _THRESHOLDS if thresholds else _WIDTHS
     for name in needed:
         if f"bands.{name}" not in fields:
-            raise _fail(fields, raw, f"bands.{name}", f"a force such as '2.5 lbf': {either}")
+            raise raw.refused(f"bands.{name}", f"a force such as '2.5 lbf': {either}")
     if not thresholds and not fields["bands.parking_width"].value < fields["bands.range"].value:
-        raise _fail(fields, raw, "bands.parking_width", f"less than bands.range ({fields['bands.range']})")
+        raise raw.refused("bands.parking_width", f"less than bands.range ({raw.typed('bands.range')})")
     if not thresholds and not fields["bands.parking_width"].value < 2 * fields["bands.centre"].value:
-        raise _fail(fields, raw, "bands.parking_width", "less than twice bands.centre")
+        raise raw.refused("bands.parking_width", "less than twice bands.centre")
     for lower, upper in zip(thresholds, thresholds[1:], strict=False):
         if not fields[lower].value < fields[upper].value:
             order = "thresholds in the order slack < low < high < max"
-            raise _fail(fields, raw, upper, f"more than {lower} ({fields[lower]}): {order}")
+            raise raw.refused(upper, f"more than {lower} ({raw.typed(lower)}): {order}")
     offset, supply = fields.get("bands.offset_voltage"), fields["drive.supply_voltage"]
     if offset is not None and offset.value > supply.value:
-        raise _fail(fields, raw, "bands.offset_voltage", f"at most drive.supply_voltage ({supply})")
+        raise raw.refused("bands.offset_voltage", f"at most drive.supply_voltage ({raw.typed('drive.supply_voltage')})")
 
 
 def _check_forearm(fields: dict[str, Parameter], raw: RawCase) -> None:
     mass, inertia = "forearm.prehensor_mass" in fields, "forearm.inertia" in fields
     if mass and inertia:
-        raise _fail(fields, raw, "forearm.prehensor_mass", "either inertia or prehensor_mass, not both")
+        raise raw.refused("forearm.prehensor_mass", "either inertia or prehensor_mass, not both")
     if not mass and not inertia:
-        raise _fail(fields, raw, "forearm.inertia", "a moment of inertia such as '0.0465 kg*m^2', or prehensor_mass")
+        raise raw.refused("forearm.inertia", "a moment of inertia such as '0.0465 kg*m^2', or prehensor_mass")
     upright = fields.get("forearm.upright")
     if upright is not None and upright.value and "forearm.gravity_moment" in fields:
-        raise _fail(fields, raw, "forearm.gravity_moment", "either upright or gravity_moment, not both")
+        raise raw.refused("forearm.gravity_moment", "either upright or gravity_moment, not both")
 
 
 def _check_rest(fields: dict[str, Parameter], raw: RawCase) -> None:
     antagonist = fields.get("cable.antagonist")
     if "cable.pretension" in fields and not (antagonist is not None and antagonist.value):
-        raise _fail(fields, raw, "cable.pretension", "it only with antagonist = true")
+        raise raw.refused("cable.pretension", "it only with antagonist = true")
     if "parking.dwell_time" in fields and "controller.sample_period" in fields:
-        raise _fail(fields, raw, "parking.dwell_time", "either it or controller.sample_period, not both")
+        raise raw.refused("parking.dwell_time", "either it or controller.sample_period, not both")
     friction, angle = float(fields["pulley.friction"].value), float(fields["pulley.flexion_angle"].value)
     if friction * math.sin(angle / 2) >= 1:
-        raise _fail(fields, raw, "pulley.friction", "mu sin(psi/2) below 1, or the pulley never slides")
+        raise raw.refused("pulley.friction", "mu sin(psi/2) below 1, or the pulley never slides")
 
 
 def other_bands(parameters: ElbowParameters, kept: set[str], given: set[str]) -> dict[str, float]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
 
-from eppanalysis.errors import CaseError
+from eppanalysis.errors import CaseError, ModelError
 
 LARGEST_FILE = 1_000_000
 DEEPEST = 12
@@ -41,6 +42,14 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 #: What a case inherits of its base's expectations: which signal they are of and where they come from, not the answers.
 _KEPT_EXPECTATIONS = ("signal", "source")
+
+#: Fields of models that files call otherwise.
+_IN_FILES = {
+    "x0": "initial_state",
+    "B_input": "input_matrix",
+    "D_input": "input_feedthrough",
+    "frequency_hz": "frequency",
+}
 
 
 class Missing:
@@ -79,6 +88,38 @@ class RawCase:
                 return self.origins[dotted]
             dotted = dotted.rpartition(".")[0]
         return self.source
+
+    def typed(self, dotted: str) -> Any:
+        """What the user wrote in a field, with its unit; :class:`Missing` where it is not there."""
+        here: Any = self.data
+        for part in dotted.split("."):
+            if isinstance(here, list) and part.isdigit() and int(part) < len(here):
+                here = here[int(part)]
+            elif isinstance(here, dict) and part in here:
+                here = here[part]
+            else:
+                return Missing()
+        return here["value"] if _is_parameter(here) else here
+
+    def refused(self, field: str, expected: str) -> CaseError:
+        """The error that a field does not hold what was expected, with its place and what the user wrote there."""
+        return CaseError(self.origin(field), field, self.typed(field), expected)
+
+    def refused_by_model(self, error: ModelError, section: str) -> CaseError:
+        """A model's refusal as that of the section that it was made from: the field as the file calls it, as typed.
+
+        What is said of a field that the file has not is said of the section.
+        """
+        place = f"{section}.{_IN_FILES.get(error.field, error.field)}"
+        if error.field and error.expected and not isinstance(self.typed(place), Missing):
+            return self.refused(place, error.wanted(lambda name, value: self.typed_or(f"{section}.{name}", value)))
+        wanted = f"{error.wanted()} ({error.found})" if error.expected else f"a valid model ({error.found})"
+        return self.refused(section, wanted)
+
+    def typed_or(self, dotted: str, value: object) -> object:
+        """What the user wrote in a field, or a value in its place where it is not there."""
+        found = self.typed(dotted)
+        return value if isinstance(found, Missing) else found
 
 
 def shipped_cases_folder() -> Path:
@@ -148,7 +189,9 @@ def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
     origins: dict[str, str] = {}
     for label, data in reversed(chain):
         merged = merge(without_answers(merged), data)
-        origins.update(dict.fromkeys(_dotted(data), label))
+        replaced = tuple(f"{name}." for name, value in _dotted(data) if isinstance(value, list))
+        origins = {name: place for name, place in origins.items() if not name.startswith(replaced)}
+        origins.update(dict.fromkeys((name for name, _ in _dotted(data)), label))
     return RawCase(name, source, path.parent, merged, origins)
 
 
@@ -260,10 +303,10 @@ def drop_alternatives(section: str, inherited: dict[str, Any], given: set[str]) 
     return out
 
 
-def _dotted(data: dict[str, Any], prefix: str = "") -> list[str]:
-    names = []
-    for key, value in data.items():
-        names.append(f"{prefix}{key}")
-        if isinstance(value, dict):
-            names += _dotted(value, f"{prefix}{key}.")
-    return names
+def _dotted(data: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """All fields of tables and of tables in lists, by their dotted names."""
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        if isinstance(data, dict) or isinstance(value, dict):
+            yield f"{prefix}{key}", value
+        if isinstance(value, (dict, list)):
+            yield from _dotted(value, f"{prefix}{key}.")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import inspect
-import re
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -47,7 +46,6 @@ ELEMENTS: dict[str, tuple[str, str]] = {
 LARGEST_COUNT = 100_000
 _TEXT_FIELDS = {"model"}
 _COUNT_FIELDS = {"levels"}
-_MODEL_SENTENCE = re.compile(r"(?P<what>(?:\w+: (?P<field>\w+) is )?.*?); expected (?P<expected>.*)", re.DOTALL)
 _LIST_FIELDS = {"breakpoints", "slopes", "intercepts"}
 
 
@@ -108,29 +106,28 @@ def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple
 
 
 def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
-    source = raw.origin(field)
     if "element" not in table:
         if set(table) != {"num", "den"}:
             wrong = next((k for k in table if k not in ("num", "den")), None)
-            shown: object = table[wrong] if wrong else Missing()
             name = wrong or ("num" if "num" not in table else "den")
-            raise CaseError(source, f"{field}.{name}", shown, "an element, or num and den of a linear block")
-        return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", source) for k in ("num", "den")})
+            place, expected = f"{field}.{name}", "an element, or num and den of a linear block"
+            raise CaseError(raw.origin(place), place, table.get(name, Missing()), expected)
+        return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
     kind = table["element"]
     if not isinstance(kind, str) or kind not in ELEMENTS:
         close = difflib.get_close_matches(str(kind)[:60], ELEMENTS, n=1)
         hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(ELEMENTS)}"
-        raise CaseError(source, f"{field}.element", kind, f"a known element: {hint}")
+        raise raw.refused(f"{field}.element", f"a known element: {hint}")
     name = table.get("name", kind)
     if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
-        raise CaseError(source, f"{field}.name", name, "a plain name of letters, digits and underscores")
+        raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
     memory = table.get("memory")
     if memory is not None:
-        memory = _scalar(memory, f"{field}.memory", source).value
-    return _read_fields(kind, name, memory, table, f"{field}", source)
+        memory = _scalar(memory, f"{field}.memory", raw).value
+    return _read_fields(kind, name, memory, table, f"{field}", raw)
 
 
-def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, Any], field: str, source: str) -> Block:
+def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, Any], field: str, raw: RawCase) -> Block:
     known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
@@ -142,44 +139,46 @@ def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, An
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
-            raise CaseError(source, place, value, f"a field of {kind}: {hint}")
+            raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {hint}")
         if key in _LIST_FIELDS:
-            lists[key] = _list(value, place, source)
+            lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]
         elif key in _TEXT_FIELDS:
             others[key] = value
         else:
-            parameters[key] = _scalar(value, place, source)
+            parameters[key] = _scalar(value, place, raw)
     for key, default in known.items():
         if default is inspect.Parameter.empty and key not in table:
-            raise CaseError(source, f"{field}.{key}", Missing(), f"a value: {kind} needs it")
+            raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
     return Block(name, kind, parameters, others, memory, lists)
 
 
-def _scalar(value: Any, field: str, source: str) -> Parameter:
+def _scalar(value: Any, field: str, raw: RawCase) -> Parameter:
     try:
         return AnyQuantity().read(value)
     except PydanticCustomError as error:
         context = error.context or {}
-        raise CaseError(source, field, context.get("shown", value), context.get("expected", "a number")) from None
+        raise CaseError(
+            raw.origin(field), field, context.get("shown", value), context.get("expected", "a number")
+        ) from None
 
 
-def _list(value: Any, field: str, source: str) -> list[Parameter]:
+def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
     if not isinstance(value, list) or not value:
-        raise CaseError(source, field, value, "a list of numbers")
-    return [_scalar(v, f"{field}.{i}", source) for i, v in enumerate(value)]
+        raise raw.refused(field, "a list of numbers")
+    return [_scalar(v, f"{field}.{i}", raw) for i, v in enumerate(value)]
 
 
-def _coefficients(value: Any, field: str, source: str) -> list[float]:
+def _coefficients(value: Any, field: str, raw: RawCase) -> list[float]:
     """Coefficients of a transfer function; units differ from power to power, and are the user's own affair."""
-    found = _list(value, field, source)
-    for i, (parameter, given) in enumerate(zip(found, value, strict=True)):
+    found = _list(value, field, raw)
+    for i, parameter in enumerate(found):
         if parameter.unit or parameter.friendly:
-            raise CaseError(source, f"{field}.{i}", given, "a plain number, in SI units: a coefficient takes no unit")
+            raise raw.refused(f"{field}.{i}", "a plain number, in SI units: a coefficient takes no unit")
     return [float(parameter.value) for parameter in found]
 
 
-def make_element(block: Block, field: str, source: str) -> Nonlinearity:
+def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     """The element of a block.
 
     Raises
@@ -190,24 +189,13 @@ def make_element(block: Block, field: str, source: str) -> Nonlinearity:
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
     for key in _COUNT_FIELDS & set(values):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
-            raise CaseError(source, f"{field}.{key}", values[key], f"a whole number from 1 to {LARGEST_COUNT}")
+            raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
         values[key] = round(values[key])
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
             return element_class(block.kind)(**values, **block.others)
     except ModelError as error:
-        raise _from_model_error(error, field, source, {**values, **block.others}) from None
-
-
-def _from_model_error(error: ModelError, field: str, source: str, value: object) -> CaseError:
-    """A model's own sentence as that of a case: field, value and what was expected, where it says so."""
-    sentence = str(error).rstrip(".")
-    match = _MODEL_SENTENCE.fullmatch(sentence)
-    if match is None:
-        return CaseError(source, field, value, f"a valid model ({sentence})")
-    if match["field"] and isinstance(value, dict):
-        return CaseError(source, f"{field}.{match['field']}", value.get(match["field"]), match["expected"])
-    return CaseError(source, field, value, f"{match['expected']} ({match['what']})")
+        raise raw.refused_by_model(error, field) from None
 
 
 def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> LureSystem:
@@ -220,15 +208,14 @@ def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> Lu
     """
     form = _form(loop, raw)
     field = "loop.blocks" if form == "blocks" else "loop.elements"
-    source = raw.origin(field)
-    made = {i: make_element(b, f"{field}.{i}", source) for i, b in enumerate(blocks) if b.kind}
+    made = {i: make_element(b, f"{field}.{i}", raw) for i, b in enumerate(blocks) if b.kind}
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
             if form == "state space":
                 return _from_state_space(loop, blocks, list(made.values()), raw)
             return _from_ring(loop, blocks, made, raw)
     except ModelError as error:
-        raise _from_model_error(error, "loop", raw.origin("loop"), raw.name) from None
+        raise raw.refused_by_model(error, "loop") from None
 
 
 def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Nonlinearity], raw: RawCase) -> LureSystem:
@@ -245,7 +232,7 @@ def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Non
     n = sum(part.A.shape[0] for part in ring if isinstance(part, StateSpace))
     if loop.initial_state is not None and len(loop.initial_state) != n:
         numbers = "1 number, of the one state" if n == 1 else f"{n} numbers, one for each state"
-        raise CaseError(raw.origin("loop.initial_state"), "loop.initial_state", loop.initial_state, numbers)
+        raise raw.refused("loop.initial_state", numbers)
     return LureSystem.from_blocks(
         ring,
         delay=0.0 if loop.delay is None else float(loop.delay.value),
@@ -308,7 +295,7 @@ def _linear(block: dict[str, Any], loop: LoopSection, raw: RawCase, field: str) 
     try:
         return as_state_space((block["num"], block["den"]), step)
     except ModelError as error:
-        raise _from_model_error(error, f"{field}.num", raw.origin(f"{field}.num"), block["num"]) from None
+        raise raw.refused_by_model(error, f"{field}.num") from None
 
 
 def _from_state_space(
@@ -320,18 +307,11 @@ def _from_state_space(
     _check_rectangles(loop, raw)
     n = len(loop.A or [])
     if n and len((loop.A or [[]])[0]) != n:
-        raise CaseError(raw.origin("loop.A"), "loop.A", loop.A, "a square matrix")
-    for name, length in (("initial_state", n), ("states", n)):
+        raise raw.refused("loop.A", "a square matrix")
+    for name, what in (("initial_state", "numbers"), ("states", "names")):
         given = getattr(loop, name)
-        if given is not None and len(given) != length:
-            raise CaseError(
-                raw.origin(f"loop.{name}"),
-                f"loop.{name}",
-                given,
-                f"{length} numbers, one for each state"
-                if name == "initial_state"
-                else f"{length} names, one for each state",
-            )
+        if given is not None and len(given) != n:
+            raise raw.refused(f"loop.{name}", f"{n} {what}, one for each state")
     return LureSystem.build(
         np.array(loop.A, float),
         gain * np.array(loop.B, float),
@@ -358,7 +338,7 @@ def _check_rectangles(loop: LoopSection, raw: RawCase) -> None:
     for name in ("A", "B", "C", "D", "input_matrix", "input_feedthrough"):
         matrix = getattr(loop, name)
         if matrix is not None and len({len(row) for row in matrix}) > 1:
-            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", matrix, "rows of equal length")
+            raise raw.refused(f"loop.{name}", "rows of equal length")
 
 
 def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalMap | None:
@@ -374,7 +354,7 @@ def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalM
         ):
             if given is not None and len(given) != length:
                 field = f"loop.signals.{name}.{part}"
-                raise CaseError(raw.origin(field), field, given, f"{length} numbers")
+                raise raw.refused(field, f"{length} numbers")
             rows.append(given if given is not None else [0.0] * length)
     n_signals = len(loop.signals)
     return SignalMap(

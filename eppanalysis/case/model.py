@@ -396,7 +396,7 @@ def _load_loop(file: LoopFile, raw: RawCase) -> Case:
     loop = file.loop
     place = "loop.elements" if loop.blocks is None else "loop.blocks"
     blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
-    check_units(loop, blocks, place, raw.origin(place))
+    check_units(loop, blocks, place, raw)
     system = build_loop(loop, blocks, raw)
     fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
     for name in ("gain", "delay", "time_step"):

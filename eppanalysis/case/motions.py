@@ -12,7 +12,7 @@ import numpy as np
 from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.case.schema import RampInput, RecordedInput, SineInput, StepInput, StepsInput
-from eppanalysis.errors import CaseError
+from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.signals import Motion, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.units import QuantityError, parse_quantity
 
@@ -38,6 +38,13 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
     CaseError
         If a value has the wrong dimension, times are out of order, or a recording cannot be read.
     """
+    try:
+        return _motion(given, unit, raw)
+    except ModelError as error:
+        raise raw.refused_by_model(error, "run.input") from None
+
+
+def _motion(given: Input, unit: str, raw: RawCase) -> Motion:
     if isinstance(given, RecordedInput):
         return read_recording(raw.folder / given.file, unit, given.file, raw)
     if isinstance(given, StepInput):
@@ -48,7 +55,7 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
         start, stop = _time(given.start), None if given.stop is None else float(given.stop.value)
         if stop is not None and stop <= start:
             field = "run.input.stop"
-            raise CaseError(raw.origin(field), field, str(given.stop), "a time after start")
+            raise raw.refused(field, "a time after start")
         per_second = f"{unit}/s" if unit else "Hz"
         return Ramp(_value(given.rate, "rate", per_second, raw), start, stop)
     phase = 0.0 if given.phase is None else float(given.phase.value)
@@ -65,7 +72,7 @@ def _steps(given: StepsInput, unit: str, raw: RawCase) -> Steps:
     for i in range(1, len(times)):
         if times[i] <= times[i - 1]:
             field = f"run.input.times.{i}"
-            raise CaseError(raw.origin(field), field, str(given.times[i]), "a later time than the one before")
+            raise raw.refused(field, "a later time than the one before")
     values = [_value(v, f"values.{i}", unit, raw) for i, v in enumerate(given.values)]
     return Steps(np.array(times), np.array(values))
 
@@ -77,7 +84,7 @@ def _time(given: Parameter | None) -> float:
 def _value(given: Parameter, name: str, unit: str, raw: RawCase) -> float:
     if given.unit not in ("", unit):
         field = f"run.input.{name}"
-        raise CaseError(raw.origin(field), field, str(given), f"a quantity in {unit or 'plain numbers'}")
+        raise raw.refused(field, f"a quantity in {unit or 'plain numbers'}")
     return float(given.value)
 
 

@@ -72,7 +72,7 @@ def with_element_inputs(system: LureSystem, keep: tuple[str, ...]) -> LureSystem
     old = system.signals
     for name in keep:
         if name not in old.names:
-            raise ModelError(f"{system.name}: there is no signal {name!r}; expected one of {', '.join(old.names)}.")
+            raise ModelError(f"{system.name}: there is no signal {name!r}", expected=f"one of {', '.join(old.names)}")
     kept = [old.names.index(name) for name in keep]
     rows = [s.start for s in system.input_slices]
     units = old.units or ("",) * len(old.names)

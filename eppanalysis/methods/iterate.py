@@ -42,7 +42,7 @@ def iterate(
     unknown = set(motions) - set(system.input_names)
     if unknown:
         known = ", ".join(system.input_names) or "none"
-        raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}; expected one of: {known}.")
+        raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}", expected=f"one of: {known}")
     for i, name in enumerate(system.input_names):
         if name in motions:
             v[:, i] += motions[name].value(t)
@@ -91,7 +91,7 @@ def whole_samples(system: LureSystem, what: str, times: Array) -> NDArray[np.int
     step = float(system.time_step or 1.0)
     counts = np.round(times / step)
     for time in times[np.abs(times / step - counts) > _WHOLE].tolist():
-        raise ModelError(f"{system.name}: {what} is {time:g} s; expected a whole number of samples of {step:g} s.")
+        raise ModelError(f"{system.name}: {what} is {time:g} s", expected=f"a whole number of samples of {step:g} s")
     return np.asarray(counts, np.int64)
 
 
@@ -118,7 +118,7 @@ def cascade_order(system: LureSystem) -> list[int]:
         ]
         if not ready:
             raise ModelError(
-                f"{system.name}: elements feed each other in a circle without delay; expected one sample at least."
+                f"{system.name}: elements feed each other in a circle without delay", expected="one sample at least"
             )
         order.append(ready[0])
     return order

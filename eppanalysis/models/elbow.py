@@ -116,7 +116,9 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
     ((7, 7), ('harness_position',), 0.001658)
     """
     if parameters.parking.dwell_time is not None and parameters.controller.sample_period is not None:
-        raise ModelError("elbow: parking.dwell_time and controller.sample_period are both given; expected one of them.")
+        raise ModelError(
+            "elbow: parking.dwell_time and controller.sample_period are both given", expected="one of them"
+        )
     pade = delay_model == "pade" and parameters.controller.delay > 0
     states = _state_names(parameters, pade)
     elements = _elements(parameters)

@@ -24,10 +24,10 @@ def _check(section: object, positive: tuple[str, ...] = (), not_negative: tuple[
         if value is None:
             continue
         if not math.isfinite(value):
-            raise ModelError(f"{name}: {field_name} is {value}; expected a finite number.")
+            raise ModelError(name, value, "a finite number", field=field_name)
         if value < 0 or (value == 0 and field_name in positive):
             wanted = "a positive number" if field_name in positive else "zero or a positive number"
-            raise ModelError(f"{name}: {field_name} is {value}; expected {wanted}.")
+            raise ModelError(name, value, wanted, field=field_name)
 
 
 @dataclass(frozen=True)
@@ -123,12 +123,13 @@ class Bands:
         _check(self, ("centre", "parking_width", "range", "low", "high", "max"), ("offset_voltage",))
         given = [getattr(self, n) is not None for n in ("slack", "low", "high", "max")]
         if any(given) and not all(given):
-            raise ModelError("Bands: only some of slack, low, high and max are given; expected all four or none.")
+            raise ModelError("Bands: only some of slack, low, high and max are given", expected="all four or none")
         slack, low, high, top = self.thresholds
         if not slack < low < high < top:
-            raise ModelError(f"Bands: thresholds {slack}, {low}, {high}, {top} N; expected slack < low < high < max.")
+            found = f"Bands: thresholds {slack}, {low}, {high}, {top} N"
+            raise ModelError(found, expected="slack < low < high < max")
         if low <= 0:
-            raise ModelError(f"Bands: low is {low} N; expected a positive tension.")
+            raise ModelError(f"Bands: low is {low} N", expected="a positive tension")
 
     @property
     def thresholds(self) -> tuple[float, float, float, float]:
@@ -205,7 +206,7 @@ class Forearm:
         positive = ("inertia", "prehensor_mass", "prehensor_distance")
         _check(self, positive, ("shell_inertia", "viscous_friction", "gravity_moment"))
         if self.upright and self.gravity_moment:
-            raise ModelError("Forearm: both upright and gravity_moment are given; expected one of them.")
+            raise ModelError("Forearm: both upright and gravity_moment are given", expected="one of them")
 
     @property
     def total_inertia(self) -> float:
@@ -259,7 +260,7 @@ class Cable:
     def __post_init__(self) -> None:
         _check(self, ("stiffness", "spring_ratio", "pretension"))
         if self.pretension is not None and not self.antagonist:
-            raise ModelError("Cable: pretension is given without antagonist; expected both.")
+            raise ModelError("Cable: pretension is given without antagonist", expected="both")
 
     @property
     def harness_stiffness(self) -> float:
@@ -301,13 +302,12 @@ class Pulley:
     def __post_init__(self) -> None:
         _check(self, ("radius",), ("friction", "flexion_angle", "kinetic_ratio"))
         if self.kinetic_ratio > 1:
-            raise ModelError(f"Pulley: kinetic_ratio is {self.kinetic_ratio}; expected 0 to 1.")
+            raise ModelError("Pulley", self.kinetic_ratio, "0 to 1", field="kinetic_ratio")
         if self.flexion_angle > math.pi:
-            raise ModelError(f"Pulley: flexion_angle is {self.flexion_angle} rad; expected at most 180 deg.")
+            raise ModelError("Pulley", self.flexion_angle, "at most 180 deg", field="flexion_angle")
         if self.load_friction >= 1:
-            raise ModelError(
-                f"Pulley: friction is {self.friction}; expected mu sin(psi/2) < 1, or the pulley never slides."
-            )
+            expected = "mu sin(psi/2) < 1, or the pulley never slides"
+            raise ModelError("Pulley", self.friction, expected, field="friction")
 
     @property
     def load_friction(self) -> float:
@@ -329,7 +329,7 @@ class Harness:
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.step):
-            raise ModelError(f"Harness: step is {self.step}; expected a finite number.")
+            raise ModelError("Harness", self.step, "a finite number", field="step")
 
 
 @dataclass(frozen=True)
@@ -361,7 +361,7 @@ class Sensor:
     def __post_init__(self) -> None:
         _check(self, ("gain", "full_scale", "bits", "filter"))
         if self.bits is not None and not (isinstance(self.bits, int) and 1 <= self.bits <= 24):
-            raise ModelError(f"Sensor: bits is {self.bits}; expected a whole number from 1 to 24.")
+            raise ModelError("Sensor", self.bits, "a whole number from 1 to 24", field="bits")
 
     @property
     def force_step(self) -> float:

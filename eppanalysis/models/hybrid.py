@@ -87,7 +87,7 @@ class HybridSystem:
         unknown = set(motions or {}) - set(system.input_names)
         if unknown:
             known = ", ".join(system.input_names) or "none"
-            raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}; expected one of: {known}.")
+            raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}", expected=f"one of: {known}")
         automata = [e.automaton() for e in system.elements]
         names = list(system.element_names)
         if observed or not any(a.guards for a in automata):
@@ -224,7 +224,8 @@ class _Packer:
             if 0.0 < delay * fastest < _LEAST_DELAY:
                 raise ModelError(
                     f"{self.system.name}: a dead time of {delay:g} s is nothing beside the loop's fastest time "
-                    f"constant, {1.0 / fastest:g} s; expected 0, or at least {_LEAST_DELAY / fastest:g} s."
+                    f"constant, {1.0 / fastest:g} s",
+                    expected=f"0, or at least {_LEAST_DELAY / fastest:g} s",
                 )
 
     def _inputs(self) -> tuple[Array, Array, Array, Array, dict[str, Array], Array]:

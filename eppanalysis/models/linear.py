@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
-from eppanalysis.errors import ModelError, shown
+from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -36,13 +36,12 @@ class StateSpace:
         shapes = {"A": (n, n), "B": (n, *inputs), "C": (*outputs, n), "D": (*outputs, *inputs)}
         for (name, shape), given in zip(shapes.items(), (A, B, C, D), strict=True):
             if given.shape != shape:
-                raise ModelError(
-                    f"StateSpace: {name} has shape {given.shape}; expected n by n, n by m, p by n, p by m."
-                )
+                found = f"StateSpace: {name} has shape {given.shape}"
+                raise ModelError(found, expected="n by n, n by m, p by n, p by m", field=name)
             object.__setattr__(self, name, given)
         step = self.time_step
         if step is not None and not (is_number(step) and step > 0):
-            raise ModelError(f"StateSpace: time_step is {shown(step)}; expected a positive number or None.")
+            raise ModelError("StateSpace", step, "a positive number or None", field="time_step")
 
 
 def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
@@ -62,20 +61,20 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
     """
     if isinstance(plant, StateSpace):
         if plant.D.shape != (1, 1):
-            raise ModelError("The linear part has several inputs or outputs; expected one of each.")
+            raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return plant
     if isinstance(plant, tuple) and len(plant) == 2:
         return transfer_function(plant[0], plant[1], time_step)
     if hasattr(plant, "num") and hasattr(plant, "den"):
         if plant.ninputs != 1 or plant.noutputs != 1:
-            raise ModelError("The linear part has several inputs or outputs; expected one of each.")
+            raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return transfer_function(plant.num[0][0], plant.den[0][0], _time_step(plant))
     if hasattr(plant, "A") and hasattr(plant, "D"):
         found = StateSpace(plant.A, plant.B, plant.C, plant.D, _time_step(plant))
         if found.D.shape != (1, 1):
-            raise ModelError("The linear part has several inputs or outputs; expected one of each.")
+            raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return found
-    raise ModelError(f"A {type(plant).__name__} is not a linear block; expected a transfer function or a state space.")
+    raise ModelError(f"A {type(plant).__name__} is not a linear block", expected="a transfer function or a state space")
 
 
 def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: float | None = None) -> StateSpace:
@@ -87,9 +86,8 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     num, den = floats(numerator, "numerator", ndmin=1), floats(denominator, "denominator", ndmin=1)
     for name, row in (("numerator", num), ("denominator", den)):
         if row.ndim != 1:
-            raise ModelError(
-                f"The {name} of a transfer function has shape {row.shape}; expected a row of coefficients."
-            )
+            found = f"The {name} of a transfer function has shape {row.shape}"
+            raise ModelError(found, expected="a row of coefficients")
     num, den = np.trim_zeros(num, "f"), np.trim_zeros(den, "f")
     if not (np.all(np.isfinite(num)) and np.all(np.isfinite(den))):
         raise ModelError("A transfer function holds a coefficient that is not finite.")
@@ -97,8 +95,8 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
         raise ModelError("A transfer function has a denominator of zero.")
     if num.size > den.size:
         raise ModelError(
-            f"A transfer function is improper: its numerator has degree {num.size - 1}, "
-            f"its denominator {den.size - 1}; expected at most the same degree."
+            f"A transfer function is improper: its numerator has degree {num.size - 1}, its denominator {den.size - 1}",
+            expected="at most the same degree",
         )
     n = den.size - 1
     num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]

@@ -132,7 +132,7 @@ class LureSystem:
         """
         A = np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
-            raise ModelError(f"{name}: A has shape {A.shape}; expected a square matrix.")
+            raise ModelError(f"{name}: A has shape {A.shape}", expected="a square matrix", field="A")
         n = A.shape[0] if A.size else 0
         A = A.reshape(n, n)
         nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
@@ -297,7 +297,7 @@ class LureSystem:
         for name, number in (given or {}).items():
             if name not in self.input_names:
                 known = ", ".join(self.input_names) or "none"
-                raise ModelError(f"{self.name}: there is no input {name!r}; expected one of: {known}.")
+                raise ModelError(f"{self.name}: there is no input {name!r}", expected=f"one of: {known}")
             value[self.input_names.index(name)] = number
         return value
 
@@ -408,7 +408,7 @@ def _solved(resolvent: NDArray[np.complex128], right: NDArray[Any]) -> NDArray[A
 
 def _require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
     if not holds:
-        raise ModelError(f"{name}: {what} is {given!r}; expected {expected}.")
+        raise ModelError(name, given, expected, field=what)
 
 
 def _labels(elements: Sequence[Nonlinearity], names: Sequence[str] | None) -> tuple[str, ...]:
@@ -435,9 +435,9 @@ def _checked_array(name: str, label: str, values: ArrayLike | None, shape: tuple
     if out.size == int(np.prod(shape)) and (out.ndim < len(shape) and 1 in shape or not out.size):
         out = out.reshape(shape)
     if out.shape != shape:
-        raise ModelError(f"{name}: {label} has shape {out.shape}; expected {shape}.")
+        raise ModelError(f"{name}: {label} has shape {out.shape}", expected=f"shape {shape}", field=label)
     if not np.all(np.isfinite(out)):
-        raise ModelError(f"{name}: {label} holds a number that is not finite.")
+        raise ModelError(f"{name}: {label} holds a number that is not finite.", field=label)
     out.flags.writeable = False
     return out
 

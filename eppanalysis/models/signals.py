@@ -22,7 +22,7 @@ Knots = tuple[Array, Array, Array]
 def _require_finite(name: str, **values: float) -> None:
     for field_name, value in values.items():
         if not np.isfinite(value):
-            raise ModelError(f"{name}: {field_name} is {value}; expected a finite number.")
+            raise ModelError(name, value, "a finite number", field=field_name)
 
 
 def _evaluate_knots(knots: Knots, t: ArrayLike) -> Array:
@@ -97,7 +97,7 @@ class Step:
     def __post_init__(self) -> None:
         _require_finite("Step", size=self.size, time=self.time)
         if self.time < 0:
-            raise ModelError(f"Step: time is {self.time}; expected 0 or more.")
+            raise ModelError("Step", self.time, "0 or more", field="time")
 
     def value(self, t: ArrayLike) -> Array:
         """Offset at the times `t` [s]."""
@@ -142,9 +142,9 @@ class Ramp:
     def __post_init__(self) -> None:
         _require_finite("Ramp", rate=self.rate, start=self.start, stop=0.0 if self.stop is None else self.stop)
         if self.start < 0:
-            raise ModelError(f"Ramp: start is {self.start}; expected 0 or more.")
+            raise ModelError("Ramp", self.start, "0 or more", field="start")
         if self.stop is not None and self.stop <= self.start:
-            raise ModelError(f"Ramp: stop is {self.stop}; expected a time after start ({self.start}).")
+            raise ModelError("Ramp", self.stop, "a time after start", field="stop", beside=("start", self.start))
 
     def value(self, t: ArrayLike) -> Array:
         """Offset at the times `t` [s]."""
@@ -192,7 +192,7 @@ class Sine:
     def __post_init__(self) -> None:
         _require_finite("Sine", amplitude=self.amplitude, frequency_hz=self.frequency_hz, phase=self.phase)
         if self.frequency_hz <= 0:
-            raise ModelError(f"Sine: frequency_hz is {self.frequency_hz}; expected a positive number.")
+            raise ModelError("Sine", self.frequency_hz, "a positive number", field="frequency_hz")
 
     @property
     def omega(self) -> float:
@@ -252,17 +252,18 @@ def _freeze_samples(motion: Steps | Recorded, fewest: int) -> None:
     times, values = (floats(a, f"{name}: {n}", ndmin=1, copy=True) for n, a in given.items())
     if times.shape != values.shape or times.ndim != 1 or times.size < fewest:
         wanted = {1: "one", 2: "two"}[fewest]
-        raise ModelError(f"{name}: times {times.shape} and values {values.shape}; expected {wanted} or more of each.")
+        found = f"{name}: times {times.shape} and values {values.shape}"
+        raise ModelError(found, expected=f"{wanted} or more of each")
     for field_name, array in (("times", times), ("values", values)):
         holes = np.flatnonzero(~np.isfinite(array))
         if holes.size:
-            raise ModelError(f"{name}: {field_name}[{holes[0]}] is {array[holes[0]]}; expected a finite number.")
+            raise ModelError(f"{name}: {field_name}[{holes[0]}]", array[holes[0]], "a finite number")
     stuck = np.flatnonzero(np.diff(times) <= 0)
     if stuck.size:
         i = int(stuck[0]) + 1
-        raise ModelError(f"{name}: times[{i}] is {times[i]}; expected more than the time before it ({times[i - 1]}).")
+        raise ModelError(f"{name}: times[{i}]", times[i], f"more than the time before it ({times[i - 1]})")
     if times[0] < 0:
-        raise ModelError(f"{name}: times[0] is {times[0]}; expected 0 or more.")
+        raise ModelError(f"{name}: times[0]", times[0], "0 or more")
     for field_name, array in (("times", times), ("values", values)):
         array.flags.writeable = False
         object.__setattr__(motion, field_name, array)
@@ -338,7 +339,7 @@ def motions_by_name(input_names: Sequence[str], given: Motion | Mapping[str, Mot
     if isinstance(given, Mapping):
         return dict(given)
     if len(input_names) != 1:
-        raise ModelError(f"The system has {len(input_names)} inputs; expected motions by name, not a single one.")
+        raise ModelError(f"The system has {len(input_names)} inputs", expected="motions by name, not a single one")
     return {input_names[0]: given}
 
 

@@ -91,7 +91,7 @@ def test_arrays_are_frozen():
     [
         ({"A": [[1.0, 2.0]]}, r"A has shape \(1, 2\); expected a square matrix"),
         ({"A": np.zeros((2, 2, 2))}, "expected a square matrix"),
-        ({"B": [[1.0, 2.0, 3.0]]}, r"B has shape \(1, 3\); expected \(2, 1\)"),
+        ({"B": [[1.0, 2.0, 3.0]]}, r"B has shape \(1, 3\); expected shape \(2, 1\)"),
         ({"C": [[1.0, np.nan]]}, "C holds a number that is not finite"),
         ({"x0": [1.0, 2.0, 3.0]}, "x0 has shape"),
         ({"delays": [0.1, 0.2]}, "delays has shape"),
@@ -131,7 +131,7 @@ def test_a_case_in_place_of_its_system_is_one_sentence():
         ({"memory": [1.0]}, r"memory is \(1.0,\); expected 2, one for each element"),
         ({"element_names": ["a"]}, r"element_names is \['a'\]; expected 2 different names"),
         ({"element_names": ["a", "a"]}, r"element_names is \['a', 'a'\]; expected 2 different names"),
-        ({"C": np.ones((3, 2))}, r"C has shape \(3, 2\); expected \(2, 3\)"),
+        ({"C": np.ones((3, 2))}, r"C has shape \(3, 2\); expected shape \(2, 3\)"),
     ],
 )
 def test_what_would_be_taken_for_something_else_is_refused(fields, sentence):

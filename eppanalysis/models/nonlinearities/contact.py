@@ -110,7 +110,7 @@ class LockPin(Nonlinearity):
         """
         a, b, w = broadcast(amplitude, bias, omega)
         if np.any(w < 0):
-            raise ModelError(f"The frequency of a describing function is {float(np.nanmin(w))!r}; expected >= 0.")
+            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         q = self.damping / self.stiffness * w
         side = _push if self.model == "unilateral" else _hold

@@ -69,7 +69,7 @@ class Friction(Nonlinearity):
         if self.stribeck > 0:
             require(self, "static", self.static > 0, "a positive number")
         else:
-            require(self, "static", self.static >= self.coulomb, f"at least coulomb ({self.coulomb!r})")
+            require(self, "static", self.static >= self.coulomb, "at least coulomb", "coulomb")
 
     @property
     def breakaway(self) -> float:

@@ -124,7 +124,7 @@ class HysteresisRelay(_Levels):
 
     def __post_init__(self) -> None:
         require_numbers(self, "lower", "upper", "low", "high")
-        require(self, "upper", self.upper >= self.lower, f"at least lower ({self.lower!r})")
+        require(self, "upper", self.upper >= self.lower, "at least lower", "lower")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
         """Output level, which is also the memory; without memory the relay is `low` until x exceeds `upper`."""
@@ -171,7 +171,7 @@ class HysteresisRelayDeadZone(_Levels):
     def __post_init__(self) -> None:
         require_numbers(self, "on", "off", "level")
         require(self, "on", self.on > 0, "a positive number")
-        require(self, "off", 0 <= self.off <= self.on, f"zero to on ({self.on!r})")
+        require(self, "off", 0 <= self.off <= self.on, "zero to on", "on")
         require(self, "level", self.level > 0, "a positive number")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:

@@ -46,7 +46,7 @@ class ParkingBandLaw(Nonlinearity):
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.dwell_time) and self.dwell_time > 0):
-            raise ModelError(f"ParkingBandLaw: dwell_time is {self.dwell_time}; expected a positive number.")
+            raise ModelError("ParkingBandLaw", self.dwell_time, "a positive number", field="dwell_time")
 
     def output(self, x: Any, memory: Any = None) -> tuple[float, tuple[bool, float]]:
         """Voltage for ``x = (force, clock)``; memory is (parked, clock at entry into the band), nan when outside.
@@ -149,7 +149,7 @@ class SampledLaw(Nonlinearity):
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.period) and self.period > 0):
-            raise ModelError(f"SampledLaw: period is {self.period}; expected a positive number.")
+            raise ModelError("SampledLaw", self.period, "a positive number", field="period")
 
     def output(self, x: Any, memory: Any = None) -> tuple[float, tuple[float, float]]:
         """Held output for ``x = (force, clock)``; memory is (held output, clock at the next reading)."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
-from eppanalysis.errors import ModelError, shown
+from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
 
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 SMALLEST_AMPLITUDE = 1e-150
 
 
-def require(element: Any, field: str, holds: bool, expected: str) -> None:
-    """Refuse an element whose `field` does not hold, in one sentence.
+def require(element: Any, field: str, holds: bool, expected: str, beside: str = "") -> None:
+    """Refuse an element whose `field` does not hold, in one sentence; `beside` is the field that it is held against.
 
     Raises
     ------
@@ -29,7 +29,8 @@ def require(element: Any, field: str, holds: bool, expected: str) -> None:
         If `holds` is false.
     """
     if not holds:
-        raise ModelError(f"{type(element).__name__}: {field} is {shown(getattr(element, field))}; expected {expected}.")
+        other = (beside, getattr(element, beside)) if beside else None
+        raise ModelError(type(element).__name__, getattr(element, field), expected, field=field, beside=other)
 
 
 def require_numbers(element: Any, *fields: str) -> None:
@@ -59,9 +60,9 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
             a, b, w = np.broadcast_arrays(a, b, w)
         except ValueError:
             shapes = ", ".join(str(v.shape) for v in (a, b, w))
-            raise ModelError(f"describing_function: shapes are {shapes}; expected some that broadcast.") from None
+            raise ModelError(f"describing_function: shapes are {shapes}", expected="some that broadcast") from None
     if (a < 0).any():
-        raise ModelError(f"The amplitude of a describing function is {float(np.nanmin(a))!r}; expected zero or more.")
+        raise ModelError("The amplitude of a describing function", float(np.nanmin(a)), "zero or more")
     return a, b, w
 
 

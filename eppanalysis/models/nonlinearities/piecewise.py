@@ -82,11 +82,11 @@ class PiecewiseLinear(Nonlinearity):
         for name, values in pieces.items():
             wanted = (k,) if name == "breakpoints" else (k + 1,)
             if values.shape != wanted:
-                raise ModelError(f"{label}: {name} has shape {values.shape}; expected {wanted}.")
+                raise ModelError(f"{label}: {name} has shape {values.shape}", expected=f"shape {wanted}", field=name)
             if not np.all(np.isfinite(values)):
-                raise ModelError(f"{label}: {name} is {values.tolist()}; expected finite numbers.")
+                raise ModelError(label, values.tolist(), "finite numbers", field=name)
         if np.any(np.diff(pieces["breakpoints"]) <= 0):
-            raise ModelError(f"{label}: breakpoints is {pieces['breakpoints'].tolist()}; expected ascending numbers.")
+            raise ModelError(label, pieces["breakpoints"].tolist(), "ascending numbers", field="breakpoints")
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise FrozenInstanceError(f"cannot assign to field {name!r}")

@@ -76,12 +76,12 @@ class FiveBandLaw(PiecewiseLinear):
 
     def __post_init__(self) -> None:
         require_numbers(self, "slack", "low", "high", "max", "supply_voltage", "offset_voltage")
-        require(self, "low", self.low > self.slack, f"more than slack ({self.slack!r})")
-        require(self, "high", self.high > self.low, f"more than low ({self.low!r})")
-        require(self, "max", self.max > self.high, f"more than high ({self.high!r})")
+        require(self, "low", self.low > self.slack, "more than slack", "slack")
+        require(self, "high", self.high > self.low, "more than low", "low")
+        require(self, "max", self.max > self.high, "more than high", "high")
         require(self, "supply_voltage", self.supply_voltage > 0, "a positive number")
         offset_fits = 0 <= self.offset_voltage <= self.supply_voltage
-        require(self, "offset_voltage", offset_fits, f"0 to the supply voltage ({self.supply_voltage!r})")
+        require(self, "offset_voltage", offset_fits, "0 to the supply voltage", "supply_voltage")
         rise = self.supply_voltage - self.offset_voltage
         extend, flex = rise / (self.low - self.slack), rise / (self.max - self.high)
         self._set_pieces(
@@ -114,7 +114,7 @@ class Saturation(PiecewiseLinear):
     def __post_init__(self) -> None:
         require_numbers(self, "lower", "upper", "slope")
         require(self, "slope", self.slope > 0, "a positive number")
-        require(self, "upper", self.upper > self.lower, f"more than lower ({self.lower!r})")
+        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
         edges = [self.lower / self.slope, self.upper / self.slope]
         self._set_pieces(edges, [0.0, self.slope, 0.0], [self.lower, 0.0, self.upper])
 
@@ -136,7 +136,7 @@ class DeadZone(PiecewiseLinear):
     def __post_init__(self) -> None:
         require_numbers(self, "lower", "upper", "slope")
         require(self, "slope", self.slope != 0, "a number other than zero")
-        require(self, "upper", self.upper > self.lower, f"more than lower ({self.lower!r})")
+        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
         offsets = [-self.slope * self.lower, 0.0, -self.slope * self.upper]
         self._set_pieces([self.lower, self.upper], [self.slope, 0.0, self.slope], offsets)
 
