@@ -14,6 +14,7 @@ Examples
 from __future__ import annotations
 
 import sys
+from functools import wraps
 from importlib import import_module
 from inspect import isfunction
 from types import ModuleType
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
         Sine as Sine,
         StictionPulley as StictionPulley,
     )
+    from eppanalysis.models.operating import OperatingPoint as OperatingPoint
     from eppanalysis.plots_map import (
         plot_design_map as plot_design_map,
         plot_parallel as plot_parallel,
@@ -134,6 +136,7 @@ _NAMES = {
     "models.elbow": ("ElbowParameters", "elbow"),
     "models.linear": ("StateSpace",),
     "models.lure": ("LureSystem",),
+    "models.operating": ("OperatingPoint",),
     "models.nonlinearities": (
         "Coulomb",
         "Cube",
@@ -180,13 +183,27 @@ def __getattr__(name: str) -> Any:
     return value
 
 
+#: Methods over parameters, which need a case and stand below the cases: a loop becomes one at the door.
+_OVER_PARAMETERS = ("continue_branch", "continue_folds", "design_bounds", "ladder", "tolerance_bound")
+
+
 def _at_the_door(function: Any) -> Any:
     """The public function, which refuses arguments of wrong types in a sentence; inside the package nobody asks."""
     from eppanalysis.arguments import checked
 
-    door = checked(function)
+    door = checked(_with_case(function) if function.__name__ in _OVER_PARAMETERS else function)
     door.__module__ = __name__  # so that processes find it by its public name
     return door
+
+
+def _with_case(function: Any) -> Any:
+    """A method whose argument `case` may be a loop, too."""
+
+    @wraps(function)
+    def call(case: Any, *args: Any, **kwargs: Any) -> Any:
+        return function(import_module(f"{__name__}.case").as_case(case), *args, **kwargs)
+
+    return call
 
 
 def __dir__() -> list[str]:

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.case import Case
+from eppanalysis.case import Case, as_case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import design_bounds
-from eppanalysis.methods.bounds_harmonic import inputs_at_end
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.cases import require_case
 from eppanalysis.methods.cycles import find_limit_cycles
@@ -146,6 +145,7 @@ def with_mass(case: Case) -> Case:
     EppError
         If the case is no elbow, or its forearm leaves no mass for a prehensor.
     """
+    case = as_case(case)
     require_case(case, "design_advice")
     if case.kind != "elbow":
         raise EppError(f"design_advice: {case.name} is a {case.kind}; expected a case of the elbow.")
@@ -186,15 +186,15 @@ def smallest_knocks(case: Case) -> tuple[float, float]:
     Infinite where nothing starts it; nan where that could not be decided.
     """
     system = case.to_system()
-    cycles = find_limit_cycles(system)
+    cycles = find_limit_cycles(case)
     if not cycles.stable:
-        # The loop is the same wherever the harness stands; the search there has other starts.
+        # The loop is the same wherever the harness stands; the search at its start has other starts.
         # A stable cycle that is predicted would be met by the runs on its scales, whether its orbit is closed or not.
-        again = find_limit_cycles(system, inputs_at_end(case, system)) if cycles.left_open else cycles
+        again = find_limit_cycles(system) if cycles.left_open else cycles
         nothing = math.inf if not (again.left_open or again.stable) else _NAN
         return nothing, nothing
     try:
-        found = knock(system, cycles=cycles, states=["theta_dot"])
+        found = knock(case, cycles=cycles, states=["theta_dot"])
     except NoRest:
         return 0.0, 0.0
     sizes = [

@@ -164,7 +164,7 @@ def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, o
     from eppanalysis.methods.describing import predict_limit_cycles
 
     def run(case: Case) -> Prediction:
-        found = predict_limit_cycles(case.to_system(), case.final_input())
+        found = predict_limit_cycles(case)
         len(found.margins)  # made when they are first asked for: now, before a part of the output is out
         return found
 
@@ -178,7 +178,7 @@ def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, 
     from eppanalysis.methods.simulate import simulate as run_simulation
 
     def run(case: Case) -> Trajectory:
-        return run_simulation(case.to_system(), case.input, t_end=case.t_end)
+        return run_simulation(case)
 
     _carry_out("simulate", cases, settings, as_json, output, _Verb(run, trajectory_table, _show_trajectory))
 

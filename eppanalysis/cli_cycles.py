@@ -50,10 +50,9 @@ def cycles(
     if output is not None:
         check_output(output)
     found = load_case(case, settings)
-    system, value = found.to_system(), found.final_input()
     with progress(f"cycles {found.name}") as report:
-        search = find_limit_cycles(system, value, progress=report)
-        hits = knock(system, cycles=search) if knocks else ()
+        search = find_limit_cycles(found, progress=report)
+        hits = knock(found, cycles=search) if knocks else ()
     if as_json:
         print_json("cycles", [(found, {**search.to_dict(), "knocks": [k.to_dict() for k in hits]})], settings)
     else:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.case import Case
+from eppanalysis.case import Case, as_case
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import Settings, bound_of_branch, design_bounds, range_within
 from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
@@ -273,6 +273,7 @@ def design_guide(
     EppError
         If the case is no elbow, or a value is not valid.
     """
+    case = as_case(case)
     require_case(case, "design_guide")
     if case.kind != "elbow":
         raise EppError(f"guide: {case.name} is a {case.kind}; expected a case of the elbow.")

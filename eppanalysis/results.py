@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, NotConverged, shown
+from eppanalysis.models.operating import OperatingPoint
 
 if TYPE_CHECKING:
     import xarray
@@ -46,6 +47,11 @@ def require_converged(status: Status, what: str) -> None:
     """Raise NotConverged unless `status` is a success."""
     if not status.ok:
         raise NotConverged(f"{what}: {status.value}")
+
+
+def point_to_dict(point: OperatingPoint | None) -> dict[str, Any] | None:
+    """An operating point as plain data; None where a result has none."""
+    return None if point is None else point.to_dict()
 
 
 class Brief:
@@ -123,6 +129,8 @@ class LimitCycle(Brief):
         a number, a ``Slip``, a pair; None for nothing): what `x0` and `memory` of a system are, from which a run goes
         on. Empty when unknown. What is on its way through a dead time is not part of it.
     provenance : dict
+    operating_point : OperatingPoint or None
+        Where the external inputs are held.
     """
 
     method: str
@@ -143,6 +151,7 @@ class LimitCycle(Brief):
     memory: tuple[Any, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     @property
     def frequency(self) -> float:
@@ -190,6 +199,7 @@ class LimitCycle(Brief):
             else [[float(m.real), float(m.imag)] for m in np.atleast_1d(self.multipliers)],
             "residual": self.residual,
             "error_estimate": self.error_estimate,
+            "operating_point": point_to_dict(self.operating_point),
             "events": [{"time": e.time, "element": e.element, "name": e.name, "mode": e.mode} for e in self.events],
             "provenance": dict(self.provenance),
         }
@@ -222,6 +232,8 @@ class Trajectory(Brief):
         Where the signals rest, when they do.
     settled_since : float
         Since when the run is at rest or on the cycle [s]; nan when it is neither.
+    operating_point : OperatingPoint or None
+        Where the external inputs stand at the end of the run, or why they do not.
     """
 
     t: Array
@@ -233,6 +245,7 @@ class Trajectory(Brief):
     settled_since: float = float("nan")
     units: dict[str, str] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     @property
     def n_events(self) -> int:
@@ -248,6 +261,7 @@ class Trajectory(Brief):
             "settled_since": self.settled_since,
             "limit_cycle": None if self.limit_cycle is None else self.limit_cycle.to_dict(),
             "n_events": self.n_events,
+            "operating_point": point_to_dict(self.operating_point),
             "end_time": float(self.t[-1]) if self.t.size else float("nan"),
             "provenance": dict(self.provenance),
         }
@@ -277,6 +291,7 @@ class Prediction(Brief):
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
     ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
     principal element. `search` says how completeness was sought, `warnings` what cycles first order cannot see there.
+    `operating_point` is where the external inputs are held.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -286,6 +301,7 @@ class Prediction(Brief):
     margins: Mapping[str, float] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    operating_point: OperatingPoint | None = None
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -304,6 +320,7 @@ class Prediction(Brief):
             "search": self.search,
             "warnings": list(self.warnings),
             "margins": dict(self.margins),
+            "operating_point": point_to_dict(self.operating_point),
             "cycles": [c.to_dict() for c in self.cycles],
             "provenance": dict(self.provenance),
         }

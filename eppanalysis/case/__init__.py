@@ -13,6 +13,7 @@ from eppanalysis.case.files import GROUPS, PLAIN_NAME, Missing, parse_raw, read_
 from eppanalysis.case.model import Case, json_schema, load
 from eppanalysis.case.quantities import Parameter
 from eppanalysis.errors import CaseError
+from eppanalysis.models.lure import LureSystem
 
 __all__ = [
     "GROUPS",
@@ -21,6 +22,7 @@ __all__ = [
     "Expected",
     "Parameter",
     "Published",
+    "as_case",
     "case",
     "case_from_text",
     "json_schema",
@@ -51,6 +53,18 @@ def read_case(path: str | Path) -> Case:
     ('fig8a_original', '2.5 deg')
     """
     return load(read_raw(Path(path), str(path)))
+
+
+def as_case(given: Case | LureSystem) -> Case:
+    """What an analysis over parameters was handed, a loop as the case that it makes.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> as_case(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")).name
+    'servo'
+    """
+    return Case.from_system(given) if isinstance(given, LureSystem) else given
 
 
 def case_from_text(text: str, name: str = "case", folder: str | Path | None = None) -> Case:

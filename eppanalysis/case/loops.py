@@ -19,6 +19,7 @@ from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.linear import StateSpace, as_state_space
 from eppanalysis.models.lure import LureSystem, SignalMap
 from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.memory import Slip
 
 #: Elements by the name that a case file calls them, with the module that holds their class.
 ELEMENTS: dict[str, tuple[str, str]] = {
@@ -46,6 +47,8 @@ ELEMENTS: dict[str, tuple[str, str]] = {
 LARGEST_COUNT = 100_000
 _TEXT_FIELDS = {"model"}
 _COUNT_FIELDS = {"levels"}
+#: Matrices of a loop without states.
+_MAY_BE_EMPTY = ("A", "B", "C")
 _LIST_FIELDS = {"breakpoints", "slopes", "intercepts"}
 
 
@@ -63,8 +66,8 @@ class Block:
         Scalar fields of the element.
     others : dict
         Lists and texts of the element, or num and den of a linear block.
-    memory : float or None
-        First held value at the start.
+    memory : float, Slip or None
+        First held value at the start; of an element that sticks also direction, and input reached.
     lists : dict of str to list of Parameter
         Lists of the element with their units.
     """
@@ -73,7 +76,7 @@ class Block:
     kind: str
     parameters: dict[str, Parameter]
     others: dict[str, Any]
-    memory: float | None = None
+    memory: float | Slip | None = None
     lists: dict[str, list[Parameter]] = dataclasses.field(default_factory=dict)
 
     @property
@@ -123,11 +126,22 @@ def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
         raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
     memory = table.get("memory")
     if memory is not None:
-        memory = _scalar(memory, f"{field}.memory", raw).value
+        memory = _memory(memory, f"{field}.memory", raw)
     return _read_fields(kind, name, memory, table, f"{field}", raw)
 
 
-def _read_fields(kind: str, name: str, memory: float | None, table: dict[str, Any], field: str, raw: RawCase) -> Block:
+def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
+    """A held value, or a list of held value, direction and input reached."""
+    if not isinstance(value, list):
+        return float(_scalar(value, field, raw).value)
+    if len(value) != len(Slip._fields):
+        raise raw.refused(field, "a number, or a list of held value, direction and input reached")
+    return Slip(*(float(p.value) for p in _list(value, field, raw)))
+
+
+def _read_fields(
+    kind: str, name: str, memory: float | Slip | None, table: dict[str, Any], field: str, raw: RawCase
+) -> Block:
     known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
@@ -262,7 +276,7 @@ def _form(loop: LoopSection, raw: RawCase) -> str:
         "state space": ("A", "B", "C", "elements"),
     }
     for name in needed[form]:
-        if not getattr(loop, name):
+        if getattr(loop, name) in ((None,) if name in _MAY_BE_EMPTY else (None, [])):
             raise CaseError(raw.origin("loop"), f"loop.{name}", Missing(), f"a value: a {form} needs it")
     if form == "transfer function" and len(loop.elements or []) != 1:
         expected = "one element; put several into blocks or a state space"
@@ -284,6 +298,8 @@ def _refuse_state_space_fields(loop: LoopSection, raw: RawCase) -> None:
         "input_feedthrough",
         "states",
         "signals",
+        "initial_input",
+        "delays",
     )
     for name in names:
         if getattr(loop, name):
@@ -308,10 +324,17 @@ def _from_state_space(
     n = len(loop.A or [])
     if n and len((loop.A or [[]])[0]) != n:
         raise raw.refused("loop.A", "a square matrix")
-    for name, what in (("initial_state", "numbers"), ("states", "names")):
+    for name, length, what in (
+        ("initial_state", n, "numbers, one for each state"),
+        ("states", n, "names, one for each state"),
+        ("initial_input", len(loop.inputs), "numbers, one for each input"),
+        ("delays", n_outputs, "numbers, one for each output of an element"),
+    ):
         given = getattr(loop, name)
-        if given is not None and len(given) != n:
-            raise raw.refused(f"loop.{name}", f"{n} {what}, one for each state")
+        if given is not None and len(given) != length:
+            raise raw.refused(f"loop.{name}", f"{length} {what}")
+    if loop.delays is not None and loop.delay is not None:
+        raise raw.refused("loop.delays", "either it or loop.delay, not both")
     return LureSystem.build(
         np.array(loop.A, float),
         gain * np.array(loop.B, float),
@@ -326,8 +349,9 @@ def _from_state_space(
         element_names=[b.name for b in blocks],
         signals=_signals(loop, n, n_outputs, raw),
         x0=np.ones(n) if loop.initial_state is None else loop.initial_state,
+        v0=loop.initial_input,
         memory=[b.memory for b in blocks],
-        delays=np.full(n_outputs, delay),
+        delays=np.full(n_outputs, delay) if loop.delays is None else loop.delays,
         time_step=None if loop.time_step is None else float(loop.time_step.value),
         state_names=loop.states,
         name=raw.name,
@@ -347,10 +371,12 @@ def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalM
         return None
     rows_state: list[list[float]] = []
     rows_output: list[list[float]] = []
+    rows_input: list[list[float]] = []
     for name, row in loop.signals.items():
         for part, given, length, rows in (
             ("state", row.state, n, rows_state),
             ("output", row.output, n_outputs, rows_output),
+            ("input", row.input, len(loop.inputs), rows_input),
         ):
             if given is not None and len(given) != length:
                 field = f"loop.signals.{name}.{part}"
@@ -361,7 +387,7 @@ def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalM
         tuple(loop.signals),
         np.array(rows_state, np.float64).reshape(n_signals, n),
         np.array(rows_output, np.float64).reshape(n_signals, n_outputs),
-        np.zeros((n_signals, len(loop.inputs))),
+        np.array(rows_input, np.float64).reshape(n_signals, len(loop.inputs)),
         np.array([row.constant for row in loop.signals.values()]),
         tuple(row.unit for row in loop.signals.values()),
     )

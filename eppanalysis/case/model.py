@@ -18,6 +18,7 @@ from eppanalysis.case.dimensions import check_units, remarks
 from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters, implied, other_bands
 from eppanalysis.case.expected import Expected, make_expected
 from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
+from eppanalysis.case.from_system import input_tables, loop_tables
 from eppanalysis.case.loops import build_loop, read_blocks
 from eppanalysis.case.motions import make_motion
 from eppanalysis.case.quantities import Parameter
@@ -27,7 +28,8 @@ from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.elbow import elbow
 from eppanalysis.models.elbow_parameters import ElbowParameters
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Motion, Step, standing_inputs
+from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.models.signals import Motion, Step
 from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, write_si
 
 #: Fields whose change leaves the case's expected answers true.
@@ -53,8 +55,9 @@ class Case:
     parameters : dict of str to Parameter
         Every scalar parameter that is given, by its dotted name: "lock_pin.backlash", or "play.gap" (name and field of
         an element) and "loop.gain" in a generic loop.
-    input : Motion or None
-        What the external input does from t = 0 on; None when the system has no input or it stays where it is.
+    input : Motion, mapping of str to Motion, or None
+        What the external input does from t = 0 on, or any of them by name; None when the system has no input or it
+        stays where it is.
     t_end : float
         How long to simulate [s].
     expected : Expected
@@ -66,28 +69,78 @@ class Case:
     kind: str
     source: str
     parameters: dict[str, Parameter]
-    input: Motion | None
+    input: Motion | Mapping[str, Motion] | None
     t_end: float
     expected: Expected
     _raw: RawCase = field(repr=False)
     _system: LureSystem = field(repr=False)
     _elbow: ElbowParameters | None = field(repr=False, default=None)
 
+    @classmethod
+    @checked
+    def from_system(
+        cls,
+        loop: LureSystem,
+        name: str = "",
+        *,
+        title: str = "",
+        input: Motion | Mapping[str, Motion] | None = None,
+        t_end: float = 10.0,
+        signal: str | None = None,
+    ) -> Case:
+        """A loop that was made in Python, as a case: its elements' fields are parameters, and it can be written.
+
+        Parameters
+        ----------
+        loop : LureSystem
+        name, title : str, optional
+            Of the case; by default the loop's name.
+        input : Motion or mapping of str to Motion, optional
+            What the only external input does from t = 0 on, or any of them by name.
+        t_end : float
+            How long to simulate [s].
+        signal : str, optional
+            The signal that rows and pictures show; the first one by default.
+
+        Raises
+        ------
+        EppError
+            If a case file has no place for something in it, such as an element of a class of one's own.
+
+        Examples
+        --------
+        >>> import eppanalysis as epp
+        >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+        >>> servo = epp.Case.from_system(loop, name="servo")
+        >>> servo.value("play.gap"), epp.case_from_text(servo.to_toml()).value("play.gap")
+        (2.0, 2.0)
+        """
+        name = name or loop.name
+        data: dict[str, Any] = {
+            "kind": "loop",
+            "title": title or name,
+            "loop": loop_tables(loop),
+            "run": {"t_end": write_si(t_end, "s"), **input_tables(input)},
+        }
+        if signal is not None:
+            data["expected"] = {"signal": signal}
+        return load(RawCase(name, name, Path(), data))
+
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
         return self._system
 
-    def final_input(self) -> dict[str, float]:
-        """Where the external inputs stand at the end of the run [SI]: the operating point of its limit cycle.
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Where the external inputs stand at the end of the run [SI], or why they do not stand still.
 
         Examples
         --------
         >>> from eppanalysis.case import case
-        >>> {name: round(value, 6) for name, value in case("fig8a_original").final_input().items()}
-        {'harness_position': 0.021658}
+        >>> str(case("fig8a_original").operating_point)
+        'harness_position = 0.0216581'
         """
-        system = self._system
-        return standing_inputs(system.input_names, system.v0, self.input, self.t_end)
+        return OperatingPoint.of(self._system, self.input, self.t_end)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -366,20 +419,19 @@ def load(raw: RawCase) -> Case:
 def _load_elbow(file: ElbowFile, raw: RawCase) -> Case:
     fields = elbow_fields(file)
     parameters = elbow_parameters(fields, raw)
-    motion: Motion = Step(parameters.harness.step)
-    if file.run.input is not None:
-        motion = make_motion(file.run.input, _INPUT_UNIT["elbow"], raw)
+    system = _elbow_system(parameters, raw)
+    motion = _motions(file, system, raw)
     return Case(
         raw.name,
         file.title,
         "elbow",
         raw.source,
         fields,
-        motion,
+        Step(parameters.harness.step) if motion is None else motion,
         float(file.run.t_end.value),
         make_expected(file.expected),
         raw,
-        _elbow_system(parameters, raw),
+        system,
         parameters,
     )
 
@@ -403,16 +455,28 @@ def _load_loop(file: LoopFile, raw: RawCase) -> Case:
         found = getattr(loop, name)
         if found is not None:
             fields[f"loop.{name}"] = found
-    motion = None
-    if file.run.input is not None:
-        if not loop.inputs:
-            raise CaseError(raw.origin("run.input"), "run.input", file.run.input.kind, "no input: the loop has none")
-        motion = make_motion(file.run.input, _INPUT_UNIT["loop"], raw)
+    motion = _motions(file, system, raw)
     t_end, expected = float(file.run.t_end.value), make_expected(file.expected)
     if expected.signal is not None and expected.signal not in system.signals.names:
         wanted = f"one of {', '.join(system.signals.names)}"
         raise CaseError(raw.origin("expected.signal"), "expected.signal", expected.signal, wanted)
     return Case(raw.name, file.title, "loop", raw.source, fields, motion, t_end, expected, raw, system)
+
+
+def _motions(file: ElbowFile | LoopFile, system: LureSystem, raw: RawCase) -> Motion | dict[str, Motion] | None:
+    """What the run says of the external inputs: of the only one, or of any by name."""
+    one, several, unit = file.run.input, file.run.inputs, _INPUT_UNIT[file.kind]
+    if one is not None:
+        if not system.input_names:
+            raise CaseError(raw.origin("run.input"), "run.input", one.kind, "no input: the loop has none")
+        if len(system.input_names) > 1 or several is not None:
+            raise CaseError(raw.origin("run.input"), "run.input", one.kind, "inputs by name, as in run.inputs.<name>")
+        return make_motion(one, unit, raw)
+    for name in several or {}:
+        if name not in system.input_names:
+            known = ", ".join(system.input_names) or "none"
+            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", "given", f"an input of the loop: {known}")
+    return {n: make_motion(m, unit, raw, f"run.inputs.{n}") for n, m in several.items()} if several else None
 
 
 def json_schema(kind: str) -> dict[str, Any]:

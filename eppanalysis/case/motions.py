@@ -22,7 +22,7 @@ _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
 
 
-def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
+def make_motion(given: Input, unit: str, raw: RawCase, field: str = "run.input") -> Motion:
     """The motion of a case, in SI units.
 
     Parameters
@@ -32,6 +32,8 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
         SI unit of the system's input.
     raw : RawCase
         The case that it stands in.
+    field : str
+        Where in it.
 
     Raises
     ------
@@ -39,41 +41,51 @@ def make_motion(given: Input, unit: str, raw: RawCase) -> Motion:
         If a value has the wrong dimension, times are out of order, or a recording cannot be read.
     """
     try:
-        return _motion(given, unit, raw)
+        return _motion(given, unit, raw, field)
     except ModelError as error:
-        raise raw.refused_by_model(error, "run.input") from None
+        raise raw.refused_by_model(error, field) from None
 
 
-def _motion(given: Input, unit: str, raw: RawCase) -> Motion:
+def _motion(given: Input, unit: str, raw: RawCase, field: str) -> Motion:
     if isinstance(given, RecordedInput):
-        return read_recording(raw.folder / given.file, unit, given.file, raw)
+        return _recorded(given, unit, raw, field)
     if isinstance(given, StepInput):
-        return Step(_value(given.size, "size", unit, raw), _time(given.time))
+        return Step(_value(given.size, f"{field}.size", unit, raw), _time(given.time))
     if isinstance(given, StepsInput):
-        return _steps(given, unit, raw)
+        return _steps(given, unit, raw, field)
     if isinstance(given, RampInput):
         start, stop = _time(given.start), None if given.stop is None else float(given.stop.value)
         if stop is not None and stop <= start:
-            field = "run.input.stop"
-            raise raw.refused(field, "a time after start")
+            raise raw.refused(f"{field}.stop", "a time after start")
         per_second = f"{unit}/s" if unit else "Hz"
-        return Ramp(_value(given.rate, "rate", per_second, raw), start, stop)
+        return Ramp(_value(given.rate, f"{field}.rate", per_second, raw), start, stop)
     phase = 0.0 if given.phase is None else float(given.phase.value)
-    return Sine(_value(given.amplitude, "amplitude", unit, raw), float(given.frequency.value), phase)
+    return Sine(_value(given.amplitude, f"{field}.amplitude", unit, raw), float(given.frequency.value), phase)
 
 
-def _steps(given: StepsInput, unit: str, raw: RawCase) -> Steps:
+def _recorded(given: RecordedInput, unit: str, raw: RawCase, field: str) -> Recorded:
+    """From a file, or from the samples that stand in the case itself."""
+    if given.file is not None and given.times is None and given.values is None:
+        return read_recording(raw.folder / given.file, unit, given.file, raw)
+    if given.file is not None or given.times is None or given.values is None:
+        wrong = "file" if given.file is None and given.times is None and given.values is None else "times"
+        shown = Missing() if given.file is None else "given"
+        raise CaseError(raw.origin(field), f"{field}.{wrong}", shown, "either file, or times and values")
+    try:
+        return Recorded(np.array(given.times), np.array(given.values))
+    except ModelError as error:
+        raise CaseError(raw.origin(field), field, "not a recording", f"increasing times ({error})") from None
+
+
+def _steps(given: StepsInput, unit: str, raw: RawCase, field: str) -> Steps:
     times = [float(t.value) for t in given.times]
     if len(given.values) != len(times):
-        field = "run.input.values"
-        raise CaseError(
-            raw.origin(field), field, f"{len(given.values)} long", f"{len(times)} values, one for each time"
-        )
+        expected = f"{len(times)} values, one for each time"
+        raise CaseError(raw.origin(field), f"{field}.values", f"{len(given.values)} long", expected)
     for i in range(1, len(times)):
         if times[i] <= times[i - 1]:
-            field = f"run.input.times.{i}"
-            raise raw.refused(field, "a later time than the one before")
-    values = [_value(v, f"values.{i}", unit, raw) for i, v in enumerate(given.values)]
+            raise raw.refused(f"{field}.times.{i}", "a later time than the one before")
+    values = [_value(v, f"{field}.values.{i}", unit, raw) for i, v in enumerate(given.values)]
     return Steps(np.array(times), np.array(values))
 
 
@@ -81,9 +93,8 @@ def _time(given: Parameter | None) -> float:
     return 0.0 if given is None else float(given.value)
 
 
-def _value(given: Parameter, name: str, unit: str, raw: RawCase) -> float:
+def _value(given: Parameter, field: str, unit: str, raw: RawCase) -> float:
     if given.unit not in ("", unit):
-        field = f"run.input.{name}"
         raise raw.refused(field, f"a quantity in {unit or 'plain numbers'}")
     return float(given.value)
 

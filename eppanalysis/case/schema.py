@@ -171,10 +171,12 @@ class SineInput(_Model):
 
 
 class RecordedInput(_Model):
-    """A recorded motion: a CSV file of times and values in the case's folder."""
+    """A recorded motion, linear between its samples: a CSV file in the case's folder, or times and values."""
 
     kind: Literal["recorded"]
-    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)]
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)] | None = None
+    times: Annotated[list[Number], Field(min_length=2, max_length=20_000)] | None = None
+    values: Annotated[list[Number], Field(min_length=2, max_length=20_000)] | None = None
 
 
 #: Motions by their kind.
@@ -187,13 +189,18 @@ INPUTS: dict[str, type[_Model]] = {
 }
 
 
+AnyInput = Annotated[
+    StepInput | StepsInput | RampInput | SineInput | RecordedInput,
+    Field(discriminator="kind"),
+]
+
+
 class RunSection(_Model):
-    """How the case is simulated."""
+    """How the case is simulated: `input` moves the only external input, `inputs` any of them by name."""
 
     t_end: Annotated[Parameter, Quantity("s", above=0)]
-    input: (
-        Annotated[StepInput | StepsInput | RampInput | SineInput | RecordedInput, Field(discriminator="kind")] | None
-    ) = None
+    input: AnyInput | None = None
+    inputs: dict[Name, AnyInput] | None = None
 
 
 class CycleAnswer(_Model):
@@ -254,10 +261,11 @@ class ElbowFile(_Model):
 
 
 class SignalRow(_Model):
-    """A named signal: weights of the states and of the elements' outputs."""
+    """A named signal: weights of the states, of the elements' outputs and of the external inputs."""
 
     state: Row | None = None
     output: Row | None = None
+    input: Row | None = None
     constant: Number = 0.0
     unit: Annotated[str, Field(max_length=30)] = ""
 
@@ -282,7 +290,9 @@ class LoopSection(_Model):
     states: list[Name] | None = None
     signals: dict[Name, SignalRow] | None = None
     initial_state: Row | None = None
+    initial_input: Row | None = None
     delay: Duration | None = None
+    delays: Annotated[list[Annotated[Number, Field(ge=0)]], Field(max_length=200)] | None = None
     time_step: PositiveDuration | None = None
     feedback: Literal[-1, 1] = -1
 
@@ -340,8 +350,8 @@ def validate(raw: RawCase) -> ElbowFile | LoopFile:
 
 def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> CaseError:
     loc = [str(part) for part in error["loc"]]
-    if loc[:2] == ["run", "input"] and len(loc) > 2:
-        del loc[2]  # the name of the union's member
+    member = {"input": 2, "inputs": 3}.get(loc[1] if loc[0] == "run" and len(loc) > 1 else "", len(loc))
+    del loc[member : member + 1]  # the name of the union's member
     field, context = ".".join(loc), error.get("ctx", {})
     shown: Any = error["input"]
     if error["type"] == "extra_forbidden":

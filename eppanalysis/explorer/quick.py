@@ -123,7 +123,7 @@ def _frozen(case: Case, run: Trajectory) -> tuple[FrozenLoop | None, complex | N
         means = {name: cycle.mean[at] for name, at in inputs.items()}
         own = frozen_loop(system, {name: cycle.amplitude(at) for name, at in inputs.items()}, means, cycle.omega)
         phasors = {name: complex(cycle.harmonics[at][1]) for name, at in inputs.items()}
-        value = np.array([case.final_input()[name] for name in system.input_names])
+        value = case.operating_point.vector(system)
         near = nearest_cycle(system, phasors, means, cycle.omega, value)
         of_run = None if own is None else own.point
         return (own, of_run, False) if near is None else (frozen_loop(system, *near), of_run, True)

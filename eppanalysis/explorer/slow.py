@@ -60,7 +60,7 @@ def all_cycles(given: Given) -> Facts:
     from eppanalysis.methods.cycles import find_limit_cycles
 
     case = given.case()
-    found = find_limit_cycles(case.to_system(), case.final_input())
+    found = find_limit_cycles(case)
     return {
         "size": [c.peak_to_peak[given.signal] for c in found],
         "frequency": [c.frequency for c in found],

@@ -5,13 +5,13 @@ A witness against a search that misses cycles: every run must end on something k
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.batch import BatchResult, HybridStack, simulate_batch
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.cycles import CycleSearch, fades
 from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import run_hybrid
@@ -52,10 +52,10 @@ class Basin(Brief):
 
 
 def basin(
-    system: LureSystem,
+    system: LureSystem | CaseLike,
     cycles: CycleSearch,
     starts: Array,
-    input_value: Mapping[str, float] | None = None,
+    operating_point: Held | None = None,
     *,
     threads: int = 1,
 ) -> Basin:
@@ -63,13 +63,13 @@ def basin(
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         In continuous time.
     cycles : CycleSearch
     starts : array, shape (N, n)
         Initial states; held values are those of the system's start.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI].
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the search.
     threads : int
 
     Returns
@@ -91,6 +91,7 @@ def basin(
     >>> basin(loop, found, np.array([0.9 * unstable, 1.1 * unstable])).ends.tolist()
     [-1, 1]
     """
+    system, at = standing(system, operating_point or cycles.operating_point, "basin")
     starts = np.atleast_2d(np.asarray(starts, float))
     ends = np.full(len(starts), UNDECIDED)
     horizon = _PERIODS * max((c.period for c in cycles), default=_slowest(system))
@@ -98,12 +99,12 @@ def basin(
         left = np.flatnonzero(ends == UNDECIDED)
         if not left.size:
             break
-        systems = [steady_hybrid(replace(system, x0=starts[i]), input_value) for i in left]
+        systems = [steady_hybrid(replace(system, x0=starts[i]), at) for i in left]
         result = simulate_batch(HybridStack.of(systems, system.signals.names), factor * horizon, threads=threads)
         ends[left] = [_end(cycles, result, i) for i in range(left.size)]
     size = np.max([np.ptp(starts, axis=0), *(np.ptp(c.provenance["corners"], axis=0) for c in cycles)], axis=0)
     for i in np.flatnonzero(ends == UNDECIDED):
-        if _creeps(steady_hybrid(replace(system, x0=starts[i]), input_value), horizon, size):
+        if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
             ends[i] = REST
     return Basin(starts, ends)
 

@@ -26,6 +26,7 @@ from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.continuation import Branch
+from eppanalysis.models.lure import LureSystem
 from eppanalysis.provenance import provenance
 from eppanalysis.workers import workers as worker_processes
 
@@ -54,7 +55,7 @@ class Settings:
 
 
 def design_bounds(
-    case: CaseLike,
+    case: CaseLike | LureSystem,
     over: str,
     limit: str,
     *,
@@ -75,7 +76,7 @@ def design_bounds(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     over, limit : str
         Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
     start, stop : str or number, optional
@@ -118,7 +119,7 @@ def design_bounds(
     >>> round(found[0].exact, 7), found[0].verified
     (0.8462572, True)
     """
-    require_case(case, "design_bounds")
+    case = require_case(case, "design_bounds")
     check_verification(margin, starts)
     least = {
         "points": (points, 1),
@@ -150,6 +151,7 @@ def design_bounds(
         within=(low, high),
         cells=tuple(cells),
         provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
+        operating_point=case.operating_point,
     )
 
 

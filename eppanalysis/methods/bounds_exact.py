@@ -17,7 +17,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_fold import Cycle, balanced
-from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end, steady_loop
+from eppanalysis.methods.bounds_harmonic import Question, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers
 from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_branch
 from eppanalysis.methods.continuation_steps import Point
@@ -118,9 +118,7 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
 
 def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
     """All exact orbits that the search finds at a value, smallest first."""
-    case = question.case_at(value)
-    system = case.to_system()
-    return list(find_limit_cycles(system, inputs_at_end(case, system)))
+    return list(find_limit_cycles(question.case_at(value)))
 
 
 def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> ExactBound | None:

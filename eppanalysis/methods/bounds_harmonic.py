@@ -28,8 +28,6 @@ from eppanalysis.methods.harmonic import settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic_series import Array
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import standing_inputs
 from eppanalysis.results import LimitCycle
 
 #: Orders tried in turn, and the relative difference of a bound from those of lower orders at which they end.
@@ -113,11 +111,6 @@ class Question:
         return Numbers(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
 
 
-def inputs_at_end(case: CaseLike, system: LureSystem) -> dict[str, float]:
-    """Where the external inputs of a case stand when its motion is over [SI]."""
-    return standing_inputs(system.input_names, system.v0, case.input, case.t_end)
-
-
 def value_of(case: CaseLike, name: str) -> float | None:
     """A parameter of a case [SI]; None where it is left out.
 
@@ -136,8 +129,7 @@ def value_of(case: CaseLike, name: str) -> float | None:
 def steady_loop(case: CaseLike) -> Loop:
     """The loop of a case at the operating point of its limit cycles."""
     system = case.to_system()
-    inputs = inputs_at_end(case, system)
-    return loop_of(system, np.array([inputs[name] for name in system.input_names]))
+    return loop_of(system, case.operating_point.vector(system))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +247,7 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     for value in values:
         case = question.case_at(value)
         loop = steady_loop(case)
-        here = [*steady_hybrid(loop.system, inputs_at_end(case, loop.system)).model, loop.value]
+        here = [*steady_hybrid(loop.system, case.operating_point).model, loop.value]
         if first is None:
             first = here
         elif not all(np.array_equal(a, b) for a, b in zip(first, here, strict=True)):
@@ -266,15 +258,13 @@ def idle(question: Question, values: Iterable[float]) -> bool:
 def _seen_at(question: Question, value: float) -> _Seen:
     """The cycles at a value; nothing is known where the loop cannot be searched there."""
     case = question.case_at(value)
-    system = case.to_system()
-    inputs = inputs_at_end(case, system)
     loop = steady_loop(case)
     try:
-        predicted = predict_limit_cycles(system, inputs).cycles
+        predicted = predict_limit_cycles(case).cycles
     except ModelError:  # an element without a describing function
         predicted = ()
     try:
-        search = find_limit_cycles(system, inputs, predicted=predicted)
+        search = find_limit_cycles(case, predicted=predicted)
     except ModelError:
         return _Seen(value, [_of_order_one(loop, value, c) for c in predicted])
     first, exact = ([_of_order_one(loop, value, c) for c in found] for found in (predicted, search))

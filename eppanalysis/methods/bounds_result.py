@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.results import Brief, LimitCycle, Status
+from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
 
 if TYPE_CHECKING:
     import xarray
@@ -141,6 +142,8 @@ class DesignBounds(Brief):
         Range in which bounds were sought [SI].
     cells : tuple of BoundCell
     provenance : dict
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
 
     case: str
@@ -152,6 +155,7 @@ class DesignBounds(Brief):
     within: tuple[float, float]
     cells: tuple[BoundCell, ...]
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -182,6 +186,7 @@ class DesignBounds(Brief):
             "within": list(self.within),
             "status": self.status.name.lower(),
             "cells": [c.to_dict() for c in self.cells],
+            "operating_point": point_to_dict(self.operating_point),
             "provenance": dict(self.provenance),
         }
 

@@ -27,10 +27,11 @@ from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.methods.bounds_elasticity import exact_elasticities, parameters_of
 from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import Cycle, Programmes, extreme
-from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question, inputs_at_end
+from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question
 from eppanalysis.methods.cases import CaseLike, require_case
 from eppanalysis.methods.cycles import steady_hybrid
 from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.models.lure import LureSystem
 from eppanalysis.provenance import provenance
 from eppanalysis.results import Brief, LimitCycle, Status
 
@@ -190,7 +191,7 @@ def check_tolerances(question: Question, tolerances: Mapping[str, object] | None
 
 
 def tolerance_bound(
-    case: CaseLike,
+    case: CaseLike | LureSystem,
     limit: str,
     tolerances: Mapping[str, object] | None = None,
     *,
@@ -206,7 +207,7 @@ def tolerance_bound(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     limit : str
         The parameter that is bounded; its own tolerance is taken off the bound.
     tolerances : mapping of str to quantity or percentage, optional
@@ -233,7 +234,7 @@ def tolerance_bound(
     EppError
         If there is no bound at the parameters' own values, or a setting is not valid.
     """
-    require_case(case, "tolerance_bound")
+    case = require_case(case, "tolerance_bound")
     if distribution not in ("uniform", "normal"):
         raise EppError(f"tolerance_bound: the distribution is {distribution!r}; expected 'uniform' or 'normal'.")
     check_counts("tolerance_bound", {"samples": (samples, 0), "seed": (seed, 0), "threads": (threads, 1)})
@@ -457,8 +458,7 @@ class _Box:
         hybrids: list[HybridSystem] = []
         for case, value in zip(cases, values.tolist(), strict=True):
             changed = case.with_values({limit: value})
-            system = changed.to_system()
-            base = steady_hybrid(system, inputs_at_end(changed, system))
+            base = steady_hybrid(changed.to_system(), changed.operating_point)
             hybrids += self._starts(base)
         names = self.question.case.to_system().signals.names
         result = simulate_batch(HybridStack.of(hybrids, names), _PERIODS * self.orbit.period, threads=threads)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.batch import HybridStack, simulate_batch
-from eppanalysis.methods.bounds_harmonic import Question, inputs_at_end
+from eppanalysis.methods.bounds_harmonic import Question
+from eppanalysis.methods.cases import CaseLike
 from eppanalysis.methods.cycles import CycleSearch, find_limit_cycles, start_of, steady_hybrid
 from eppanalysis.methods.knock import Judge
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status
 
 Array = NDArray[np.float64]
@@ -106,14 +106,13 @@ def verify(
     missing = []
     case = question.case_at(safe)
     system = case.to_system()
-    inputs = inputs_at_end(case, system)
     # The predicted cycles' balances have just been followed to the bound itself.
-    search = find_limit_cycles(system, inputs, by_balance=False)
+    search = find_limit_cycles(case, by_balance=False)
     if len(search):
         missing.append(f"the search finds {len(search)} limit cycle(s) on the safe side")
     elif search.left_open:
         missing.append("the search left a run undecided on the safe side")
-    n_settled, n_moving, met = _settling(system, inputs, orbit, n_starts, seed, threads) if n_starts else (0, 0, [])
+    n_settled, n_moving, met = _settling(case, orbit, n_starts, seed, threads) if n_starts else (0, 0, [])
     if n_moving:
         missing.append(f"{n_moving} of {n_settled + n_moving} runs did not come to rest on the safe side")
     if n_settled + n_moving < n_starts:
@@ -130,23 +129,23 @@ def _orbit_at(question: Question, value: float, near: LimitCycle) -> LimitCycle 
     """An exact orbit at a value: near a known one, else any that the search finds."""
     case = question.case_at(value)
     system = case.to_system()
-    inputs = inputs_at_end(case, system)
-    hybrid = steady_hybrid(system, inputs)
+    hybrid = steady_hybrid(system, case.operating_point)
     if near.state.size == system.A.shape[0]:
         for orbit in orbits_near(hybrid, *start_of(hybrid, near), near.period):
             return to_limit_cycle(system, orbit)
-    return next(iter(find_limit_cycles(system, inputs)), None)
+    return next(iter(find_limit_cycles(case)), None)
 
 
 def _settling(
-    system: LureSystem, inputs: dict[str, float], orbit: LimitCycle, n_starts: int, seed: int, threads: int
+    case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int
 ) -> tuple[int, int, list[Orbit]]:
     """How many runs of a cloud come to rest, how many do not, and the orbits on which these end.
 
     Near its bound a cycle that has vanished slows down whatever passes its ghost, so that many runs are undecided at
     the end of the horizon: each is looked at for longer. Only where many of these keep moving is the rest left alone.
     """
-    hybrid = steady_hybrid(system, inputs)
+    system = case.to_system()
+    hybrid = steady_hybrid(system, case.operating_point)
     size = _size(hybrid, orbit)
     to = Judge(_PERIODS * orbit.period, size)
     rest = _rest(hybrid, to)

@@ -7,11 +7,12 @@ from typing import Any, Protocol
 
 from eppanalysis.errors import EppError
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Motion
 
 
 class CaseLike(Protocol):
-    """What branches, bounds and ladders need of a case (the case layer stands above the methods)."""
+    """What the methods need of a case (the case layer stands above them)."""
 
     @property
     def name(self) -> str:
@@ -24,6 +25,10 @@ class CaseLike(Protocol):
     @property
     def t_end(self) -> float:
         """Length of a run [s]."""
+
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Where the inputs stand at the end of the run."""
 
     def to_system(self) -> LureSystem:
         """The system."""
@@ -44,8 +49,55 @@ class CaseLike(Protocol):
         """The unit people use, and the factor from SI to it."""
 
 
-def require_case(case: object, verb: str) -> None:
-    """Raise EppError unless a verb was handed a case; the system made of one is the likely slip."""
-    if not hasattr(case, "to_system"):
+#: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
+Held = OperatingPoint | Mapping[str, float]
+
+
+def system_of(loop: LureSystem | CaseLike, verb: str) -> LureSystem:
+    """The system that an analysis was handed, as itself or as a case.
+
+    Raises
+    ------
+    EppError
+        If it is neither.
+    """
+    if isinstance(loop, LureSystem):
+        return loop
+    if not hasattr(loop, "to_system"):
+        raise EppError(f"{verb}: the first argument is a {type(loop).__name__}; expected a Case or a LureSystem.")
+    return loop.to_system()
+
+
+def standing(loop: LureSystem | CaseLike, held: Held | None, verb: str) -> tuple[LureSystem, OperatingPoint]:
+    """The system and the operating point of an analysis: as given, else that of the case or the loop.
+
+    Raises
+    ------
+    EppError
+        If it is neither a case nor a loop, or an input does not stand still.
+    ModelError
+        If there is no input of that name.
+    """
+    system = system_of(loop, verb)
+    point = OperatingPoint.of(system) if isinstance(loop, LureSystem) else loop.operating_point
+    if held is not None:
+        point = held if isinstance(held, OperatingPoint) else point.held(held)
+    inputs = point.vector(system).tolist()
+    return system, OperatingPoint(dict(zip(system.input_names, inputs, strict=True)))
+
+
+def require_case(case: CaseLike | LureSystem, verb: str) -> CaseLike:
+    """The case that an analysis over parameters was handed; at the public door a loop has become one.
+
+    Raises
+    ------
+    EppError
+        If it is none.
+    """
+    if isinstance(case, LureSystem) or not hasattr(case, "to_system"):
         kind = type(case).__name__
-        raise EppError(f"{verb}: the first argument is a {kind}; expected a Case, as case() and read_case() give.")
+        hint = "; Case.from_system() makes one of a loop" if isinstance(case, LureSystem) else ""
+        raise EppError(
+            f"{verb}: the first argument is a {kind}; expected a Case, as case() and read_case() give{hint}."
+        )
+    return case

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -34,15 +34,16 @@ from eppanalysis.methods.continuation_steps import (
     step,
 )
 from eppanalysis.methods.cycles import find_limit_cycles, same_orbit
-from eppanalysis.methods.exact import start_of
+from eppanalysis.methods.exact import start_of, steady_hybrid
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
-from eppanalysis.methods.orbit_guess import require_autonomous
 from eppanalysis.methods.shooting import Orbit, orbit_of, orbits_near
 from eppanalysis.methods.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.results import Brief, LimitCycle, Status
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,6 +103,8 @@ class Branch(Brief):
         Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
     others : tuple of Branch
         Branches of other cycles, followed where this one leaves a part of the range without having turned back.
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
 
     parameter: str
@@ -117,6 +120,7 @@ class Branch(Brief):
     missing: tuple[Gap, ...] = ()
     others: tuple[Branch, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     def __len__(self) -> int:
         return int(self.points["value"].size)
@@ -141,6 +145,7 @@ class Branch(Brief):
             "simulated": {k: v.tolist() for k, v in self.simulated.items()},
             "missing": [gap.to_dict() for gap in self.missing],
             "others": [branch.to_dict() for branch in self.others],
+            "operating_point": point_to_dict(self.operating_point),
             "provenance": dict(self.provenance),
         }
 
@@ -152,7 +157,7 @@ class Branch(Brief):
 
 
 def continue_branch(
-    case: CaseLike,
+    case: CaseLike | LureSystem,
     parameter: str,
     start: object,
     stop: object,
@@ -171,7 +176,7 @@ def continue_branch(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     parameter : str
         Dotted name of the field.
     start, stop : str or number
@@ -200,7 +205,7 @@ def continue_branch(
         If no limit cycle is found at either end, the range is empty, or no cycle of twice the period leaves at
         `origin`.
     """
-    require_case(case, "continue_branch")
+    case = require_case(case, "continue_branch")
     check_counts(
         "continue_branch", {"n_points": (n_points, 1), "n_simulated": (n_simulated, 0), "n_others": (n_others, 0)}
     )
@@ -267,28 +272,21 @@ def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array
     """Where the case's own run ends on a cycle: the parameter, frequency and peak-to-peak of every signal."""
     rows: list[dict[str, float]] = []
     for value in values.tolist():
-        changed = case.with_values({parameter: value})
-        cycle = simulate(changed.to_system(), changed.input, t_end=case.t_end).limit_cycle
+        cycle = simulate(case.with_values({parameter: value})).limit_cycle
         if cycle is not None:
             rows.append({"value": value, "frequency": cycle.frequency, **cycle.peak_to_peak})
     return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
 
 
 def steady_case(case: CaseLike) -> HybridSystem:
-    """The hybrid system of a case with its inputs at their final values.
+    """The hybrid system of a case at its operating point.
 
     Raises
     ------
     EppError
-        For a discrete-time system, or an input that never comes to rest.
+        For a discrete-time system, or an input that does not stand still.
     """
-    system = case.to_system()
-    if system.time_step:
-        raise EppError(f"{system.name}: a discrete-time loop has no exact orbits between samples.")
-    motions = case.input
-    if motions is not None and not isinstance(motions, Mapping):
-        motions = {name: motions for name in system.input_names}
-    return require_autonomous(HybridSystem.from_lure(system, motions))
+    return steady_hybrid(case.to_system(), case.operating_point)
 
 
 def _seed(
@@ -317,9 +315,7 @@ def _seed(
 def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit]:
     """The orbits of all cycles that the exact search finds at a value, smallest first."""
     hybrid = family.at(value)
-    system = case.with_values({parameter: value}).to_system()
-    inputs = dict(zip(system.input_names, hybrid.x0[hybrid.n_plant :].tolist(), strict=True))
-    for known in find_limit_cycles(system, inputs):
+    for known in find_limit_cycles(case.with_values({parameter: value})):
         yield from islice(orbits_near(hybrid, *start_of(hybrid, known), known.period), 1)
 
 
@@ -474,6 +470,7 @@ class Walk:
             signals=tuple(names),
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
             provenance={"case": self.case.name, "limits": self.limits},
+            operating_point=self.case.operating_point,
         )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.asked import Asked
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.exact import Found, asked_for, orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.mirrored import mirror
@@ -28,9 +29,10 @@ from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.linear import poles
-from eppanalysis.models.lure import LureSystem, require_system
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.provenance import provenance
-from eppanalysis.results import Brief, LimitCycle, Status
+from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,6 +104,8 @@ class CycleSearch(Brief):
         The predicted cycles whose orbits were not found.
     left_open : tuple of str
         What keeps the search from being complete, unclosed predictions aside, each in words.
+    operating_point : OperatingPoint or None
+        Where the external inputs are held.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -113,6 +117,7 @@ class CycleSearch(Brief):
     unclosed: tuple[LimitCycle, ...] = ()
     left_open: tuple[str, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     @property
     def message(self) -> str:
@@ -148,6 +153,7 @@ class CycleSearch(Brief):
             "rests": self.rests,
             "diverges": self.diverges,
             "search": self.search,
+            "operating_point": point_to_dict(self.operating_point),
             "cycles": [c.to_dict() for c in self.cycles],
             "unclosed": [c.to_dict() for c in self.unclosed],
             "provenance": dict(self.provenance),
@@ -161,8 +167,8 @@ class CycleSearch(Brief):
 
 
 def find_limit_cycles(
-    system: LureSystem,
-    input_value: Mapping[str, float] | None = None,
+    system: LureSystem | CaseLike,
+    operating_point: Held | None = None,
     *,
     by_balance: bool = True,
     predicted: Sequence[LimitCycle] | None = None,
@@ -172,10 +178,10 @@ def find_limit_cycles(
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         In discrete time orbits are sought that close after a whole number of samples.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     by_balance : bool
         Where a prediction does not lead to an orbit, try by way of harmonic balance of rising order; that takes a
         second or two for a prediction without an orbit near.
@@ -193,7 +199,7 @@ def find_limit_cycles(
     Raises
     ------
     EppError
-        For a discrete-time system with an element of several inputs.
+        For a discrete-time system with an element of several inputs, or an input that does not stand still.
     ModelError
         If an input is unknown.
 
@@ -204,20 +210,20 @@ def find_limit_cycles(
     >>> [(round(c.period, 8), c.stable) for c in epp.find_limit_cycles(loop)]
     [(8.25509713, False), (6.3277966, True)]
     """
-    require_system(system, "find_limit_cycles")
+    system, at = standing(system, operating_point, "find_limit_cycles")
     if system.time_step:
-        return _in_discrete_time(system, input_value, predicted)
-    hybrid = steady_hybrid(system, input_value)
-    seeds = _predictions(system, input_value) if predicted is None else predicted
+        return _in_discrete_time(system, at, predicted)
+    hybrid = steady_hybrid(system, at)
+    seeds = _predictions(system, at) if predicted is None else predicted
     if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
-    search = _Search(system, hybrid, seeds, input_value, by_balance, progress)
+    search = _Search(system, hybrid, seeds, at, by_balance, progress)
     search.run()
     cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
     outcomes = search.outcomes
     return CycleSearch(
-        cycles=tuple(sorted(cycles, key=lambda c: _size(system, c))),
+        cycles=tuple(replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: _size(system, c))),
         status=Status.CONVERGED if search.complete else Status.UNDECIDED,
         rests="rest" in outcomes,
         diverges="leaves" in outcomes,
@@ -226,16 +232,15 @@ def find_limit_cycles(
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
         provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
+        operating_point=at,
     )
 
 
-def _in_discrete_time(
-    system: LureSystem, input_value: Mapping[str, float] | None, predicted: Sequence[LimitCycle] | None
-) -> CycleSearch:
+def _in_discrete_time(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle] | None) -> CycleSearch:
     """Orbits that close after whole numbers of samples."""
-    found = search_sampled(system, input_value, _predictions(system, input_value) if predicted is None else predicted)
+    found = search_sampled(system, at, _predictions(system, at) if predicted is None else predicted)
     return CycleSearch(
-        cycles=found.cycles,
+        cycles=tuple(replace(c, operating_point=at) for c in found.cycles),
         status=Status.UNDECIDED if found.undecided else Status.CONVERGED,
         rests=found.rest is not None,
         diverges=found.diverges,
@@ -243,12 +248,13 @@ def _in_discrete_time(
         rest_state=np.zeros(0) if found.rest is None else found.rest,
         left_open=(_undecided(found.undecided),) if found.undecided else (),
         provenance={"system": system.name, "runs": found.runs, "edges": 0},
+        operating_point=at,
     )
 
 
-def _predictions(system: LureSystem, input_value: Mapping[str, float] | None) -> Sequence[LimitCycle]:
+def _predictions(system: LureSystem, at: OperatingPoint) -> Sequence[LimitCycle]:
     try:
-        return predict_limit_cycles(system, input_value).cycles
+        return predict_limit_cycles(system, at).cycles
     except ModelError:
         return ()
 
@@ -304,7 +310,7 @@ class _Search:
     system: LureSystem
     hybrid: HybridSystem
     predicted: Sequence[LimitCycle]
-    input_value: Mapping[str, float] | None
+    at: OperatingPoint
     by_balance: bool = True
     progress: Report | None = None
     orbits: list[Orbit] = field(default_factory=list)
@@ -353,7 +359,7 @@ class _Search:
     def _close(self, cycle: LimitCycle) -> int | None:
         """Number of the orbit that a prediction asks for, None for none; all orbits that it leads to are kept."""
         found: list[Found] = []
-        for step in orbits_of(self.system, self.hybrid, cycle, self.input_value, self.by_balance, True):
+        for step in orbits_of(self.system, self.hybrid, cycle, self.at, self.by_balance, True):
             found.append(step)
             self.add(step.orbit)
         asked = asked_for(found)
@@ -524,7 +530,7 @@ class _Search:
         """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
         if run.held and run.time[run.order[-1]] > 0.5 * t:
             return "undecided"
-        observed = steady_hybrid(self.system, self.input_value, observed=True)
+        observed = steady_hybrid(self.system, self.at, observed=True)
         held = run.held_values[run.order[-1]] if run.held else self.hybrid.H0
         start = replace(observed, x0=run.x_end.copy(), H0=held.copy(), time_scale=self.hybrid.time_scale)
         again = self._run(start, _SEEN * t)

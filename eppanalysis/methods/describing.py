@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing_balance import Array, Balance, make_balance, mean_state
 from eppanalysis.methods.describing_blind import blind_spots
 from eppanalysis.methods.describing_error import Estimate, error_estimate
@@ -22,7 +23,8 @@ from eppanalysis.methods.describing_multi import choose_pivot, search_several
 from eppanalysis.methods.describing_picture import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing_quality import Point, point, stability
 from eppanalysis.methods.describing_search import search_one
-from eppanalysis.models.lure import LureSystem, require_system
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.results import LimitCycle, Prediction, Status
 
 __all__ = ["linear_margins", "predict_limit_cycles"]
@@ -57,14 +59,14 @@ class Deferred(Mapping[str, Any]):
         return repr(self._values)
 
 
-def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | None = None) -> Prediction:
+def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: Held | None = None) -> Prediction:
     """All limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
 
     Parameters
     ----------
-    system : LureSystem
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+    system : LureSystem or Case
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
     Returns
     -------
@@ -76,6 +78,8 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     ModelError
         If an element has no describing function, an input is unknown, or the static balance does not determine the
         means.
+    EppError
+        If an input does not stand still.
 
     Examples
     --------
@@ -85,8 +89,8 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
     >>> [(round(c.omega, 6), round(c.amplitude("x"), 6), c.stable) for c in prediction]
     [(1.414214, 0.212207, True)]
     """
-    require_system(system, "predict_limit_cycles")
-    value = system.input_vector(input_value)
+    system, at = standing(system, operating_point, "predict_limit_cycles")
+    value = at.vector(system)
     system, coordinates = system.with_integrators_apart
     with np.errstate(all="ignore"):
         if not system.elements:
@@ -97,7 +101,7 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
         points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
         estimates = [error_estimate(balance, p) for p in points]
-        cycles = tuple(_cycle(balance, p, value, e, coordinates) for p, e in zip(points, estimates, strict=True))
+        cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
         warnings = blind_spots(balance, points, estimates, found)
         if single:
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
@@ -110,13 +114,14 @@ def predict_limit_cycles(system: LureSystem, input_value: Mapping[str, float] | 
         warnings=warnings,
         curves=curves,
         margins=Deferred(partial(linear_margins, system)),
-        provenance={"system": system.name, "input": dict(zip(system.input_names, value.tolist(), strict=True))},
+        provenance={"system": system.name},
+        operating_point=at,
     )
 
 
-def _cycle(balance: Balance, p: Point, value: Array, estimate: Estimate, coordinates: Array) -> LimitCycle:
+def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:
     """One predicted cycle; `coordinates` bring the state of the balance's loop back to that of the user."""
-    system = balance.system
+    system, value = balance.system, at.vector(balance.system)
     turn = np.exp(-1j * p.phase[0])
     W = p.gain * (p.amplitude * np.exp(1j * p.phase) * turn)[balance.owner]
     signals = system.signals
@@ -157,4 +162,5 @@ def _cycle(balance: Balance, p: Point, value: Array, estimate: Estimate, coordin
             "may_not_exist": bool(np.isinf(estimate.error)),
             "mean_state": (coordinates @ x).tolist(),
         },
+        operating_point=at,
     )

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing_balance import Array, ComplexArray, describe, make_balance, newton
 from eppanalysis.methods.describing_margins import element_slope
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.methods.harmonic_loop import Loop, inputs_of
-from eppanalysis.models.lure import LureSystem, SignalMap, require_system
+from eppanalysis.models.lure import LureSystem, SignalMap
 from eppanalysis.results import LimitCycle
 
 if TYPE_CHECKING:
@@ -133,17 +134,17 @@ def nearest_cycle(
 
 
 def frozen_nyquist(
-    system: LureSystem, cycle: LimitCycle, inputs: Mapping[str, float] | None = None
+    system: LureSystem | CaseLike, cycle: LimitCycle, operating_point: Held | None = None
 ) -> FrozenLoop | None:
     """Nyquist picture of a loop with any number of elements at one of its cycles, the others frozen there.
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
     cycle : LimitCycle
         Where the other elements are frozen. The curves meet in it if it is one of first order.
-    inputs : mapping of str to float, optional
-        Steady values of the external inputs [SI], as :func:`predict_limit_cycles` takes them.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
     Returns
     -------
@@ -167,8 +168,8 @@ def frozen_nyquist(
     >>> bool(abs(met - picture.point.real) < 1e-3 * abs(picture.point))
     True
     """
-    require_system(system, "frozen_nyquist")
-    loop = Loop.of(system, system.input_vector(inputs))
+    system, at = standing(system, operating_point, "frozen_nyquist")
+    loop = Loop.of(system, at.vector(system))
     Z = inputs_of(loop, cycle)
     rows = loop.rows.tolist()
     amplitude, bias = {}, {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.asked import Asked
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.edge import orbits_on_edge
 from eppanalysis.methods.harmonic import balances_of
 from eppanalysis.methods.mirrored import mirrored_orbits
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
-from eppanalysis.methods.orbit_guess import require_autonomous
 from eppanalysis.methods.sampled import sampled_orbit
 from eppanalysis.methods.shooting import Orbit, orbits_near, same_orbit
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem, require_system
-from eppanalysis.models.signals import Constant
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.starts import begun
 from eppanalysis.results import LimitCycle, Status
 
@@ -33,27 +33,25 @@ _TRUSTED = 0.05
 _REFUTES = 5e-3
 
 
-def steady_hybrid(
-    system: LureSystem, input_value: Mapping[str, float] | None = None, observed: bool = False
-) -> HybridSystem:
-    """The hybrid system with its inputs at steady values; `observed` as for :meth:`HybridSystem.from_lure`.
+def steady_hybrid(system: LureSystem, at: OperatingPoint, observed: bool = False) -> HybridSystem:
+    """The hybrid system with its inputs held from the start; `observed` as for :meth:`HybridSystem.from_lure`.
 
     Raises
     ------
     EppError
-        For a discrete-time system.
+        For a discrete-time system, or an input that does not stand still.
     ModelError
         If an input is unknown, or what is given names none.
     """
-    value = system.input_vector(input_value)
     if system.time_step:
         raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
-    steps = zip(system.input_names, (value - system.v0).tolist(), strict=True)
-    motions = {name: Constant(step) for name, step in steps if step}
-    return require_autonomous(HybridSystem.from_lure(system, motions, observed))
+    hybrid = HybridSystem.from_lure(replace(system, v0=at.vector(system)), observed=observed)
+    none = {"knot_time": np.zeros(0), "knot_state": np.zeros(0, np.int64), "knot_value": np.zeros(0)}
+    none |= {"knot_held": np.zeros(0, np.int64), "knot_slope": np.zeros(0)}
+    return replace(hybrid, model=hybrid.model._replace(**none))
 
 
-def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None) -> LimitCycle:
+def exact_orbit(system: LureSystem | CaseLike, start: LimitCycle, operating_point: Held | None = None) -> LimitCycle:
     """The exact orbit near an approximate one (a prediction, a balance, or the limit cycle of a run).
 
     A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
@@ -64,12 +62,12 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         In discrete time the orbit closes after a whole number of samples.
     start : LimitCycle
         With state and period.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI].
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
     Returns
     -------
@@ -80,18 +78,18 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
     Raises
     ------
     EppError
-        For a start without a state.
+        For a start without a state, or an input that does not stand still.
     """
-    require_system(system, "exact_orbit")
+    system, at = standing(system, operating_point, "exact_orbit")
     if system.time_step:
-        return sampled_orbit(system, start, input_value)
-    hybrid = steady_hybrid(system, input_value)
+        return replace(sampled_orbit(system, start, at), operating_point=at)
+    hybrid = steady_hybrid(system, at)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    found = list(orbits_of(system, hybrid, start, input_value))
+    found = list(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
-        return to_limit_cycle(system, orbit)
+        return replace(to_limit_cycle(system, orbit), operating_point=at)
     facts = dict(start.provenance)
     if found:
         facts["instead"] = f"the orbit that was found {found[-1].difference}"
@@ -102,6 +100,7 @@ def exact_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str,
         stable=None,
         residual=float("nan"),
         provenance=facts,
+        operating_point=at,
     )
 
 
@@ -134,7 +133,7 @@ def orbits_of(
     system: LureSystem,
     hybrid: HybridSystem,
     start: LimitCycle,
-    input_value: Mapping[str, float] | None = None,
+    at: OperatingPoint,
     by_balance: bool = True,
     neighbours: bool = False,
 ) -> Iterator[Found]:
@@ -153,7 +152,7 @@ def orbits_of(
         if done and not neighbours:
             return
     if by_balance and start.harmonics and not done:
-        yield from _by_balance(asked, hybrid, met, input_value)
+        yield from _by_balance(asked, hybrid, met, at)
 
 
 def _new(orbits: Iterable[Orbit], met: list[Orbit]) -> Iterator[Orbit]:
@@ -181,9 +180,7 @@ def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
     yield from islice(orbits_near(hybrid, x, held, cycle.period), 2)
 
 
-def _by_balance(
-    asked: Asked, hybrid: HybridSystem, met: list[Orbit], input_value: Mapping[str, float] | None
-) -> Iterator[Found]:
+def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Found]:
     """Exact orbits that balances of rising order lead to, until one is that of a balance that can be trusted.
 
     What was met before is compared with each balance, too; but only a good one has the word against an orbit.
@@ -192,7 +189,7 @@ def _by_balance(
     # Newton's method may leave the cycle for another one from order to order.
     loosely = asked.loosened()
     try:
-        for balance in balances_of(asked.system, asked.cycle, input_value):
+        for balance in balances_of(asked.system, asked.cycle, at):
             wanted = Asked.of(asked.system, hybrid, balance)
             before = tuple(met)
             for orbit in chain(before, _new(_directly(hybrid, wanted), met)):

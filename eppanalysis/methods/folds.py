@@ -16,7 +16,9 @@ from eppanalysis.methods.continuation_steps import Point, admissible, make_point
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.stability import is_stable
-from eppanalysis.results import Brief, LimitCycle, Status
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,8 @@ class FoldCurve(Brief):
     status : Status
     message : str
         How the curve ended.
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs, as for a :class:`Branch`.
     """
 
     parameters: tuple[str, str]
@@ -53,6 +57,7 @@ class FoldCurve(Brief):
     status: Status
     message: str
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units."""
@@ -63,12 +68,13 @@ class FoldCurve(Brief):
             "multiplier": self.multiplier.tolist(),
             "status": self.status.name.lower(),
             "message": self.message,
+            "operating_point": point_to_dict(self.operating_point),
             "provenance": dict(self.provenance),
         }
 
 
 def continue_folds(
-    case: CaseLike,
+    case: CaseLike | LureSystem,
     parameter: str,
     other: str,
     limits: tuple[object, object],
@@ -81,7 +87,7 @@ def continue_folds(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     parameter, other : str
         Dotted names: the parameter in which the cycles fold, and the one that runs.
     limits : (quantity, quantity)
@@ -103,7 +109,7 @@ def continue_folds(
     EppError
         If there is no fold at the first value of `other`.
     """
-    require_case(case, "continue_folds")
+    case = require_case(case, "continue_folds")
     check_counts("continue_folds", {"n_points": (n_points, 1)})
     rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
     low, high = sorted(case.si(parameter, v) for v in limits)
@@ -128,6 +134,7 @@ def continue_folds(
         status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
         message=message,
         provenance={"case": case.name, "limits": (low, high)},
+        operating_point=case.operating_point,
     )
 
 

@@ -10,18 +10,20 @@ invariant curve on which the samples lie where the period is not commensurate wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing_balance import mean_state
 from eppanalysis.methods.harmonic_elements import Regime, Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, extrema, orders, sampled
-from eppanalysis.models.lure import LureSystem, require_system
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.results import Event, LimitCycle, Status
 
 __all__ = ["harmonic_balance"]
@@ -43,24 +45,24 @@ _TRUSTED = 0.05  # estimated error below which a balance of the highest order co
 
 
 def harmonic_balance(
-    system: LureSystem,
+    system: LureSystem | CaseLike,
     guess: LimitCycle,
     order: int | None = None,
-    input_value: Mapping[str, float] | None = None,
+    operating_point: Held | None = None,
 ) -> LimitCycle:
     """Refine a limit cycle by harmonic balance with bias.
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         With any elements, memory included.
     guess : LimitCycle
         From :func:`~eppanalysis.methods.describing.predict_limit_cycles`, a simulation or another balance; period and
         harmonics of its named signals are used.
     order : int, optional
         Highest harmonic. By default the order rises (1, 3, 5, 9, ...) until the estimated error is below 1e-4.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs by name [SI]; those not named stay at the system's operating point.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
     Returns
     -------
@@ -77,7 +79,7 @@ def harmonic_balance(
     ModelError
         If an element cannot take part, an input is unknown, or the static balance does not determine the means.
     EppError
-        If `order` is not a positive integer.
+        If `order` is not a positive integer, or an input does not stand still.
 
     Examples
     --------
@@ -88,11 +90,11 @@ def harmonic_balance(
     >>> [round(harmonic_balance(loop, guess, order=n).period, 4) for n in (1, 3, 9, 27)]
     [4.4429, 4.5292, 4.5494, 4.551]
     """
-    require_system(system, "harmonic_balance")
+    system, at = standing(system, operating_point, "harmonic_balance")
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
     with np.errstate(all="ignore"):
-        loop, start = _begin(system, guess, input_value)
+        loop, start = _begin(system, guess, at)
         if order is not None and order > loop.highest(guess.omega):
             most = loop.highest(guess.omega)
             raise EppError(f"harmonic_balance: order is {order}; expected at most {most} (half the sample rate).")
@@ -102,21 +104,21 @@ def harmonic_balance(
         if order is None:
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
-            return _cycle(system, loop, found, log)
+            return replace(_cycle(system, loop, found, log), operating_point=at)
         except Unsettled:
-            return replace(guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED)
+            return replace(
+                guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED, operating_point=at
+            )
 
 
-def balances_of(
-    system: LureSystem, guess: LimitCycle, input_value: Mapping[str, float] | None = None, highest: int = 25
-) -> Iterator[LimitCycle]:
+def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint, highest: int = 25) -> Iterator[LimitCycle]:
     """Balances of rising order that may be trusted a little, as starts for an exact orbit; until one order fails.
 
     Parameters
     ----------
     system : LureSystem
     guess : LimitCycle
-    input_value : mapping of str to float, optional
+    at : OperatingPoint
     highest : int
         Orders end there.
 
@@ -131,7 +133,7 @@ def balances_of(
         As :func:`harmonic_balance`.
     """
     with np.errstate(all="ignore"):
-        loop, start = _begin(system, guess, input_value)
+        loop, start = _begin(system, guess, at)
         for point in _rising(loop, start, highest):
             if not point.converged and point.order > 1:
                 return
@@ -142,9 +144,9 @@ def balances_of(
                     continue
 
 
-def _begin(system: LureSystem, guess: LimitCycle, input_value: Mapping[str, float] | None) -> tuple[Loop, _Point]:
+def _begin(system: LureSystem, guess: LimitCycle, at: OperatingPoint) -> tuple[Loop, _Point]:
     """The loop with its inputs at their values, and the guess as its start."""
-    loop = Loop.of(system, system.input_vector(input_value))
+    loop = Loop.of(system, at.vector(system))
     return loop, _anchored(inputs_of(loop, guess), guess.omega)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -10,18 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles
 from eppanalysis.methods.exact import steady_hybrid
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem, require_system
-from eppanalysis.results import Status
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.results import Status, point_to_dict
 
 Array = NDArray[np.float64]
 
 #: Sizes that are tried, relative to the cycle's own; neighbours differ by a tenth.
 _GRID = np.geomspace(1e-3, 30.0, 110)
 _DIGITS = 1e-7
+#: Of a balance, relative to its largest terms, that is rounding.
+_ROUNDING = 1e-9
 #: Where an elbow is knocked: at the forearm.
 _FOREARM = ("theta", "theta_dot")
 
@@ -44,6 +48,8 @@ class Knock:
         Sizes on both sides of it at which a run settles, and ends on a cycle.
     tried : float
         Largest size tried.
+    operating_point : OperatingPoint or None
+        Where the external inputs are held before it.
     """
 
     name: str
@@ -51,15 +57,16 @@ class Knock:
     settles: float
     starts: float
     tried: float
+    operating_point: OperatingPoint | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units."""
-        return asdict(self)
+        return {**asdict(self), "operating_point": point_to_dict(self.operating_point)}
 
 
 def knock(
-    system: LureSystem,
-    input_value: Mapping[str, float] | None = None,
+    system: LureSystem | CaseLike,
+    operating_point: Held | None = None,
     *,
     states: Sequence[str] | None = None,
     cycles: CycleSearch | None = None,
@@ -68,10 +75,11 @@ def knock(
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         In continuous time.
-    input_value : mapping of str to float, optional
-        Steady values of external inputs at which the loop rests [SI].
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held while the loop rests, or some of them by name [SI]; by default that of
+        `cycles`, else that of the case or loop.
     states : sequence of str, optional
         States that are knocked besides the inputs; by default the forearm's angle and velocity of an elbow, all states
         of another loop.
@@ -88,21 +96,24 @@ def knock(
     NoRest
         If the loop has no resting state that a run from its start reaches.
     EppError
-        If there is no such state.
+        If there is no such state, or an input does not stand still.
     """
-    require_system(system, "knock")
+    if operating_point is None and cycles is not None:
+        operating_point = cycles.operating_point
+    system, at = standing(system, operating_point, "knock")
     # A search that found nothing is empty, and is a search all the same.
-    found = find_limit_cycles(system, input_value) if cycles is None else cycles
+    found = find_limit_cycles(system, at) if cycles is None else cycles
     if not found.stable:
         return ()
-    hybrid = steady_hybrid(system, input_value)
+    hybrid = steady_hybrid(system, at)
     swing = np.max([np.ptp(c.provenance["corners"], axis=0) for c in found], axis=0)
     size = np.concatenate([swing, np.zeros(hybrid.x0.size - swing.size)])
     to = Judge(40.0 * max(c.period for c in found), size)
-    rest = _rest(hybrid, system, to)
+    rest = _rest(hybrid, system, at, to)
     out: list[Knock] = []
     for name, apply, scale in _directions(system, hybrid, rest, swing, states):
         both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
+        both = [replace(k, operating_point=at) for k in both]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
     return tuple(out)
 
@@ -128,11 +139,12 @@ class Judge:
         return status, run
 
 
-def _rest(hybrid: HybridSystem, system: LureSystem, to: Judge) -> HybridSystem:
+def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judge) -> HybridSystem:
     """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
-    for scale in (1.0, 0.0, 0.01):
+    carried = _carried(system, at)
+    for plant in (carried, system.x0, 0.0 * system.x0, 0.01 * system.x0):
         x0 = hybrid.x0.copy()
-        x0[: hybrid.n_plant] *= scale
+        x0[: hybrid.n_plant] = plant
         start = replace(hybrid, x0=x0)
         status, run = to.ends(start)
         if status is Status.SETTLED:
@@ -141,6 +153,22 @@ def _rest(hybrid: HybridSystem, system: LureSystem, to: Judge) -> HybridSystem:
             held = start.H0 if last is None else run.held_values[last]
             return replace(start, x0=run.x_end, H0=held.copy(), modes0=modes.copy())
     raise NoRest(f"{system.name}: no resting state was reached from the start, so there is nothing to knock.")
+
+
+def _carried(system: LureSystem, at: OperatingPoint) -> Array:
+    """The loop's start carried along with its inputs, shape (n,), where all elements and rates can stay as they are.
+
+    A loop whose set point is moved so has its rest moved with it; else the start stays where it is.
+    """
+    moved = at.vector(system) - system.v0
+    if not np.any(moved):
+        return system.x0
+    rows = np.vstack([system.A, system.C])
+    wanted = -np.concatenate([system.B_input, system.D_input]) @ moved
+    change = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    size = np.abs(rows) @ np.abs(change) + np.abs(wanted)
+    fits = np.all(np.abs(rows @ change - wanted) <= _ROUNDING * size.max(initial=0.0))
+    return np.asarray(system.x0 + change) if fits else system.x0
 
 
 Direction = tuple[str, Callable[[float], HybridSystem], float]

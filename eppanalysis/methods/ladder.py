@@ -22,10 +22,11 @@ from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.rungs import FACTOR, Climb, Clock, Rung, climb, distance, largest_harmonic, load_kernels
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Constant, Motion
 from eppanalysis.provenance import provenance
 from eppanalysis.readable import count
-from eppanalysis.results import Brief, LimitCycle, Prediction, Status, Trajectory
+from eppanalysis.results import Brief, LimitCycle, Prediction, Status, Trajectory, point_to_dict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,6 +56,9 @@ class Agreement(Enum):
     )
     UNDECIDED = (
         "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
+    )
+    DRIVEN = (
+        "An input does not stand still, so the loop has no limit cycle of its own to predict; the run is all there is."
     )
     NO_PREDICTION = "An element has no describing function, so first order says nothing of this loop."
 
@@ -109,9 +113,11 @@ class Ladder(Brief):
     rows : tuple of Rung
         First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
     search : CycleSearch or None
-        All exact cycles; None in discrete time.
+        All exact cycles; None in discrete time, and where an input does not stand still.
     search_seconds : float
         How long the search for them took.
+    operating_point : OperatingPoint or None
+        Where the external inputs stand at the end of the run, or why they do not.
     """
 
     signal: str
@@ -130,6 +136,7 @@ class Ladder(Brief):
     search: CycleSearch | None = None
     search_seconds: float = 0.0
     provenance: dict[str, Any] = field(default_factory=dict)
+    operating_point: OperatingPoint | None = None
 
     @property
     def outcome(self) -> str:
@@ -172,6 +179,7 @@ class Ladder(Brief):
                 }
                 for r in self.rows
             ],
+            "operating_point": point_to_dict(self.operating_point),
             "provenance": dict(self.provenance),
         }
 
@@ -192,16 +200,15 @@ class _ExpectingCase(CaseLike, Protocol):
 
     @property
     def expected(self) -> _Expected: ...
-    def final_input(self) -> dict[str, float]: ...
     def provenance(self) -> dict[str, Any]: ...
 
 
-def ladder(case: _ExpectingCase) -> Ladder:
+def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     """Predict, simulate and compare.
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
 
     Returns
     -------
@@ -219,25 +226,27 @@ def ladder(case: _ExpectingCase) -> Ladder:
     >>> result.agreement.name, round(100 * result.errors["frequency"]["frequency"], 1)
     ('AGREE', 2.4)
     """
-    require_case(case, "ladder")
-    system, final = case.to_system(), case.final_input()
+    case = require_case(case, "ladder")
+    system, at = case.to_system(), case.operating_point
     signal = case.expected.signal or system.signals.names[0]
     load_kernels()
     clock = Clock()
-    prediction, why_not = _predict(system, final)
+    prediction, why_not = _predict(system, at)
     predict_seconds = clock.lap()
-    run = simulate(system, case.input, case.t_end)
+    run = simulate(case)
     run_seconds = clock.lap()
     cycles = prediction.cycles if prediction else ()
     matched = _match(cycles, run.limit_cycle, signal)
-    held = {n: Constant(final[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+    held = {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
     probes = () if system.time_step else _probes(system, cycles, held, case.t_end, signal)
     probe_seconds = clock.lap()
     swings = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
     errors = _errors(cycles[matched], run.limit_cycle, swings) if matched is not None and run.limit_cycle else {}
-    found = climb(system, final, (prediction, predict_seconds), (run, run_seconds), signal)
-    agreement = _agreement(prediction, run, matched, bool(_confirmed(probes, cycles, signal)), found)
-    sentences = [agreement.value, *([why_not] if why_not else []), *_cycle_sentences(run.limit_cycle, errors, signal)]
+    found = climb(system, at, (prediction, predict_seconds), (run, run_seconds), signal)
+    stays = bool(_confirmed(probes, cycles, signal))
+    agreement = _agreement(prediction, run, matched, stays, found) if at.stands else Agreement.DRIVEN
+    reasons = [why_not] if why_not and at.stands else []
+    sentences = [agreement.value, *reasons, *_cycle_sentences(run.limit_cycle, errors, signal)]
     return Ladder(
         signal=signal,
         prediction=prediction,
@@ -255,12 +264,13 @@ def ladder(case: _ExpectingCase) -> Ladder:
         search_seconds=found.search_seconds,
         units={"frequency": "Hz", "peak-to-peak": run.units.get(signal, ""), "mean": run.units.get(signal, "")},
         provenance=provenance("ladder", {"t_end": case.t_end}) | {"case": case.provenance()},
+        operating_point=at,
     )
 
 
-def _predict(system: LureSystem, final: Mapping[str, float]) -> tuple[Prediction | None, str]:
+def _predict(system: LureSystem, at: OperatingPoint) -> tuple[Prediction | None, str]:
     try:
-        return predict_limit_cycles(system, final), ""
+        return predict_limit_cycles(system, at), ""
     except EppError as error:
         return None, str(error)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import ModelError
 from eppanalysis.methods.simulate import Run
 from eppanalysis.models.arcs import LETS_GO, Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
@@ -264,25 +264,3 @@ def recurrences(
         guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
         if guess is not None:
             yield guess
-
-
-def require_autonomous(hybrid: HybridSystem) -> HybridSystem:
-    """The same system with its inputs at their final values from the start.
-
-    Raises
-    ------
-    EppError
-        If an input never comes to rest.
-    """
-    model = hybrid.model
-    x0, H0 = hybrid.x0.copy(), hybrid.H0.copy()
-    for state, value, held, slope in zip(
-        model.knot_state, model.knot_value, model.knot_held, model.knot_slope, strict=True
-    ):
-        x0[state], H0[held] = value, slope
-    n = hybrid.n_plant
-    if np.any(model.A[n:, n:] != 0.0) or np.any(model.K[n:] @ H0 != 0.0):
-        raise EppError("A limit cycle is a motion without a changing input; expected inputs that come to rest.")
-    none = {"knot_time": np.zeros(0), "knot_state": np.zeros(0, np.int64), "knot_value": np.zeros(0)}
-    none |= {"knot_held": np.zeros(0, np.int64), "knot_slope": np.zeros(0)}
-    return replace(hybrid, x0=x0, H0=H0, model=model._replace(**none))

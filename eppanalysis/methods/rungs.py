@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -23,6 +23,7 @@ from eppanalysis.methods.orbit_cycle import METHOD as EXACT
 from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import Relay
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.results import LimitCycle, Prediction, Trajectory
 
 #: Factor in frequency and in size within which two cycles may belong together.
@@ -129,22 +130,22 @@ class Climb:
 
 def climb(
     system: LureSystem,
-    final: Mapping[str, float],
+    at: OperatingPoint,
     prediction: tuple[Prediction | None, float],
     run: tuple[Trajectory, float],
     signal: str,
 ) -> Climb:
     """Balances and exact orbits between a prediction and a run (each with the seconds it took)."""
     clock = Clock()
-    search, why_not = _search(system, final, prediction[0])
+    search, why_not = _search(system, at, prediction[0])
     search_seconds = prediction[1] + clock.lap()  # a search begins at the predicted cycles
     truth: Sequence[LimitCycle] = search.cycles if search else ()
     if system.time_step and run[0].limit_cycle is not None:
         truth = (run[0].limit_cycle,)
     first = _first_order(*prediction, signal)
     first = _belonging(first, truth, signal)
-    balances = _belonging(_balances(system, final, first, signal), truth, signal)
-    exact = () if search is None else _exact(system, final, search, (*balances, *first), search_seconds, signal)
+    balances = _belonging(_balances(system, at, first, signal), truth, signal)
+    exact = () if search is None else _exact(system, at, search, (*balances, *first), search_seconds, signal)
     last = _simulated(*run, signal)
     rows = (*first, *balances, *exact, *_belonging((last,), truth, signal))
     near = _foreseen(prediction[0], search, signal)
@@ -164,15 +165,13 @@ def _foreseen(prediction: Prediction | None, search: CycleSearch | None, signal:
     }
 
 
-def _search(
-    system: LureSystem, final: Mapping[str, float], prediction: Prediction | None
-) -> tuple[CycleSearch | None, str]:
+def _search(system: LureSystem, at: OperatingPoint, prediction: Prediction | None) -> tuple[CycleSearch | None, str]:
     if system.time_step:
         return None, (
             "In discrete time there is no orbit between samples: the simulation is exact, and errors are against it."
         )
     try:
-        return find_limit_cycles(system, final, predicted=prediction.cycles if prediction else ()), ""
+        return find_limit_cycles(system, at, predicted=prediction.cycles if prediction else ()), ""
     except EppError as error:
         return None, str(error)
 
@@ -204,7 +203,7 @@ def _first_order(prediction: Prediction | None, seconds: float, signal: str) -> 
     return rows or (Rung("describing function", quantities(None, signal), seconds, note),)
 
 
-def _balances(system: LureSystem, final: Mapping[str, float], first: Sequence[Rung], signal: str) -> tuple[Rung, ...]:
+def _balances(system: LureSystem, at: OperatingPoint, first: Sequence[Rung], signal: str) -> tuple[Rung, ...]:
     """Balance of each predicted cycle; of predictions that lead to one cycle only the first."""
     rows: list[Rung] = []
     for rung in first:
@@ -212,7 +211,7 @@ def _balances(system: LureSystem, final: Mapping[str, float], first: Sequence[Ru
             continue
         clock = Clock()
         try:
-            found = harmonic_balance(system, rung.cycle, input_value=final)
+            found = harmonic_balance(system, rung.cycle, operating_point=at)
         except EppError as error:
             rows.append(Rung("harmonic balance", quantities(None, signal), clock.lap(), str(error)))
             continue
@@ -231,7 +230,7 @@ def _same(a: LimitCycle, b: LimitCycle, signal: str) -> bool:
 
 def _exact(
     system: LureSystem,
-    final: Mapping[str, float],
+    at: OperatingPoint,
     search: CycleSearch,
     below: Sequence[Rung],
     search_seconds: float,
@@ -244,7 +243,7 @@ def _exact(
         seconds, note = search_seconds, "found by the search"
         if start is not None:
             clock = Clock()
-            again = exact_orbit(system, start, final)
+            again = exact_orbit(system, start, at)
             if again.status.ok and abs(again.period / cycle.period - 1.0) < 1e-6:
                 seconds, note = clock.lap(), ""
         method = f"{cycle.method}, {_STABILITY[cycle.stable]}"

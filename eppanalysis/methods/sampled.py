@@ -11,7 +11,7 @@ A motion whose period is no whole number of samples has no such orbit: it fills 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,6 +24,7 @@ from eppanalysis.methods.iterate import cascade_order, cycle_of_samples, whole_s
 from eppanalysis.methods.stability import describe, is_stable, multipliers
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities.memory import Slip
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.provenance import provenance
 from eppanalysis.results import LimitCycle, Status
 
@@ -345,8 +346,8 @@ _BORDER = (
 )
 
 
-def _ready(system: LureSystem, input_value: Mapping[str, float] | None) -> Step:
-    step = Step(system, system.input_vector(input_value))
+def _ready(system: LureSystem, at: OperatingPoint) -> Step:
+    step = Step(system, at.vector(system))
     for name, e in zip(system.element_names, system.elements, strict=True):
         if e.n_inputs > 1:
             raise EppError(f"{system.name}: {name} has several inputs; exact orbits in discrete time need one each.")
@@ -407,9 +408,9 @@ def _all_orbits(step: Step, seeds: tuple[Array, list[Any]], lengths: Iterable[in
     return cycles
 
 
-def sampled_orbit(system: LureSystem, start: LimitCycle, input_value: Mapping[str, float] | None = None) -> LimitCycle:
+def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
     """The closed orbit of a loop in discrete time nearest to an approximate one; see ``exact_orbit``."""
-    step = _ready(system, input_value)
+    step = _ready(system, at)
     if start.state.size != system.A.shape[0] and start.method != "simulation":
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
     x = start.state if start.state.size == system.A.shape[0] else system.x0
@@ -441,11 +442,9 @@ def _away(cycle: LimitCycle, start: LimitCycle) -> float:
     )
 
 
-def search_sampled(
-    system: LureSystem, input_value: Mapping[str, float] | None, predicted: Sequence[LimitCycle]
-) -> SampledSearch:
+def search_sampled(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle]) -> SampledSearch:
     """All orbits of a loop in discrete time that runs and predictions lead to, stable and unstable."""
-    step = _ready(system, input_value)
+    step = _ready(system, at)
     starts = _starts(system, predicted)
     turns = [c.period / float(system.time_step or 1.0) for c in predicted]
     samples = int(np.clip(320 * max(turns, default=10.0), 400, _MOST_SAMPLES))

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.cases import CaseLike, system_of
 from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
-from eppanalysis.models.lure import LureSystem, require_system
+from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.models.starts import remembered
 from eppanalysis.provenance import provenance
@@ -34,6 +36,8 @@ IntArray = NDArray[np.int64]
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT, 6: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
+#: How long a loop is simulated where nothing is said of it [s].
+_USUAL_END = 10.0
 #: A minute or two, if none of them can be saved.
 _MOST_STEPS = 10_000_000
 #: What an element's input moves, relative to its thresholds and to where it is, that is rounding.
@@ -74,9 +78,9 @@ class Run:
 
 
 def simulate(
-    system: LureSystem,
+    system: LureSystem | CaseLike,
     input: Motion | Mapping[str, Motion] | None = None,
-    t_end: float = 10.0,
+    t_end: float | None = None,
     t_eval: ArrayLike | None = None,
     *,
     max_events: int = 200_000,
@@ -87,12 +91,13 @@ def simulate(
 
     Parameters
     ----------
-    system : LureSystem
+    system : LureSystem or Case
         Starts from its ``x0``, ``memory`` and ``v0``.
     input : Motion or mapping of str to Motion, optional
-        Harness motion(s) added to the external inputs from t = 0 on; a single Motion drives the only input.
-    t_end : float
-        End [s], positive (for a discrete-time system too).
+        Harness motion(s) added to the external inputs from t = 0 on; a single Motion drives the only input. By default
+        that of the case, none of a loop.
+    t_end : float, optional
+        End [s], positive (for a discrete-time system too); by default that of the case, 10 s of a loop.
     t_eval : array_like, shape (nt,), optional
         Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
     max_events : int
@@ -122,7 +127,7 @@ def simulate(
     >>> run.status.name, round(run.limit_cycle.period, 8)
     ('LIMIT_CYCLE', 4.55107103)
     """
-    require_system(system, "simulate")
+    system, input, t_end = _asked(system, input, t_end)
     if not (np.isfinite(t_end) and t_end > 0):
         raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
     if step is not None and not (np.isfinite(step) and step > 0):
@@ -131,7 +136,8 @@ def simulate(
     if system.time_step:
         from eppanalysis.methods.iterate import iterate
 
-        return iterate(system, input, t_end, None if t_eval is None else times)
+        found = iterate(system, input, t_end, None if t_eval is None else times)
+        return _with_point(found, OperatingPoint.of(system, input, t_end))
     hybrid = HybridSystem.from_lure(system, motions_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
     run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS, max_steps)
@@ -142,7 +148,7 @@ def simulate(
     facts = provenance("event-exact simulation", settings) | {"statistics": _statistics(run)}
     cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
     settled = status is Status.SETTLED
-    return Trajectory(
+    trajectory = Trajectory(
         t=times[:n_written],
         signals=signals,
         events=_events(hybrid, run),
@@ -153,6 +159,23 @@ def simulate(
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )
+    return _with_point(trajectory, OperatingPoint.of(system, input, t_end))
+
+
+def _asked(
+    loop: LureSystem | CaseLike, input: Motion | Mapping[str, Motion] | None, t_end: float | None
+) -> tuple[LureSystem, Motion | Mapping[str, Motion] | None, float]:
+    """The system, its motions and the end of the run, what is not given being that of the case."""
+    system = system_of(loop, "simulate")
+    if isinstance(loop, LureSystem):
+        return system, input, _USUAL_END if t_end is None else t_end
+    return system, loop.input if input is None else input, loop.t_end if t_end is None else t_end
+
+
+def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
+    """A run, and the cycle that it is on, with the operating point."""
+    cycle = run.limit_cycle
+    return replace(run, limit_cycle=None if cycle is None else replace(cycle, operating_point=at), operating_point=at)
 
 
 def run_hybrid(

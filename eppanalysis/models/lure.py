@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked, floats
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import ModelError
 from eppanalysis.models.linear import StateSpace, as_state_space, balanced, integrators_apart
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 
@@ -284,23 +284,6 @@ class LureSystem:
             name=name,
         )
 
-    @checked
-    def input_vector(self, given: Mapping[str, float] | None = None) -> Array:
-        """External inputs, shape (nv,), with the values given by name and the operating point's elsewhere.
-
-        Raises
-        ------
-        ModelError
-            If an input is unknown.
-        """
-        value = np.array(self.v0, float)
-        for name, number in (given or {}).items():
-            if name not in self.input_names:
-                known = ", ".join(self.input_names) or "none"
-                raise ModelError(f"{self.name}: there is no input {name!r}", expected=f"one of: {known}")
-            value[self.input_names.index(name)] = number
-        return value
-
     def in_coordinates(self, T: Array, inverse: Array) -> LureSystem:
         """The same loop with another state y, where ``x = T y`` and ``y = inverse x``."""
         return replace(
@@ -521,10 +504,3 @@ class _Ring:
             out[rows] += s.C[0]
             on_state, on_element = out, s.D[0, 0] * on_element
         return A, B, C, D
-
-
-def require_system(system: object, verb: str) -> None:
-    """Raise EppError unless a verb was handed a LureSystem; the case of one is the likely slip."""
-    if not isinstance(system, LureSystem):
-        hint = "; its to_system() is one." if hasattr(system, "to_system") else "."
-        raise EppError(f"{verb}: the first argument is a {type(system).__name__}; expected a LureSystem{hint}")

@@ -341,35 +341,3 @@ def motions_by_name(input_names: Sequence[str], given: Motion | Mapping[str, Mot
     if len(input_names) != 1:
         raise ModelError(f"The system has {len(input_names)} inputs", expected="motions by name, not a single one")
     return {input_names[0]: given}
-
-
-def standing_inputs(
-    input_names: Sequence[str], v0: ArrayLike, given: Motion | Mapping[str, Motion] | None, time: float
-) -> dict[str, float]:
-    """Where the external inputs stand at `time`: the operating point of a cycle that runs from then on.
-
-    Parameters
-    ----------
-    input_names : sequence of str
-        Of the system.
-    v0 : array_like, shape (nv,)
-        Inputs before the motions, to which the motions are added.
-    given : Motion, mapping of str to Motion, or None
-        A sine counts with its middle, for it never stands.
-    time : float
-        [s].
-
-    Raises
-    ------
-    ModelError
-        If a single motion meets a system that has not exactly one input.
-
-    Examples
-    --------
-    >>> standing_inputs(["harness_position"], [0.5], Step(0.02), 6.0)
-    {'harness_position': 0.52}
-    """
-    motions = motions_by_name(input_names, given)
-    moved = {name: float(m.value(time)) for name, m in motions.items() if not isinstance(m, Sine)}
-    start = np.asarray(v0, float).tolist()
-    return {name: v + moved.get(name, 0.0) for name, v in zip(input_names, start, strict=True)}

@@ -10,7 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from eppanalysis.case import as_case
 from eppanalysis.errors import EppError
+from eppanalysis.models.lure import LureSystem
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -45,7 +47,7 @@ def check(path: Path) -> None:
 
 
 def report(
-    cases: Case | Sequence[Case],
+    cases: Case | LureSystem | Sequence[Case | LureSystem],
     path: str | Path,
     *,
     full: bool = False,
@@ -59,7 +61,7 @@ def report(
 
     Parameters
     ----------
-    cases : Case or sequence of Case
+    cases : Case, LureSystem or sequence of them
     path : str or Path
         ``.html`` is one file that opens without a network, ``.ipynb`` the executed notebook, ``.pdf`` the page printed
         by Chromium or Chrome.
@@ -91,7 +93,9 @@ def report(
     """
     target = Path(path)
     check(target)
-    chosen: tuple[Any, ...] = (cases,) if hasattr(cases, "to_system") else tuple(cases)
+    one = isinstance(cases, LureSystem) or hasattr(cases, "to_system")
+    given: tuple[Any, ...] = (cases,) if one else tuple(cases)  # type: ignore[arg-type]
+    chosen = [as_case(case) for case in given]
     if not chosen:
         raise EppError(f"{target}: is a report of no case; expected one case or more.")
 

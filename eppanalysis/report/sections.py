@@ -1,8 +1,7 @@
 """The template of a report: for each section its heading, a sentence or two, and the code that fills it.
 
-A new section is one more entry in `SECTIONS`. In its code ``case``, ``system`` and ``final`` are there, and whatever
-the sections before it left (``prediction``, ``ladder``, ``cycles``); each catches what a method refuses and prints the
-sentence.
+A new section is one more entry in `SECTIONS`. In its code ``case`` is there, and whatever the sections before it
+left (``prediction``, ``ladder``, ``cycles``); each catches what a method refuses and prints the sentence.
 """
 
 from __future__ import annotations
@@ -57,20 +56,19 @@ ladders = [epp.ladder(case) for case in cases]
 epp.table(list(zip(cases, ladders)))"""
 
 _START = """\
-system, final = case.to_system(), case.final_input()
 epp.table(case)"""
 
 _PREDICTION = """\
 prediction = None
 try:
-    prediction = epp.predict_limit_cycles(system, final)
+    prediction = epp.predict_limit_cycles(case)
     display(epp.table(prediction), prediction.plot())
     print(prediction.status.value, prediction.search, *prediction.warnings)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
 
 _NYQUIST = """\
-    nyquist = epp.frozen_nyquist(system, prediction[-1], final) if len(prediction) else None
+    nyquist = epp.frozen_nyquist(case, prediction[-1]) if len(prediction) else None
     if nyquist:
         display(nyquist.plot())
 """
@@ -88,7 +86,7 @@ print(ladder.verdict)"""
 
 _CYCLES = """\
 try:
-    cycles = ladder.search if ladder.search is not None else epp.find_limit_cycles(system, final)
+    cycles = ladder.search if ladder.search is not None else epp.find_limit_cycles(case)
     display(epp.table(cycles))
     print(cycles.message, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
@@ -100,7 +98,7 @@ except epp.EppError as reason:
 _KNOCK = """\
 if cycles:
     try:
-        display(epp.table(epp.knock(system, cycles=cycles)))
+        display(epp.table(epp.knock(case, cycles=cycles)))
     except epp.EppError as reason:
         print(reason)
 else:

@@ -7,13 +7,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eppanalysis.case import Case
+from eppanalysis.case import Case, as_case
 from eppanalysis.errors import EppError
 from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
 
 if TYPE_CHECKING:
     import xarray
 
+    from eppanalysis.models.lure import LureSystem
     from eppanalysis.sweep.axes import Design
     from eppanalysis.sweep.verbs import Task
 
@@ -25,7 +26,7 @@ _QUICK, _SLOW, _FEWEST_BLOCKS, _MOST_BLOCKS = 500, 8, 32, 2000
 
 
 def sweep(
-    case: Case,
+    case: Case | LureSystem,
     axes: Axes,
     run: str | Sequence[str] = "simulate",
     *,
@@ -44,7 +45,7 @@ def sweep(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     axes : mapping of str to axis, Zipped, LatinHypercube, Sobol or Tolerances
         An axis is a list of quantities (["1 deg", "2 deg"]; plain numbers are in SI units) or "start:stop:count:unit".
         A mapping is a grid, each axis a dimension of its own.
@@ -90,6 +91,7 @@ def sweep(
     >>> [round(float(f), 2) for f in found["frequency"]]
     [nan, 8.97]
     """
+    case = as_case(case)
     _require("dask", "zarr")
     from eppanalysis.sweep.progress import progress as show_progress
     from eppanalysis.sweep.schedule import run_blocks

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
+from eppanalysis.case import as_case
 from eppanalysis.errors import EppError
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
+    from eppanalysis.models.lure import LureSystem
 
 Array = NDArray[np.float64]
 
@@ -81,7 +83,7 @@ class Boundary:
 
 
 def outcome_boundary(
-    case: Case,
+    case: Case | LureSystem,
     axes: Mapping[str, Axis],
     run: str = "predict",
     *,
@@ -97,7 +99,7 @@ def outcome_boundary(
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     axes : mapping of str to axis
         Two axes as for a grid, coarse: ten values or so each.
     run : {"predict", "simulate", "cycles"}
@@ -126,6 +128,7 @@ def outcome_boundary(
     """
     from eppanalysis.sweep import schedule, sweep
 
+    case = as_case(case)
     if run not in _OUTCOMES:
         raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
     check_counts("outcome_boundary", {"halvings": (halvings, 0)})
@@ -154,12 +157,12 @@ def outcome_boundary(
     )
 
 
-def fold_boundary(case: Case, axes: Mapping[str, Axis]) -> Boundary:
+def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary:
     """The exact fold curve: for every value of the first axis, the value of the second at which cycles are born.
 
     Parameters
     ----------
-    case : Case
+    case : Case or LureSystem
     axes : mapping of str to axis
         Two axes: how many values folds are looked for at, evenly from the least to the largest (ten or so), and the
         range in which they are.
@@ -174,6 +177,7 @@ def fold_boundary(case: Case, axes: Mapping[str, Axis]) -> Boundary:
     EppError
         If there are not two axes, one of them is not valid, or no value of the first axis has a fold.
     """
+    case = as_case(case)
     x, y = _two(axes)
     design = make_design(case, axes)
     given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))

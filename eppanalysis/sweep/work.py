@@ -141,7 +141,7 @@ class _Cell:
         """All exact limit cycles."""
         from eppanalysis.methods.cycles import find_limit_cycles
 
-        return find_limit_cycles(self.case.to_system(), self.case.final_input())
+        return find_limit_cycles(self.case)
 
     def put(self, name: str, value: float) -> None:
         """Keep a result."""
@@ -156,7 +156,7 @@ class _Cell:
         """A loop in discrete time."""
         from eppanalysis.methods.simulate import simulate
 
-        run = simulate(self.case.to_system(), self.case.input, self.case.t_end)
+        run = simulate(self.case)
         self.end(run.status)
         self.put("outcome", _OUTCOME_OF.get(run.status, 0))
         self.put("events", len(run.events))
@@ -178,7 +178,7 @@ class _Cell:
         """Describing functions."""
         from eppanalysis.methods.describing import predict_limit_cycles
 
-        found = predict_limit_cycles(self.case.to_system(), self.case.final_input())
+        found = predict_limit_cycles(self.case)
         stable = self._cycles("predict", found.cycles)
         self.put("predicted_outcome", _SETTLES if stable is None else _OSCILLATES)
         self.end(found.status)
@@ -204,7 +204,7 @@ class _Cell:
         if self.search.stable:
             states = () if system.input_names else (self.task.knocked,)
             try:
-                found = [k for k in knock(system, cycles=self.search, states=states) if k.name == self.task.knocked]
+                found = [k for k in knock(self.case, cycles=self.search, states=states) if k.name == self.task.knocked]
                 starts = [k.size for k in found if np.isfinite(k.size)]
                 kind = "starts" if starts else "holds" if found else "unknown"
                 for size in starts:
