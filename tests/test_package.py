@@ -42,11 +42,16 @@ def test_unknown_name_is_an_attribute_error():
         eppanalysis.Backlash  # noqa: B018
 
 
-def test_names_for_type_checkers_are_the_names_at_run_time():
-    tree = ast.parse((ROOT / "__init__.py").read_text())
-    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
-    declared = {alias.name for statement in block.body for alias in statement.names}
-    assert declared | {"__version__"} == set(dir(eppanalysis))
+def test_type_checkers_see_what_there_is_at_run_time():
+    """The stub names every public name once, with the module that holds it."""
+    stub = ast.parse((ROOT / "__init__.pyi").read_text())
+    aliases = [alias for statement in stub.body if isinstance(statement, ast.ImportFrom) for alias in statement.names]
+    names = [alias.name for alias in aliases]
+    assert all(alias.asname == alias.name for alias in aliases), "others are private to a stub"
+    assert len(names) == len(set(names)) and {*names, "__version__"} == set(dir(eppanalysis))
+    assert not {ast.unparse(s) for s in stub.body if not isinstance(s, ast.ImportFrom | ast.Expr)} - {
+        "__version__: str"
+    }
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,91 @@
+"""The public names, and the modules that hold them: the one list of both type checkers and ``__init__.py``."""
+
+from eppanalysis.advice import design_advice as design_advice
+from eppanalysis.case import (
+    Case as Case,
+    case as case,
+    case_from_text as case_from_text,
+    read_case as read_case,
+    shipped_cases as shipped_cases,
+)
+from eppanalysis.errors import (
+    CaseError as CaseError,
+    EppError as EppError,
+    ModelError as ModelError,
+    NotConverged as NotConverged,
+)
+from eppanalysis.guidelines import Guide as Guide, design_guide as design_guide
+from eppanalysis.identify import Identification as Identification, identify as identify
+from eppanalysis.methods.bounds import DesignBounds as DesignBounds, design_bounds as design_bounds
+from eppanalysis.methods.bounds_tolerance import (
+    ToleranceBound as ToleranceBound,
+    tolerance_bound as tolerance_bound,
+)
+from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
+from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
+from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
+from eppanalysis.methods.describing_frozen import FrozenLoop as FrozenLoop, frozen_nyquist as frozen_nyquist
+from eppanalysis.methods.exact import exact_orbit as exact_orbit
+from eppanalysis.methods.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
+from eppanalysis.methods.harmonic import harmonic_balance as harmonic_balance
+from eppanalysis.methods.knock import Knock as Knock, knock as knock
+from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
+from eppanalysis.methods.simulate import simulate as simulate
+from eppanalysis.models import signals as signals
+from eppanalysis.models.elbow import ElbowParameters as ElbowParameters, elbow as elbow
+from eppanalysis.models.linear import StateSpace as StateSpace
+from eppanalysis.models.lure import LureSystem as LureSystem
+from eppanalysis.models.nonlinearities import (
+    Coulomb as Coulomb,
+    Cube as Cube,
+    DeadZone as DeadZone,
+    DeadZoneSaturation as DeadZoneSaturation,
+    FiveBandLaw as FiveBandLaw,
+    Friction as Friction,
+    HysteresisRelay as HysteresisRelay,
+    HysteresisRelayDeadZone as HysteresisRelayDeadZone,
+    JumpAndFollow as JumpAndFollow,
+    LockPin as LockPin,
+    Nonlinearity as Nonlinearity,
+    NordinShaft as NordinShaft,
+    PiecewiseLinear as PiecewiseLinear,
+    Play as Play,
+    Preload as Preload,
+    Quantiser as Quantiser,
+    Relay as Relay,
+    RelayDeadZone as RelayDeadZone,
+    Saturation as Saturation,
+    Sine as Sine,
+    StictionPulley as StictionPulley,
+)
+from eppanalysis.models.operating import OperatingPoint as OperatingPoint
+from eppanalysis.plots_map import (
+    plot_design_map as plot_design_map,
+    plot_parallel as plot_parallel,
+    plot_slices as plot_slices,
+    plot_sweep as plot_sweep,
+)
+from eppanalysis.report import report as report
+from eppanalysis.results import (
+    Event as Event,
+    LimitCycle as LimitCycle,
+    Prediction as Prediction,
+    Status as Status,
+    Trajectory as Trajectory,
+)
+from eppanalysis.sweep import (
+    LatinHypercube as LatinHypercube,
+    Sobol as Sobol,
+    Tolerances as Tolerances,
+    Zipped as Zipped,
+    open_sweep as open_sweep,
+    sweep as sweep,
+)
+from eppanalysis.sweep.boundary import (
+    Boundary as Boundary,
+    fold_boundary as fold_boundary,
+    outcome_boundary as outcome_boundary,
+)
+from eppanalysis.tables import table as table
+
+__version__: str
