@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eppanalysis.case import Case, as_case
+from eppanalysis.case.variation import variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import design_bounds
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
@@ -147,7 +148,7 @@ def with_mass(case: Case) -> Case:
     """
     case = as_case(case)
     require_case(case, "design_advice")
-    if case.kind != "elbow":
+    if not variation_of(case).has_guideline:
         raise EppError(f"design_advice: {case.name} is a {case.kind}; expected a case of the elbow.")
     if MASS in case.parameters:
         return case

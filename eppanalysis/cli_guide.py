@@ -105,7 +105,9 @@ def guide(
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:
     """Refuse values that the case cannot take, by the name of the option that holds them."""
-    if case.kind != "elbow":
+    from eppanalysis.case.variation import variation_of
+
+    if not variation_of(case).has_guideline:
         return  # refused as such in a moment, which says more than what its fields are
     for name, texts in values.items():
         if not texts:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.case import Case, as_case
+from eppanalysis.case.variation import variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds import Settings, bound_of_branch, design_bounds, range_within
 from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
@@ -275,7 +276,7 @@ def design_guide(
     """
     case = as_case(case)
     require_case(case, "design_guide")
-    if case.kind != "elbow":
+    if not variation_of(case).has_guideline:
         raise EppError(f"guide: {case.name} is a {case.kind}; expected a case of the elbow.")
     if not gains:
         raise EppError("guide: no gain is given; expected one profile range or more.")

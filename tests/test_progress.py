@@ -6,7 +6,6 @@ import threading
 
 import pytest
 import rich.console
-
 from eppanalysis.sweep.progress import progress
 
 

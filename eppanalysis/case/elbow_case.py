@@ -1,50 +1,78 @@
-"""From the validated sections of an elbow case to the parameters of the model, with the checks across fields."""
+"""Cases of the elbow: from the validated sections to the parameters of the model, with the checks across fields."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
-from eppanalysis.case.files import RawCase
-from eppanalysis.case.quantities import Parameter
-from eppanalysis.case.schema import ElbowFile
-from eppanalysis.errors import ModelError
-from eppanalysis.models.elbow_parameters import (
-    Bands,
-    Cable,
-    Controller,
-    Drive,
-    ElbowParameters,
-    Forearm,
-    Harness,
-    LockPinParameters,
-    Parking,
-    Pulley,
-    Sensor,
-)
+import numpy as np
 
-SECTIONS: dict[str, type] = {
-    "drive": Drive,
-    "controller": Controller,
-    "bands": Bands,
-    "lock_pin": LockPinParameters,
-    "forearm": Forearm,
-    "cable": Cable,
-    "pulley": Pulley,
-    "harness": Harness,
-    "sensor": Sensor,
-    "parking": Parking,
-}
-_WIDTHS = ("centre", "parking_width", "range")
-_THRESHOLDS = ("slack", "low", "high", "max")
+from eppanalysis.case.files import RawCase
+from eppanalysis.case.kind import Kind, Parts
+from eppanalysis.case.motions import motions_of
+from eppanalysis.case.quantities import Parameter
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.declared import declared_fields
+from eppanalysis.models.elbow import elbow
+from eppanalysis.models.elbow_parameters import Bands, ElbowParameters
+from eppanalysis.models.signals import Step
+from eppanalysis.units import parse_quantity
+
+_WIDTHS, _THRESHOLDS = Bands.WIDTHS, Bands.THRESHOLDS
 #: How far bands that count as symmetric may be off it, relative to F_max.
 _SYMMETRIC = 1e-12
 
 
-def elbow_fields(file: ElbowFile) -> dict[str, Parameter]:
+class ElbowKind(Kind):
+    """Cases of the elbow."""
+
+    name = "elbow"
+    input_unit = "m"
+
+    def parts(self, file: Any, raw: RawCase) -> Parts:
+        """The parameters, the harness' step unless another input is given, and the elbow."""
+        fields = elbow_fields(file)
+        parameters = elbow_parameters(fields, raw)
+        try:
+            with np.errstate(all="ignore"):  # what overflows is refused as not finite
+                system = replace(elbow(parameters), name=raw.name)
+        except (ModelError, ArithmeticError) as error:
+            raise CaseError(raw.source, "", "beyond the range of numbers", f"ordinary magnitudes ({error})") from None
+        motion = motions_of(file.run, system.input_names, self.input_unit, raw)
+        return Parts(fields, Step(parameters.harness.step) if motion is None else motion, system, parameters)
+
+    def fields(self, parameters: Iterable[str]) -> list[str]:
+        """All that are declared."""
+        return list(_names())
+
+    def si(self, value: object, unit: str) -> float:
+        """A quantity of the field's own dimension, or a number in its SI unit."""
+        return parse_quantity(value, unit)
+
+    def implied(self, elbow: ElbowParameters | None, name: str) -> float | None:
+        """What follows from other parameters, and defaults."""
+        return None if elbow is None else implied(elbow, name)
+
+    def beside(self, elbow: ElbowParameters | None, data: Mapping[str, Any], given: Mapping[str, set[str]]) -> Any:
+        """The other bands."""
+        if elbow is None or not isinstance(data.get("bands"), dict):
+            return {}
+        return {"bands": other_bands(elbow, set(data["bands"]), given.get("bands", set()))}
+
+
+@cache
+def _names() -> tuple[str, ...]:
+    sections = ElbowParameters.sections().items()
+    return tuple(f"{name}.{field}" for name, section in sections for field in declared_fields(section))
+
+
+def elbow_fields(file: Any) -> dict[str, Parameter]:
     """The given parameters by their dotted names."""
     found = {}
-    for section in SECTIONS:
+    for section in ElbowParameters.sections():
         model = getattr(file, section)
         for name in type(model).model_fields:
             value = getattr(model, name)
@@ -65,7 +93,7 @@ def elbow_parameters(fields: dict[str, Parameter], raw: RawCase) -> ElbowParamet
     _check_forearm(fields, raw)
     _check_rest(fields, raw)
     sections: dict[str, Any] = {}
-    for section, cls in SECTIONS.items():
+    for section, cls in ElbowParameters.sections().items():
         values = {k.partition(".")[2]: p.value for k, p in fields.items() if k.partition(".")[0] == section}
         try:
             sections[section] = cls(**values)

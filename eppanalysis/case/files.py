@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.elbow_parameters import Bands
 
 LARGEST_FILE = 1_000_000
 DEEPEST = 12
@@ -20,7 +21,7 @@ PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 #: Fields of a section that stand in for one another: giving one of a group drops the inherited other group.
 ALTERNATIVES: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = (
-    ("bands", frozenset({"centre", "parking_width", "range"}), frozenset({"slack", "low", "high", "max"})),
+    ("bands", frozenset(Bands.WIDTHS), frozenset(Bands.THRESHOLDS)),
     ("forearm", frozenset({"inertia"}), frozenset({"prehensor_mass"})),
     ("forearm", frozenset({"gravity_moment"}), frozenset({"upright"})),
     ("loop", frozenset({"num", "den"}), frozenset({"A", "B", "C", "D"})),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import inspect
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -12,7 +13,10 @@ from typing import Any
 import numpy as np
 from pydantic_core import PydanticCustomError
 
+from eppanalysis.case.dimensions import check_units
 from eppanalysis.case.files import Missing, RawCase
+from eppanalysis.case.kind import Kind, Parts
+from eppanalysis.case.motions import motions_of
 from eppanalysis.case.quantities import AnyQuantity, Parameter
 from eppanalysis.case.schema import LoopSection
 from eppanalysis.errors import CaseError, ModelError
@@ -20,6 +24,7 @@ from eppanalysis.models.linear import StateSpace, as_state_space
 from eppanalysis.models.lure import LureSystem, SignalMap
 from eppanalysis.models.nonlinearities.base import Nonlinearity
 from eppanalysis.models.nonlinearities.memory import Slip
+from eppanalysis.units import QuantityError, parse_any
 
 #: Elements by the name that a case file calls them, with the module that holds their class.
 ELEMENTS: dict[str, tuple[str, str]] = {
@@ -49,6 +54,8 @@ _TEXT_FIELDS = {"model"}
 _COUNT_FIELDS = {"levels"}
 #: Matrices of a loop without states.
 _MAY_BE_EMPTY = ("A", "B", "C")
+#: Scalar fields of a loop as a whole.
+_OF_LOOP = ("gain", "delay", "time_step")
 _LIST_FIELDS = {"breakpoints", "slopes", "intercepts"}
 
 
@@ -210,6 +217,59 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
             return element_class(block.kind)(**values, **block.others)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
+
+
+class LoopKind(Kind):
+    """Cases of generic loops."""
+
+    name = "loop"
+    input_unit = ""
+
+    def parts(self, file: Any, raw: RawCase) -> Parts:
+        """The elements' scalar fields and what stands before the loop as a whole, the input, and the loop."""
+        loop = file.loop
+        place = "loop.elements" if loop.blocks is None else "loop.blocks"
+        blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
+        check_units(loop, blocks, place, raw)
+        system = build_loop(loop, blocks, raw)
+        fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
+        for name in _OF_LOOP:
+            found = getattr(loop, name)
+            if found is not None:
+                fields[f"loop.{name}"] = found
+        return Parts(fields, motions_of(file.run, system.input_names, self.input_unit, raw), system)
+
+    def fields(self, parameters: Iterable[str]) -> list[str]:
+        """The given ones, and those of the loop as a whole."""
+        return list(dict.fromkeys([*parameters, *(f"loop.{name}" for name in _OF_LOOP)]))
+
+    def si(self, value: object, unit: str) -> float:
+        """A quantity in the field's unit, or a plain number."""
+        number, given = parse_any(value)
+        if given not in ("", unit):
+            raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
+        return number
+
+    def takes(self, name: str, data: Mapping[str, Any]) -> bool:
+        """Any field of an element: reading it tells whether the element has it."""
+        return name.partition(".")[0] in _places(data)
+
+    def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
+        """Elements stand in a list, and are called by their names."""
+        first, _, rest = name.partition(".")
+        places = _places(data)
+        return ["loop", *places[first], rest] if first in places else list(name.split("."))
+
+
+def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
+    """Where each named element stands in the file."""
+    loop = data.get("loop", {})
+    return {
+        table.get("name", table["element"]): (place, i)
+        for place in ("elements", "blocks")
+        for i, table in enumerate(loop.get(place) or [])
+        if "element" in table
+    }
 
 
 def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> LureSystem:

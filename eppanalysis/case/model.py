@@ -7,35 +7,32 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from eppanalysis.arguments import checked
-from eppanalysis.case.dimensions import check_units, remarks
-from eppanalysis.case.elbow_case import SECTIONS, elbow_fields, elbow_parameters, implied, other_bands
+from eppanalysis.case.dimensions import remarks
+from eppanalysis.case.elbow_case import ElbowKind
 from eppanalysis.case.expected import Expected, make_expected
 from eppanalysis.case.files import Missing, RawCase, drop_alternatives, without_answers
 from eppanalysis.case.from_system import input_tables, loop_tables
-from eppanalysis.case.loops import build_loop, read_blocks
-from eppanalysis.case.motions import make_motion
+from eppanalysis.case.kind import Kind
+from eppanalysis.case.loops import LoopKind
 from eppanalysis.case.quantities import Parameter
-from eppanalysis.case.schema import FILES, INPUTS, ElbowFile, LoopFile, find_quantity, section_fields, validate
+from eppanalysis.case.schema import FILES, INPUTS, find_quantity, validate
 from eppanalysis.case.toml import write_toml
-from eppanalysis.errors import CaseError, ModelError
-from eppanalysis.models.elbow import elbow
+from eppanalysis.errors import CaseError
 from eppanalysis.models.elbow_parameters import ElbowParameters
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.models.signals import Motion, Step
-from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, write_si
+from eppanalysis.models.signals import Motion
+from eppanalysis.units import QuantityError, format_si, parse_quantity, write_si
 
 #: Fields whose change leaves the case's expected answers true.
 _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
-#: SI unit of the external input by the kind of case, and the units in which people read lengths.
-_INPUT_UNIT = {"elbow": "m", "loop": ""}
+#: What cases are of, by the names that files call them.
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind())}
+#: Units in which people read lengths.
 _FRIENDLY = {"m": "mm", "m/s": "mm/s"}
 #: Fields of an input motion that no quantity stands in.
 _NOT_A_NUMBER = ("kind", "file", "times", "values")
@@ -184,7 +181,7 @@ class Case:
     @property
     def input_unit(self) -> str:
         """SI unit of the external input; empty where it has none."""
-        return _INPUT_UNIT[self.kind]
+        return KINDS[self.kind].input_unit
 
     @checked
     def value(self, name: str) -> float:
@@ -206,7 +203,7 @@ class Case:
         self._check_known(name, self.source)
         if name == "run.t_end":
             return self.t_end
-        found = implied(self._elbow, name) if self._elbow is not None and not name.startswith("run.") else None
+        found = None if name.startswith("run.") else KINDS[self.kind].implied(self._elbow, name)
         if found is None:
             raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
         return found
@@ -222,14 +219,9 @@ class Case:
         """
         self._check_known(name, self.source)
         try:
-            if self.kind == "elbow":
-                return parse_quantity(value, self.unit(name)[0])
-            number, unit = parse_any(value)
+            return KINDS[self.kind].si(value, self.unit(name)[0])
         except QuantityError as error:
             raise CaseError(self.source, name, value, error.expected) from None
-        if unit not in ("", self.unit(name)[0]):
-            raise CaseError(self.source, name, value, f"a quantity in {self.unit(name)[0] or 'plain numbers'}")
-        return number
 
     @checked
     def unit(self, name: str) -> tuple[str, str]:
@@ -319,8 +311,8 @@ class Case:
         for section, names in given.items():
             if isinstance(data.get(section), dict):
                 data[section] = drop_alternatives(section, data[section], names)
-        if self._elbow is not None and isinstance(data.get("bands"), dict):
-            data["bands"] |= other_bands(self._elbow, set(data["bands"]), given.get("bands", set()))
+        for section, others in KINDS[self.kind].beside(self._elbow, data, given).items():
+            data[section] |= others
         for name, value in values.items():
             if not isinstance(name, str) or not name or len(name) > 200:
                 raise CaseError(source, "", name, "the dotted name of a field")
@@ -354,9 +346,7 @@ class Case:
         given = (self._raw.data.get("run") or {}).get("input") or {}
         motion = INPUTS[given["kind"]].model_fields if "kind" in given else {}
         run = ["run.t_end", *(f"run.input.{name}" for name in motion if name not in _NOT_A_NUMBER)]
-        if self.kind == "elbow":
-            return [*_elbow_names(), *run]
-        return list(dict.fromkeys([*self.parameters, "loop.gain", "loop.delay", "loop.time_step", *run]))
+        return list(dict.fromkeys([*KINDS[self.kind].fields(self.parameters), *run]))
 
     def _check_known(self, name: str, source: str, shown: object = None) -> None:
         known = self._known()
@@ -370,31 +360,11 @@ class Case:
         """Refuse names that validation could not put right; the rest of the file may be set too ("run.t_end")."""
         if name.partition(".")[0] in ("run", "expected", "title", "loop"):
             return
-        if self.kind == "loop" and name.partition(".")[0] in self._element_names():
-            return
-        self._check_known(name, source, value)
-
-    def _element_names(self) -> dict[str, tuple[str, int]]:
-        """Where each named element stands in the file."""
-        loop = self._raw.data.get("loop", {})
-        return {
-            table.get("name", table["element"]): (place, i)
-            for place in ("elements", "blocks")
-            for i, table in enumerate(loop.get(place) or [])
-            if "element" in table
-        }
+        if not KINDS[self.kind].takes(name, self._raw.data):
+            self._check_known(name, source, value)
 
     def _path(self, name: str) -> list[str | int]:
-        first, _, rest = name.partition(".")
-        elements = self._element_names() if self.kind == "loop" else {}
-        if first in elements:
-            return ["loop", *elements[first], rest]
-        return list(name.split("."))
-
-
-@cache
-def _elbow_names() -> tuple[str, ...]:
-    return tuple(section_fields(ElbowFile, SECTIONS))
+        return KINDS[self.kind].path(name, self._raw.data)
 
 
 def _copied(data: Any) -> Any:
@@ -413,70 +383,23 @@ def load(raw: RawCase) -> Case:
         If anything in it is not valid.
     """
     file = validate(raw)
-    return _load_elbow(file, raw) if isinstance(file, ElbowFile) else _load_loop(file, raw)
-
-
-def _load_elbow(file: ElbowFile, raw: RawCase) -> Case:
-    fields = elbow_fields(file)
-    parameters = elbow_parameters(fields, raw)
-    system = _elbow_system(parameters, raw)
-    motion = _motions(file, system, raw)
+    parts = KINDS[file.kind].parts(file, raw)
+    expected = make_expected(file.expected)
+    if expected.signal is not None and expected.signal not in parts.system.signals.names:
+        raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")
     return Case(
         raw.name,
         file.title,
-        "elbow",
+        file.kind,
         raw.source,
-        fields,
-        Step(parameters.harness.step) if motion is None else motion,
+        parts.parameters,
+        parts.input,
         float(file.run.t_end.value),
-        make_expected(file.expected),
+        expected,
         raw,
-        system,
-        parameters,
+        parts.system,
+        parts.elbow,
     )
-
-
-def _elbow_system(parameters: ElbowParameters, raw: RawCase) -> LureSystem:
-    try:
-        with np.errstate(all="ignore"):  # what overflows is refused as not finite
-            return replace(elbow(parameters), name=raw.name)
-    except (ModelError, ArithmeticError) as error:
-        raise CaseError(raw.source, "", "beyond the range of numbers", f"ordinary magnitudes ({error})") from None
-
-
-def _load_loop(file: LoopFile, raw: RawCase) -> Case:
-    loop = file.loop
-    place = "loop.elements" if loop.blocks is None else "loop.blocks"
-    blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
-    check_units(loop, blocks, place, raw)
-    system = build_loop(loop, blocks, raw)
-    fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
-    for name in ("gain", "delay", "time_step"):
-        found = getattr(loop, name)
-        if found is not None:
-            fields[f"loop.{name}"] = found
-    motion = _motions(file, system, raw)
-    t_end, expected = float(file.run.t_end.value), make_expected(file.expected)
-    if expected.signal is not None and expected.signal not in system.signals.names:
-        wanted = f"one of {', '.join(system.signals.names)}"
-        raise CaseError(raw.origin("expected.signal"), "expected.signal", expected.signal, wanted)
-    return Case(raw.name, file.title, "loop", raw.source, fields, motion, t_end, expected, raw, system)
-
-
-def _motions(file: ElbowFile | LoopFile, system: LureSystem, raw: RawCase) -> Motion | dict[str, Motion] | None:
-    """What the run says of the external inputs: of the only one, or of any by name."""
-    one, several, unit = file.run.input, file.run.inputs, _INPUT_UNIT[file.kind]
-    if one is not None:
-        if not system.input_names:
-            raise CaseError(raw.origin("run.input"), "run.input", one.kind, "no input: the loop has none")
-        if len(system.input_names) > 1 or several is not None:
-            raise CaseError(raw.origin("run.input"), "run.input", one.kind, "inputs by name, as in run.inputs.<name>")
-        return make_motion(one, unit, raw)
-    for name in several or {}:
-        if name not in system.input_names:
-            known = ", ".join(system.input_names) or "none"
-            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", "given", f"an input of the loop: {known}")
-    return {n: make_motion(m, unit, raw, f"run.inputs.{n}") for n, m in several.items()} if several else None
 
 
 def json_schema(kind: str) -> dict[str, Any]:

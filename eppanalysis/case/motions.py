@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,28 @@ LARGEST_RECORDING = 64_000_000
 _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 
 Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
+
+
+def motions_of(run: Any, names: Sequence[str], unit: str, raw: RawCase) -> Motion | dict[str, Motion] | None:
+    """What a case's run says of the external inputs with these names: of the only one, or of any by name.
+
+    Raises
+    ------
+    CaseError
+        If there is no such input, or an input's motion is not valid.
+    """
+    if run.input is not None:
+        if not names:
+            raise CaseError(raw.origin("run.input"), "run.input", run.input.kind, "no input: the loop has none")
+        if len(names) > 1 or run.inputs is not None:
+            expected = "inputs by name, as in run.inputs.<name>"
+            raise CaseError(raw.origin("run.input"), "run.input", run.input.kind, expected)
+        return make_motion(run.input, unit, raw)
+    for name in run.inputs or {}:
+        if name not in names:
+            known = ", ".join(names) or "none"
+            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", "given", f"an input of the loop: {known}")
+    return {n: make_motion(m, unit, raw, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
 
 
 def make_motion(given: Input, unit: str, raw: RawCase, field: str = "run.input") -> Motion:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from eppanalysis.models.declared import Declared, Form, unmet
 from eppanalysis.readable import written
 from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity
 
@@ -172,14 +172,9 @@ class Quantity(_Field):
         return Parameter(value, self.unit, friendly, mark, note, _tolerance(tolerance, value, self.unit))
 
     def _check_range(self, value: float, given: Any) -> None:
-        if self.above is not None and not value > self.above:
-            raise _fail("a positive number" if self.above == 0 else f"more than {self._text(self.above)}", given)
-        if self.at_least is not None and not value >= self.at_least:
-            raise _fail(
-                "zero or a positive number" if self.at_least == 0 else f"at least {self._text(self.at_least)}", given
-            )
-        if self.at_most is not None and not value <= self.at_most:
-            raise _fail(f"at most {self._text(self.at_most)}", given)
+        expected = unmet(value, (self.above, self.at_least, self.at_most), self._text)
+        if expected:
+            raise _fail(expected, given)
 
     def _text(self, value: float) -> str:
         return format_si(value, self.unit, self.friendly or self.unit)
@@ -248,15 +243,14 @@ class Flag(_Field):
         return {"type": "boolean"}
 
 
-#: A full turn: a gap beyond it is none.
-Angle = Annotated[Parameter, Quantity("rad", "deg", at_least=0, at_most=2.0 * math.pi)]
-Length = Annotated[Parameter, Quantity("m", "mm")]
-PositiveLength = Annotated[Parameter, Quantity("m", "mm", above=0)]
+def declared_type(declared: Declared) -> Any:
+    """The type of a file's field for one that a device declares."""
+    if declared.form is Form.FLAG:
+        return Annotated[Parameter, Flag()]
+    if declared.form is Form.COUNT:
+        return Annotated[Parameter, Count(int(declared.at_least or 0), int(declared.at_most or 0))]
+    return Annotated[Parameter, Quantity(declared.unit, declared.friendly, *declared.limits)]
+
+
 Duration = Annotated[Parameter, Quantity("s", "ms", at_least=0)]
 PositiveDuration = Annotated[Parameter, Quantity("s", "ms", above=0)]
-Force = Annotated[Parameter, Quantity("N", "lbf")]
-PositiveForce = Annotated[Parameter, Quantity("N", "lbf", above=0)]
-Torque = Annotated[Parameter, Quantity("N*m", at_least=0)]
-PositiveTorque = Annotated[Parameter, Quantity("N*m", above=0)]
-Inertia = Annotated[Parameter, Quantity("kg*m^2", above=0)]
-TorsionalDamping = Annotated[Parameter, Quantity("N*m*s/rad", at_least=0)]

@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from eppanalysis.case.files import Missing, RawCase
 from eppanalysis.case.quantities import (
     LONGEST_TEXT,
-    Angle,
     AnyQuantity,
-    Count,
     Duration,
-    Flag,
-    Force,
-    Inertia,
-    Length,
     Parameter,
     PositiveDuration,
-    PositiveForce,
-    PositiveLength,
-    PositiveTorque,
     Quantity,
-    Torque,
-    TorsionalDamping,
+    declared_type,
     plain_text,
 )
 from eppanalysis.errors import CaseError
+from eppanalysis.models.declared import Section, declared_fields
+from eppanalysis.models.elbow_parameters import ElbowParameters
 from eppanalysis.units import KINDS
 
 Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
@@ -39,101 +30,10 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 Row = Annotated[list[Number], Field(max_length=200)]
 Matrix = Annotated[list[Row], Field(max_length=200)]
 Scalar = Annotated[Parameter, AnyQuantity()]
-Yes = Annotated[Parameter, Flag()]
 
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class DriveSection(_Model):
-    """Motor, gearing and H-bridge seen at the output shaft."""
-
-    supply_voltage: Annotated[Parameter, Quantity("V", above=0)]
-    no_load_speed: Annotated[Parameter, Quantity("rad/s", "deg/s", above=0)]
-    stall_torque: PositiveTorque
-    inertia: Inertia
-    coulomb_friction: Torque
-    electrical_time_constant: PositiveDuration
-
-
-class ControllerSection(_Model):
-    """Timing of the controller."""
-
-    delay: Duration
-    sample_period: PositiveDuration | None = None
-
-
-class BandsSection(_Model):
-    """Thresholds of the five-band law: centre, parking width and range, or all four of them."""
-
-    centre: PositiveForce | None = None
-    parking_width: PositiveForce | None = None
-    range: PositiveForce | None = None
-    slack: Force | None = None
-    low: PositiveForce | None = None
-    high: PositiveForce | None = None
-    max: PositiveForce | None = None
-    offset_voltage: Annotated[Parameter, Quantity("V", at_least=0)] | None = None
-
-
-class LockPinSection(_Model):
-    """Free-swing backlash between drive and forearm."""
-
-    backlash: Angle
-    stiffness: Annotated[Parameter, Quantity("N*m/rad", above=0)]
-    damping: TorsionalDamping
-
-
-class ForearmSection(_Model):
-    """Forearm and prehensor."""
-
-    inertia: Inertia | None = None
-    prehensor_mass: Annotated[Parameter, Quantity("kg", above=0)] | None = None
-    prehensor_distance: Annotated[Parameter, Quantity("m", above=0)] | None = None
-    shell_inertia: Annotated[Parameter, Quantity("kg*m^2", at_least=0)] | None = None
-    viscous_friction: TorsionalDamping
-    gravity_moment: Torque | None = None
-    upright: Yes | None = None
-
-
-class CableSection(_Model):
-    """The cable, or two of them."""
-
-    stiffness: Annotated[Parameter, Quantity("N/m", above=0)]
-    spring_ratio: Annotated[Parameter, Quantity("", above=0)]
-    antagonist: Yes | None = None
-    pretension: PositiveForce | None = None
-
-
-class PulleySection(_Model):
-    """The pulley on the elbow axis."""
-
-    radius: PositiveLength
-    friction: Annotated[Parameter, Quantity("", at_least=0)]
-    flexion_angle: Annotated[Parameter, Quantity("rad", "deg", at_least=0, at_most=3.141592653589794)]
-    kinetic_ratio: Annotated[Parameter, Quantity("", at_least=0, at_most=1)]
-
-
-class HarnessSection(_Model):
-    """What the user, or the step-input board, does."""
-
-    step: Length
-
-
-class SensorSection(_Model):
-    """The force sensor; what is not given is left out."""
-
-    gain: Annotated[Parameter, Quantity("V/N", "V/lbf", above=0)] | None = None
-    full_scale: Annotated[Parameter, Quantity("V", above=0)] | None = None
-    bits: Annotated[Parameter, Count(1, 24)] | None = None
-    filter: PositiveDuration | None = None
-
-
-class ParkingSection(_Model):
-    """The parking logic."""
-
-    dwell_time: PositiveDuration | None = None
 
 
 class StepInput(_Model):
@@ -241,23 +141,30 @@ class ExpectedSection(_Model):
     note: Text = ""
 
 
-class ElbowFile(_Model):
-    """A case of the elbow."""
+def _section(name: str, declared: type[Section]) -> tuple[Any, Any]:
+    """Type and default of a section of a file, from what a device declares of it."""
+    held: dict[str, Any] = {}
+    for field, about in declared_fields(declared).items():
+        kind = declared_type(about)
+        held[field] = (kind | None, None) if about.optional else (kind, ...)
+    title = "".join(part.title() for part in name.split("_"))
+    summary = (declared.__doc__ or "").partition("\n")[0]
+    made = create_model(f"{title}Section", __base__=_Model, __doc__=summary, __module__=__name__, **held)
+    return made, made() if declared.left_out else ...
 
-    kind: Literal["elbow"] = "elbow"
-    title: Text
-    drive: DriveSection
-    controller: ControllerSection
-    bands: BandsSection
-    lock_pin: LockPinSection
-    forearm: ForearmSection
-    cable: CableSection
-    pulley: PulleySection
-    harness: HarnessSection
-    sensor: SensorSection = SensorSection()
-    parking: ParkingSection = ParkingSection()
-    run: RunSection
-    expected: ExpectedSection = ExpectedSection()
+
+#: Sections of a case of the elbow.
+SECTIONS = {name: _section(name, declared) for name, declared in ElbowParameters.sections().items()}
+_ELBOW: dict[str, Any] = {
+    "kind": (Literal["elbow"], "elbow"),
+    "title": (Text, ...),
+    **SECTIONS,
+    "run": (RunSection, ...),
+    "expected": (ExpectedSection, ExpectedSection()),
+}
+ElbowFile: Any = create_model(
+    "ElbowFile", __base__=_Model, __doc__="A case of the elbow.", __module__=__name__, **_ELBOW
+)
 
 
 class SignalRow(_Model):
@@ -307,7 +214,7 @@ class LoopFile(_Model):
     expected: ExpectedSection = ExpectedSection()
 
 
-FILES: dict[str, type[ElbowFile] | type[LoopFile]] = {"elbow": ElbowFile, "loop": LoopFile}
+FILES: dict[str, type[BaseModel]] = {"elbow": ElbowFile, "loop": LoopFile}
 
 _SENTENCES = {
     "string_type": "a text",
@@ -326,7 +233,7 @@ _SENTENCES = {
 _LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
 
 
-def validate(raw: RawCase) -> ElbowFile | LoopFile:
+def validate(raw: RawCase) -> Any:
     """The validated model of a case file.
 
     Raises
@@ -387,12 +294,6 @@ def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None
             return None
         model = found[0]
     return model
-
-
-def section_fields(model: type[BaseModel], sections: Iterable[str]) -> list[str]:
-    """Dotted names of all fields of some sections."""
-    found = [(name, _model_at(model, [name])) for name in sections]
-    return [f"{name}.{field}" for name, section in found if section is not None for field in section.model_fields]
 
 
 def _members(annotation: Any) -> list[Any]:

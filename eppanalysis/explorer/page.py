@@ -14,17 +14,15 @@ from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
 
 from eppanalysis.case import Case
+from eppanalysis.case.variation import Slider, current, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.explorer import quick, slow
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
 from eppanalysis.explorer.values import (
-    Slider,
     Values,
-    current,
     moved_case,
     read_pair,
     read_query,
-    sliders_of,
     write_query,
 )
 from eppanalysis.readable import readable
@@ -71,7 +69,7 @@ class Page:
         system = base.to_system()
         units = dict(zip(system.signals.names, system.signals.units or (), strict=False))
         self.unit, self.factor = readable(units.get(self.signal, ""))
-        self.sliders = {slider.name: slider for slider in sliders_of(base)}
+        self.sliders = {slider.name: slider for slider in variation_of(base).sliders()}
         self.values: Values = {}
         self.history: list[Values] = []
         self.case = base
@@ -97,7 +95,7 @@ class Page:
         self.message = Div(text="", name="message", render_as_text=True, sizing_mode="stretch_width")
         self.field = TextInput(
             title="Set any field",
-            placeholder="lock_pin.backlash = 0.5 deg" if self.base.kind == "elbow" else "loop.gain = 2",
+            placeholder=variation_of(self.base).example,
             name="field",
             sizing_mode="stretch_width",
         )

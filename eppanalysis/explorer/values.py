@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 from eppanalysis.case import Case
 from eppanalysis.errors import CaseError, EppError
+from eppanalysis.models.elbow_parameters import Bands
 
 #: Moved values by the dotted names of their fields, in SI units.
 Values = dict[str, float]
@@ -16,100 +16,7 @@ SOURCE = "the page"
 _LONGEST_QUERY = 4000
 #: A list of all fields would fill the screen of a phone.
 _LONGEST_HINT = 150
-_MASS = "forearm.prehensor_mass"
-_WIDTHS = ("bands.centre", "bands.parking_width", "bands.range")
-
-
-@dataclass(frozen=True)
-class Slider:
-    """One slider; its numbers are in the unit that people use.
-
-    Attributes
-    ----------
-    name, title, unit : str
-    per_unit : float
-        SI value of one `unit`.
-    low, high, step, value : float
-    """
-
-    name: str
-    title: str
-    unit: str
-    per_unit: float
-    low: float
-    high: float
-    step: float
-    value: float
-
-    def label(self) -> str:
-        """Title with unit."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
-
-
-#: Of an elbow: field, words, unit, lowest, highest, step; in the order of the page.
-_ELBOW = (
-    ("bands.range", "Gain: profile range", "lbf", 1.0, 5.0, 0.05),
-    ("lock_pin.backlash", "Backlash", "deg", 0.0, 4.0, 0.05),
-    ("pulley.friction", "Pulley friction", "", 0.0, 0.15, 0.002),
-    ("cable.stiffness", "Cable stiffness", "N/m", 500.0, 15000.0, 50.0),
-    (_MASS, "Mass in the hand", "kg", 0.05, 1.5, 0.01),
-    ("controller.delay", "Delay", "ms", 0.0, 20.0, 0.25),
-)
-
-
-def sliders_of(case: Case) -> tuple[Slider, ...]:
-    """The sliders of a case: of an elbow the parameters of its design, of another loop every positive one.
-
-    Examples
-    --------
-    >>> from eppanalysis.case import case
-    >>> [slider.label() for slider in sliders_of(case("backlash_servo"))]
-    ['loop gain', 'play gap']
-    """
-    return tuple(_elbow_sliders(case)) if case.kind == "elbow" else tuple(_loop_sliders(case))
-
-
-def _elbow_sliders(case: Case) -> Iterable[Slider]:
-    for name, title, unit, low, high, step in _ELBOW:
-        value = current(case, name)
-        if value is None:
-            name, title, unit, low, high, step = "forearm.inertia", "Forearm inertia", "kg*m^2", 0.005, 0.2, 0.001
-            value = case.value(name)
-        per_unit = case.si(name, f"1 {unit}".strip())
-        shown = value / per_unit
-        yield Slider(name, title, unit.replace("*", "·"), per_unit, min(low, shown), max(high, shown), step, shown)
-
-
-def _loop_sliders(case: Case) -> Iterable[Slider]:
-    if "loop.gain" not in case.parameters and _takes(case, "loop.gain", 1.01):
-        yield Slider("loop.gain", "loop gain", "", 1.0, 0.1, 3.0, 0.01, 1.0)
-    for name, parameter in case.parameters.items():
-        value = parameter.value
-        if isinstance(value, bool) or not value > 0 or name == "loop.time_step" or not _takes(case, name, 1.01 * value):
-            continue
-        per_unit = case.si(name, f"1 {parameter.friendly}".strip())
-        shown = value / per_unit
-        step = 10.0 ** math.floor(math.log10(shown) - 1.5)
-        title = name.replace("_", " ").replace(".", " ")
-        yield Slider(name, title, parameter.friendly, per_unit, shown / 10.0, 3.0 * shown, step, shown)
-
-
-def _takes(case: Case, name: str, value: float) -> bool:
-    """Whether a field may have a value: a transfer function has a gain in front of it, a count is a whole number."""
-    try:
-        return bool(case.with_values({name: value}))
-    except CaseError:
-        return False
-
-
-def current(case: Case, name: str) -> float | None:
-    """Value of a field [SI], also of the mass where the case gives the inertia; None where there is none."""
-    try:
-        return case.value(name)
-    except CaseError:
-        if name != _MASS:
-            raise
-        return None
+_WIDTHS = tuple(f"bands.{name}" for name in Bands.WIDTHS)
 
 
 def moved_case(case: Case, values: Mapping[str, float]) -> Case:

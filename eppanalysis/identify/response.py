@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.case import Case
-from eppanalysis.case.schema import FILES, find_quantity
 from eppanalysis.errors import EppError
 from eppanalysis.identify.intervals import rounding
 from eppanalysis.identify.reading import Recording
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.elbow import elbow
-from eppanalysis.models.elbow_parameters import ElbowParameters
+from eppanalysis.models.elbow_parameters import ElbowParameters, declared
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.signals import Motion, Recorded
 
@@ -63,9 +62,9 @@ class Unknown:
             If there is no such parameter, or it has no value.
         """
         value = case.value(name)
-        quantity = find_quantity(FILES["elbow"], name.split("."))
+        about = declared(name)
         # A lag adds to the delay, so it is even on its own scale; a stiffness or an inertia on that of ratios.
-        logarithmic = quantity is not None and quantity.above is not None and value > 0 and quantity.unit != "s"
+        logarithmic = about.above is not None and value > 0 and about.unit != "s"
         scale = 1.0 if logarithmic else abs(value) or _TYPICAL.get(name, 1.0)
         known = case.parameters.get(name)
         tolerance = None if known is None or not known.tolerance else known.tolerance
@@ -75,8 +74,8 @@ class Unknown:
     @property
     def lag(self) -> float:
         """1 for a time constant that may be short but not vanish, 0 for what may."""
-        quantity = find_quantity(FILES["elbow"], self.name.split("."))
-        return float(quantity is not None and quantity.above is not None)
+        about = declared(self.name)
+        return float(about.above is not None)
 
     def to_scale(self, value: float) -> float:
         """Place of a value on the fitted scale."""

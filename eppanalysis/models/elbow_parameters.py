@@ -1,127 +1,69 @@
 """Parameters of the elbow under extended physiological proprioception (EPP), section by section.
 
-Every field is in SI units and carries the nominal value of the bench elbow of Farrell, Weir, Heckathorne and Childress,
-J Rehabil Res Dev 42(5), 2005, lying on its side.
+Every field is declared here and nowhere else, in SI units, with the nominal value of the bench elbow of Farrell, Weir,
+Heckathorne and Childress, J Rehabil Res Dev 42(5), 2005, lying on its side.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 from eppanalysis.errors import ModelError
+from eppanalysis.models.declared import Declared, Section, declared_fields, flag, quantity, whole_number
 
 #: One pound-force [N] and standard gravity [m/s^2], both exact by definition.
 POUND_FORCE = 4.4482216152605
 STANDARD_GRAVITY = 9.80665
-
-
-def _check(section: object, positive: tuple[str, ...] = (), not_negative: tuple[str, ...] = ()) -> None:
-    """Raise ModelError unless the named fields (None is let through) are finite and have the right sign."""
-    name = type(section).__name__
-    for field_name in (*positive, *not_negative):
-        value = getattr(section, field_name)
-        if value is None:
-            continue
-        if not math.isfinite(value):
-            raise ModelError(name, value, "a finite number", field=field_name)
-        if value < 0 or (value == 0 and field_name in positive):
-            wanted = "a positive number" if field_name in positive else "zero or a positive number"
-            raise ModelError(name, value, wanted, field=field_name)
+#: Half a turn, and what rounding makes of 180 deg [rad].
+_HALF_TURN = 3.141592653589794
 
 
 @dataclass(frozen=True)
-class Drive:
-    """Motor, gearing and H-bridge seen at the output shaft.
+class Drive(Section):
+    """Motor, gearing and H-bridge seen at the output shaft."""
 
-    Attributes
-    ----------
-    supply_voltage : float
-        [V].
-    no_load_speed : float
-        At the supply voltage [rad/s].
-    stall_torque : float
-        At the supply voltage [N*m].
-    inertia : float
-        [kg*m^2].
-    coulomb_friction : float
-        [N*m]; 0 leaves it out.
-    electrical_time_constant : float
-        [s].
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    supply_voltage: float = 16.0
-    no_load_speed: float = math.radians(164.0)
-    stall_torque: float = 10.93
-    inertia: float = 0.03
-    coulomb_friction: float = 0.3
-    electrical_time_constant: float = 1e-3
-
-    def __post_init__(self) -> None:
-        positive = ("supply_voltage", "no_load_speed", "stall_torque", "inertia", "electrical_time_constant")
-        _check(self, positive, ("coulomb_friction",))
+    supply_voltage: float = quantity(16.0, "Supply voltage", "V", above=0)
+    no_load_speed: float = quantity(math.radians(164.0), "At the supply voltage", "rad/s", "deg/s", above=0)
+    stall_torque: float = quantity(10.93, "At the supply voltage", "N*m", above=0)
+    inertia: float = quantity(0.03, "Motor and gearing at the output", "kg*m^2", above=0)
+    coulomb_friction: float = quantity(0.3, "At the output; 0 leaves it out", "N*m", at_least=0)
+    electrical_time_constant: float = quantity(1e-3, "Inductance over resistance", "s", "ms", above=0)
 
 
 @dataclass(frozen=True)
-class Controller:
-    """Timing of the controller.
+class Controller(Section):
+    """Timing of the controller."""
 
-    Attributes
-    ----------
-    delay : float
-        Computation and PWM [s]; 0 leaves it out.
-    sample_period : float or None
-        Time between two readings of the sensor [s]; None is continuous.
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    delay: float = 1e-3
-    sample_period: float | None = None
-
-    def __post_init__(self) -> None:
-        _check(self, ("sample_period",), ("delay",))
+    delay: float = quantity(1e-3, "Computation and PWM; 0 leaves it out", "s", "ms", at_least=0)
+    sample_period: float | None = quantity(
+        None, "Time between two readings of the sensor; None is continuous", "s", "ms", above=0
+    )
 
 
 @dataclass(frozen=True)
-class Bands:
-    """Thresholds of the five-band law: `centre`, `parking_width` and `range`, or all four thresholds in their place.
+class Bands(Section):
+    """Thresholds of the five-band law: centre, parking width and range, or all four of them."""
 
-    Attributes
-    ----------
-    centre, parking_width, range : float
-        Middle of the parking band, its width F_high - F_low, and the profile range F_max - F_slack [N].
-    slack, low, high, max : float or None
-        The four thresholds [N]; when they are given, the three fields above do not count.
-    offset_voltage : float
-        Jump of the voltage at the inner edges [V].
+    #: Two ways to give the thresholds; where all four are given, the widths do not count.
+    WIDTHS: ClassVar[tuple[str, ...]] = ("centre", "parking_width", "range")
+    THRESHOLDS: ClassVar[tuple[str, ...]] = ("slack", "low", "high", "max")
 
-    Raises
-    ------
-    ModelError
-        If thresholds are out of order, not all four are given, or a number is not finite.
-    """
-
-    centre: float = 2.5 * POUND_FORCE
-    parking_width: float = 0.2 * POUND_FORCE
-    range: float = 2.5 * POUND_FORCE
-    slack: float | None = None
-    low: float | None = None
-    high: float | None = None
-    max: float | None = None
-    offset_voltage: float = 0.0
+    centre: float = quantity(2.5 * POUND_FORCE, "Middle of the parking band", "N", "lbf", above=0, optional=True)
+    parking_width: float = quantity(
+        0.2 * POUND_FORCE, "Width of the parking band, F_high - F_low", "N", "lbf", above=0, optional=True
+    )
+    range: float = quantity(2.5 * POUND_FORCE, "Profile range, F_max - F_slack", "N", "lbf", above=0, optional=True)
+    slack: float | None = quantity(None, "Threshold F_slack", "N", "lbf")
+    low: float | None = quantity(None, "Threshold F_low", "N", "lbf", above=0)
+    high: float | None = quantity(None, "Threshold F_high", "N", "lbf", above=0)
+    max: float | None = quantity(None, "Threshold F_max", "N", "lbf", above=0)
+    offset_voltage: float = quantity(0.0, "Jump of the voltage at the inner edges", "V", at_least=0, optional=True)
 
     def __post_init__(self) -> None:
-        _check(self, ("centre", "parking_width", "range", "low", "high", "max"), ("offset_voltage",))
-        given = [getattr(self, n) is not None for n in ("slack", "low", "high", "max")]
+        super().__post_init__()
+        given = [getattr(self, n) is not None for n in self.THRESHOLDS]
         if any(given) and not all(given):
             raise ModelError("Bands: only some of slack, low, high and max are given", expected="all four or none")
         slack, low, high, top = self.thresholds
@@ -147,64 +89,33 @@ class Bands:
 
 
 @dataclass(frozen=True)
-class LockPinParameters:
-    """Free-swing backlash between drive and forearm.
+class LockPinParameters(Section):
+    """Free-swing backlash between drive and forearm."""
 
-    Attributes
-    ----------
-    backlash : float
-        Total gap [rad].
-    stiffness, damping : float
-        In contact [N*m/rad], [N*m*s/rad].
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    backlash: float = math.radians(2.5)
-    stiffness: float = 1000.0
-    damping: float = 1.0
-
-    def __post_init__(self) -> None:
-        _check(self, ("stiffness",), ("backlash", "damping"))
+    #: A gap of more than a full turn is none.
+    backlash: float = quantity(math.radians(2.5), "Total gap", "rad", "deg", at_least=0, at_most=2.0 * math.pi)
+    stiffness: float = quantity(1000.0, "In contact", "N*m/rad", above=0)
+    damping: float = quantity(1.0, "In contact", "N*m*s/rad", at_least=0)
 
 
 @dataclass(frozen=True)
-class Forearm:
-    """Forearm and prehensor.
+class Forearm(Section):
+    """Forearm and prehensor."""
 
-    Attributes
-    ----------
-    inertia : float
-        About the elbow axis [kg*m^2]; does not count when `prehensor_mass` is given.
-    prehensor_mass, prehensor_distance, shell_inertia : float
-        Give the inertia as m l^2 + shell_inertia [kg], [m], [kg*m^2].
-    viscous_friction : float
-        [N*m*s/rad].
-    gravity_moment : float
-        Largest moment of gravity [N*m]; 0 on its side.
-    upright : bool
-        Take the gravity moment m g l of the prehensor in place of `gravity_moment`.
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    inertia: float = 0.0465
-    prehensor_mass: float | None = None
-    prehensor_distance: float = 0.30
-    shell_inertia: float = 0.006
-    viscous_friction: float = 0.01
-    gravity_moment: float = 0.0
-    upright: bool = False
+    inertia: float = quantity(
+        0.0465, "About the elbow axis; does not count when `prehensor_mass` is given", "kg*m^2", above=0, optional=True
+    )
+    prehensor_mass: float | None = quantity(
+        None, "Mass m in the inertia m l^2 + `shell_inertia`, where it is given", "kg", above=0
+    )
+    prehensor_distance: float = quantity(0.30, "Distance l of that mass from the axis", "m", above=0, optional=True)
+    shell_inertia: float = quantity(0.006, "Inertia of the forearm alone", "kg*m^2", at_least=0, optional=True)
+    viscous_friction: float = quantity(0.01, "At the elbow axis", "N*m*s/rad", at_least=0)
+    gravity_moment: float = quantity(0.0, "Largest moment of gravity; 0 on its side", "N*m", at_least=0, optional=True)
+    upright: bool = flag("Take the gravity moment m g l of the prehensor in place of `gravity_moment`")
 
     def __post_init__(self) -> None:
-        positive = ("inertia", "prehensor_mass", "prehensor_distance")
-        _check(self, positive, ("shell_inertia", "viscous_friction", "gravity_moment"))
+        super().__post_init__()
         if self.upright and self.gravity_moment:
             raise ModelError("Forearm: both upright and gravity_moment are given", expected="one of them")
 
@@ -232,33 +143,24 @@ class Forearm:
 
 
 @dataclass(frozen=True)
-class Cable:
-    """The cable, two springs in series, or two of them.
+class Cable(Section):
+    """The cable, or two of them."""
 
-    Attributes
-    ----------
-    stiffness : float
-        Series stiffness K [N/m].
-    spring_ratio : float
-        Forearm side over harness side, k_f/k_h.
-    antagonist : bool
-        Bidirectional EPP: an equal second cable that pulls the other way and is wound up as the first unwinds.
-    pretension : float or None
-        Tension of both cables at the start [N]; by default the centre of the parking band. Only with `antagonist`.
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    stiffness: float = 6705.263
-    spring_ratio: float = 4.0
-    antagonist: bool = False
-    pretension: float | None = None
+    stiffness: float = quantity(6705.263, "Stiffness K of its two springs in series", "N/m", above=0)
+    spring_ratio: float = quantity(4.0, "Forearm side over harness side, k_f/k_h", above=0)
+    antagonist: bool = flag(
+        "Bidirectional EPP: an equal second cable that pulls the other way and is wound up as the first unwinds"
+    )
+    pretension: float | None = quantity(
+        None,
+        "Tension of both cables at the start, by default the centre of the parking band; only with `antagonist`",
+        "N",
+        "lbf",
+        above=0,
+    )
 
     def __post_init__(self) -> None:
-        _check(self, ("stiffness", "spring_ratio", "pretension"))
+        super().__post_init__()
         if self.pretension is not None and not self.antagonist:
             raise ModelError("Cable: pretension is given without antagonist", expected="both")
 
@@ -274,37 +176,18 @@ class Cable:
 
 
 @dataclass(frozen=True)
-class Pulley:
-    """The pulley on the elbow axis.
+class Pulley(Section):
+    """The pulley on the elbow axis."""
 
-    Attributes
-    ----------
-    radius : float
-        [m].
-    friction : float
-        Static friction over the bearing load, mu; 0 is the ball bearing.
-    flexion_angle : float
-        Operating flexion angle psi [rad].
-    kinetic_ratio : float
-        Kinetic over static friction, 0 to 1.
-
-    Raises
-    ------
-    ModelError
-        If a number is not finite or out of range.
-    """
-
-    radius: float = 0.019
-    friction: float = 0.0526
-    flexion_angle: float = math.radians(116.4)
-    kinetic_ratio: float = 0.8
+    radius: float = quantity(0.019, "Radius", "m", "mm", above=0)
+    friction: float = quantity(0.0526, "Static friction over the bearing load, mu; 0 is the ball bearing", at_least=0)
+    flexion_angle: float = quantity(
+        math.radians(116.4), "Operating flexion angle psi", "rad", "deg", at_least=0, at_most=_HALF_TURN
+    )
+    kinetic_ratio: float = quantity(0.8, "Kinetic over static friction", at_least=0, at_most=1)
 
     def __post_init__(self) -> None:
-        _check(self, ("radius",), ("friction", "flexion_angle", "kinetic_ratio"))
-        if self.kinetic_ratio > 1:
-            raise ModelError("Pulley", self.kinetic_ratio, "0 to 1", field="kinetic_ratio")
-        if self.flexion_angle > math.pi:
-            raise ModelError("Pulley", self.flexion_angle, "at most 180 deg", field="flexion_angle")
+        super().__post_init__()
         if self.load_friction >= 1:
             expected = "mu sin(psi/2) < 1, or the pulley never slides"
             raise ModelError("Pulley", self.friction, expected, field="friction")
@@ -316,52 +199,24 @@ class Pulley:
 
 
 @dataclass(frozen=True)
-class Harness:
-    """What the user, or the step-input board, does.
+class Harness(Section):
+    """What the user, or the step-input board, does."""
 
-    Attributes
-    ----------
-    step : float
-        Height of the step at t = 0 [m].
-    """
-
-    step: float = 0.020
-
-    def __post_init__(self) -> None:
-        if not math.isfinite(self.step):
-            raise ModelError("Harness", self.step, "a finite number", field="step")
+    step: float = quantity(0.020, "Height of the step at t = 0", "m", "mm")
 
 
 @dataclass(frozen=True)
-class Sensor:
-    """The force sensor; what is None is left out.
+class Sensor(Section):
+    """The force sensor; what is not given is left out."""
 
-    Attributes
-    ----------
-    gain : float
-        [V/N].
-    full_scale : float
-        Range of the converter [V]; 10 V are 5 lbf.
-    bits : int or None
-        Resolution of the converter.
-    filter : float or None
-        Time constant of a first-order filter in front of the converter [s].
+    left_out: ClassVar[bool] = True
 
-    Raises
-    ------
-    ModelError
-        If a number is not finite or has the wrong sign.
-    """
-
-    gain: float = 2.0 / POUND_FORCE
-    full_scale: float = 10.0
-    bits: int | None = None
-    filter: float | None = None
-
-    def __post_init__(self) -> None:
-        _check(self, ("gain", "full_scale", "bits", "filter"))
-        if self.bits is not None and not (isinstance(self.bits, int) and 1 <= self.bits <= 24):
-            raise ModelError("Sensor", self.bits, "a whole number from 1 to 24", field="bits")
+    gain: float = quantity(2.0 / POUND_FORCE, "Voltage over force", "V/N", "V/lbf", above=0, optional=True)
+    full_scale: float = quantity(10.0, "Range of the converter; 10 V are 5 lbf", "V", above=0, optional=True)
+    bits: int | None = whole_number("Resolution of the converter", 1, 24)
+    filter: float | None = quantity(
+        None, "Time constant of a first-order filter in front of the converter", "s", "ms", above=0
+    )
 
     @property
     def force_step(self) -> float:
@@ -370,24 +225,14 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Parking:
-    """The parking logic.
+class Parking(Section):
+    """The parking logic."""
 
-    Attributes
-    ----------
-    dwell_time : float or None
-        Time in the parking band after which the elbow parks [s]; None is without parking logic.
+    left_out: ClassVar[bool] = True
 
-    Raises
-    ------
-    ModelError
-        If the number is not finite or not positive.
-    """
-
-    dwell_time: float | None = None
-
-    def __post_init__(self) -> None:
-        _check(self, ("dwell_time",))
+    dwell_time: float | None = quantity(
+        None, "Time in the parking band after which the elbow parks; None is without parking logic", "s", "ms", above=0
+    )
 
 
 @dataclass(frozen=True)
@@ -413,3 +258,21 @@ class ElbowParameters:
     harness: Harness = field(default_factory=Harness)
     sensor: Sensor = field(default_factory=Sensor)
     parking: Parking = field(default_factory=Parking)
+
+    @classmethod
+    def sections(cls) -> dict[str, type[Section]]:
+        """The sections by their names, in the order of a case file."""
+        made: dict[str, Any] = {found.name: found.default_factory for found in fields(cls)}
+        return made
+
+
+def declared(name: str) -> Declared:
+    """What is known of a field of the elbow, by its dotted name.
+
+    Examples
+    --------
+    >>> declared("lock_pin.backlash").unit
+    'rad'
+    """
+    section, _, field_name = name.partition(".")
+    return declared_fields(ElbowParameters.sections()[section])[field_name]

@@ -6,10 +6,11 @@ left (``prediction``, ``ladder``, ``cycles``); each catches what a method refuse
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from eppanalysis.case.variation import variation_of
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -169,33 +170,23 @@ def _margins(case: Case) -> str:
 
 def _branch(case: Case) -> str:
     """Over the backlash of an elbow, over the gain or the first positive parameter of another loop."""
-    names = branch_parameters(case)
+    variation = variation_of(case)
+    names = variation.over()
     if not names or case.to_system().time_step:
         return ""
     name = names[0]
-    value = case.value(name)
-    if case.kind == "elbow":
-        near, far, stop = max(1.3 * value, math.radians(0.5)), math.radians(4.0), math.radians(0.1)
-    else:
-        near, far, stop = value, value, 2.0 * value
-    places = {key: case.text(name, number) for key, number in (("near", near), ("far", far), ("stop", stop))}
+    places = {key: case.text(name, at) for key, at in zip(("near", "far", "stop"), variation.branch(name), strict=True)}
     signal = f"{case.expected.signal!r}, " if case.expected.signal else ""
     return _BRANCH.format(name=name, signal=signal, **places)
 
 
 def _map(case: Case) -> str:
     """Gain against backlash of an elbow, the first two positive parameters of another loop."""
-    if case.kind == "elbow":
-        axes = {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
-        names = list(axes)
-        factors = [1.0 / case.si(name, f"1 {axes[name].rpartition(':')[2]}") for name in names]
-    else:
-        names = branch_parameters(case)[:2]
-        if len(names) < 2:
-            return ""
-        axes = {name: _around(case, name) for name in names}
-        factors = [case.readable(name)[1] for name in names]
-    x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(names, factors, strict=True))
+    axes = variation_of(case).axes()
+    if not axes:
+        return ""
+    factors = [case.readable(name)[1] for name in axes]
+    x, y = (f'case.value("{name}") * {factor!r}' for name, factor in zip(axes, factors, strict=True))
     mark = f'figure.axes[0].plot({x}, {y}, "k*", markersize=12)'
     return _MAP.format(axes=repr(axes), mark=mark)
 
@@ -204,23 +195,6 @@ def _full_guideline(case: Case) -> str:
     """At the case's own gain and at others on both sides of it."""
     own = case.value("bands.range")
     return _FULL_GUIDELINE.format(gains=[case.text("bands.range", factor * own, 4) for factor in _GAINS])
-
-
-def _around(case: Case, name: str) -> str:
-    value, unit = case.value(name), case.unit(name)[0]
-    return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
-
-
-def branch_parameters(case: Case) -> list[str]:
-    """Parameters that a picture may run over, most telling first."""
-    if case.kind == "elbow":
-        return ["lock_pin.backlash"]
-    positive = [
-        name
-        for name, parameter in case.parameters.items()
-        if not isinstance(parameter.value, bool) and parameter.value > 0 and name != "loop.time_step"
-    ]
-    return sorted(positive, key=lambda name: (name != "loop.gain", name == "loop.delay"))
 
 
 SECTIONS: tuple[Section, ...] = (
@@ -267,8 +241,8 @@ SECTIONS: tuple[Section, ...] = (
         "How much backlash a gain bears before any limit cycle exists, put to the test on both sides. The commands "
         "eppanalysis bounds and eppanalysis guide give whole curves and tables, eppanalysis report --full this table "
         "at several gains.",
-        lambda case: _GUIDELINE if case.kind == "elbow" else "",
-        lambda case: _full_guideline(case) if case.kind == "elbow" else "",
+        lambda case: _GUIDELINE if variation_of(case).has_guideline else "",
+        lambda case: _full_guideline(case) if variation_of(case).has_guideline else "",
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
 )

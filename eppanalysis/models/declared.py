@@ -1,0 +1,145 @@
+"""Fields of a device, each declared once: default, unit, range and meaning.
+
+What a case file may hold, what is refused in which words and what the documentation says all follow from it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import Field, dataclass, field, fields
+from enum import Enum
+from typing import Any, ClassVar
+
+from eppanalysis.errors import ModelError
+from eppanalysis.readable import quantity as written
+
+_KEY = "declared"
+
+
+class Form(Enum):
+    """What a field holds."""
+
+    QUANTITY = "a number"
+    COUNT = "a whole number"
+    FLAG = "true or false"
+
+
+#: Lower limits, one outside and one inside of the range, and the upper limit, which is inside; None is no limit.
+Limits = tuple[float | None, float | None, float | None]
+
+
+def unmet(value: float, limits: Limits, text: Callable[[float], str]) -> str:
+    """What is expected of a value outside of its range, with the limit as `text` writes it; empty for one inside."""
+    above, at_least, at_most = limits
+    if above is not None and not value > above:
+        return "a positive number" if above == 0 else f"more than {text(above)}"
+    if at_least is not None and not value >= at_least:
+        return "zero or a positive number" if at_least == 0 else f"at least {text(at_least)}"
+    return f"at most {text(at_most)}" if at_most is not None and not value <= at_most else ""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What is known of a field beside its name and default.
+
+    Attributes
+    ----------
+    about : str
+        What it is.
+    unit, friendly : str
+        SI unit, and the unit that people use.
+    above, at_least, at_most : float or None
+        Range, in SI units.
+    optional : bool
+        Whether a case file may leave it out.
+    form : Form
+    """
+
+    about: str
+    unit: str = ""
+    friendly: str = ""
+    above: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+    optional: bool = False
+    form: Form = Form.QUANTITY
+
+    @property
+    def limits(self) -> Limits:
+        """The range."""
+        return self.above, self.at_least, self.at_most
+
+    def refusal(self, value: Any) -> str:
+        """What is expected in place of a value; empty for one that is right."""
+        if self.form is Form.FLAG:
+            return ""
+        if self.form is Form.COUNT:
+            whole = isinstance(value, int) and not unmet(value, self.limits, str)
+            return "" if whole else f"a whole number from {self.at_least} to {self.at_most}"
+        if not math.isfinite(value):
+            return "a finite number"
+        return unmet(value, self.limits, lambda limit: written(limit, self.unit))
+
+
+def quantity(default: float | None, about: str, unit: str = "", friendly: str = "", **limits: Any) -> Any:
+    """A field of a device that is a number; one that is None by default may be left out.
+
+    Parameters
+    ----------
+    default : float or None
+    about, unit, friendly : str
+    **limits
+        Further attributes of :class:`Declared`.
+    """
+    declared = Declared(about, unit, friendly, **{"optional": default is None, **limits})
+    return field(default=default, metadata={_KEY: declared})
+
+
+def whole_number(about: str, at_least: int, at_most: int) -> Any:
+    """A field of a device that is a count, or None."""
+    declared = Declared(about, at_least=at_least, at_most=at_most, optional=True, form=Form.COUNT)
+    return field(default=None, metadata={_KEY: declared})
+
+
+def flag(about: str) -> Any:
+    """A field of a device that is true or, by default, false."""
+    return field(default=False, metadata={_KEY: Declared(about, optional=True, form=Form.FLAG)})
+
+
+class Section:
+    """Base of the dataclasses that are one section of a device: their fields are checked and documented.
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite or out of its range.
+    """
+
+    #: Whether a case file may leave the whole section out.
+    left_out: ClassVar[bool] = False
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def __init_subclass__(cls) -> None:
+        lines = [inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "----------"]
+        for name, annotation in cls.__annotations__.items():
+            found = cls.__dict__.get(name)
+            if isinstance(found, Field):
+                about: Declared = found.metadata[_KEY]
+                unit = f" [{about.unit}]" if about.unit else ""
+                lines += [f"{name} : {str(annotation).replace(' | ', ' or ')}", f"    {about.about}{unit}."]
+        lines += ["", "Raises", "------", "ModelError", "    If a number is not finite or out of its range."]
+        cls.__doc__ = "\n".join(lines)
+
+    def __post_init__(self) -> None:
+        for name, about in declared_fields(type(self)).items():
+            value = getattr(self, name)
+            expected = "" if value is None else about.refusal(value)
+            if expected:
+                raise ModelError(type(self).__name__, value, expected, field=name)
+
+
+def declared_fields(section: type[Section]) -> dict[str, Declared]:
+    """What is declared of every field of a section, by their names."""
+    return {found.name: found.metadata[_KEY] for found in fields(section)}
