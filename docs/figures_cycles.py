@@ -18,7 +18,7 @@ REACH = np.radians(3.0), np.radians(130.0)
 def elbow_basins() -> Figure:
     """Where runs of the resting elbow end when its forearm is displaced and pushed, with both cycles over it."""
     case = epp.case("fig8a_original")
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     found = epp.find_limit_cycles(system, value)
     angle, speed = (system.state_names.index(name) for name in ("theta", "theta_dot"))
     grid = np.array(np.meshgrid(*(np.linspace(-r, r, N_GRID) for r in REACH), indexing="ij")).reshape(2, -1).T

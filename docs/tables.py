@@ -43,7 +43,7 @@ def run(name: str) -> epp.Trajectory:
 def prediction(name: str) -> epp.Prediction:
     """Prediction for a shipped case."""
     case = epp.case(name)
-    return epp.predict_limit_cycles(case.to_system(), case.final_input())
+    return epp.predict_limit_cycles(case)
 
 
 def number(value: float | None, digits: int = 6) -> str:

@@ -33,7 +33,7 @@ def entries(name: str, orders: Sequence[int]) -> list[Entry]:
     """All converged balances of a shipped loop at some orders, from each of its predictions."""
     system = epp.case(name).to_system()
     predicted = list(epp.predict_limit_cycles(system))
-    loop = Loop.of(system, system.input_vector(None))
+    loop = Loop.of(system, system.v0)
 
     def place(cycle: epp.LimitCycle) -> np.ndarray:
         return np.append(np.abs(inputs_of(loop, cycle)[:, 1]), cycle.omega)

@@ -17,7 +17,7 @@ AT_ONCE = 1e-7
 def cycles_of(name: str) -> tuple[epp.LureSystem, dict[str, float], list[LimitCycle]]:
     """A shipped case's loop, its final input, and its cycles: all of them, or the one that a sampled loop is on."""
     case = epp.case(name)
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     if system.time_step:
         found = epp.simulate(system, t_end=2000.0 * system.time_step).limit_cycle
         return system, value, [] if found is None else [found]

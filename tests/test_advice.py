@@ -36,7 +36,7 @@ def case() -> epp.Case:
 def cycle(case: epp.Case) -> epp.LimitCycle:
     """The stable one at half a degree, beyond the bound."""
     beyond = case.with_values({LIMIT: "0.5 deg"})
-    return epp.find_limit_cycles(beyond.to_system(), beyond.final_input()).stable[-1]
+    return epp.find_limit_cycles(beyond).stable[-1]
 
 
 @pytest.fixture(scope="module")

@@ -64,13 +64,13 @@ def _functions() -> Iterator[Door]:
         "shipped_cases": {},
         "simulate": {"system": loop, "input": None, "t_end": 1.0, "t_eval": None, "max_events": 100, "step": None,
                      "max_steps": 1000},
-        "predict_limit_cycles": {"system": loop, "input_value": None},
-        "harmonic_balance": {"system": loop, "guess": cycle, "order": 3, "input_value": None},
-        "exact_orbit": {"system": loop, "start": cycle, "input_value": None},
-        "find_limit_cycles": {"system": loop, "input_value": None, "by_balance": False, "predicted": [],
+        "predict_limit_cycles": {"system": loop, "operating_point": None},
+        "harmonic_balance": {"system": loop, "guess": cycle, "order": 3, "operating_point": None},
+        "exact_orbit": {"system": loop, "start": cycle, "operating_point": None},
+        "find_limit_cycles": {"system": loop, "operating_point": None, "by_balance": False, "predicted": [],
                               "progress": None},
-        "knock": {"system": loop, "input_value": None, "states": None, "cycles": None},
-        "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "inputs": None},
+        "knock": {"system": loop, "operating_point": None, "states": None, "cycles": None},
+        "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "operating_point": None},
         "ladder": {"case": case},
         "continue_branch": {"case": case, "parameter": threshold, "start": 0.5, "stop": 0.6, "cycle": None,
                             "origin": None, "n_points": 3, "max_step": 0.05, "n_simulated": 0, "n_others": 0},
@@ -158,6 +158,9 @@ def _constructors() -> Iterator[Door]:
     yield Door("LureSystem.from_tf", epp.LureSystem.from_tf, {"plant": plant, "element": element, **rest})
     blocks = {"blocks": [plant, element], "element_names": None, **rest}
     yield Door("LureSystem.from_blocks", epp.LureSystem.from_blocks, blocks)
+    yield Door("OperatingPoint", epp.OperatingPoint, {"inputs": {"hand": 1.0}, "moving": {}})
+    given = {"name": "loop", "title": "", "input": None, "t_end": 1.0, "signal": None}
+    yield Door("Case.from_system", epp.Case.from_system, {"loop": loop, **given})
     for kind in (epp.LatinHypercube, epp.Sobol):
         yield Door(kind.__name__, _swept(case, kind), {"ranges": {level: (1.0, 1.1)}, "n": 2, "seed": 0})
     spread = {"n": 2, "seed": 0, "names": None, "distribution": "uniform"}
@@ -189,7 +192,8 @@ def _methods() -> Iterator[Door]:
     yield Door("Case.unit", case.unit, {"name": name})
     yield Door("Case.readable", case.readable, {"name": name})
     yield Door("Case.text", case.text, {"name": name, "value": 1.0, "digits": 3})
-    yield Door("LureSystem.input_vector", loop.input_vector, {"given": None})
+    yield Door("OperatingPoint.of", epp.OperatingPoint.of, {"system": loop, "input": None, "time": 1.0})
+    yield Door("OperatingPoint.held", epp.OperatingPoint().held, {"inputs": {"hand": 1.0}})
     yield Door("LureSystem.frequency_response", loop.frequency_response, {"omega": 1.0})
     yield Door("LimitCycle.amplitude", cycle.amplitude, {"signal": loop.signals.names[0]})
     yield Door("LimitCycle.plot", cycle.plot, {"signals": None})

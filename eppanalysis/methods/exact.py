@@ -33,8 +33,8 @@ _TRUSTED = 0.05
 _REFUTES = 5e-3
 
 
-def steady_hybrid(system: LureSystem, at: OperatingPoint, observed: bool = False) -> HybridSystem:
-    """The hybrid system with its inputs held from the start; `observed` as for :meth:`HybridSystem.from_lure`.
+def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed: bool = False) -> HybridSystem:
+    """The hybrid system with its inputs held, by default at `v0`; `observed` as for :meth:`HybridSystem.from_lure`.
 
     Raises
     ------
@@ -45,7 +45,8 @@ def steady_hybrid(system: LureSystem, at: OperatingPoint, observed: bool = False
     """
     if system.time_step:
         raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
-    hybrid = HybridSystem.from_lure(replace(system, v0=at.vector(system)), observed=observed)
+    held = system if at is None else replace(system, v0=at.vector(system))
+    hybrid = HybridSystem.from_lure(held, observed=observed)
     none = {"knot_time": np.zeros(0), "knot_state": np.zeros(0, np.int64), "knot_value": np.zeros(0)}
     none |= {"knot_held": np.zeros(0, np.int64), "knot_slope": np.zeros(0)}
     return replace(hybrid, model=hybrid.model._replace(**none))

@@ -50,7 +50,7 @@ def test_what_was_known_becomes_sharper(oscillating):
 def test_prediction_from_the_identified_case_is_that_from_the_true_one(oscillating):
     bench, found = oscillating
     truth = epp.case("fig8a_original").with_values(dict(bench.truth))
-    pair = [epp.predict_limit_cycles(c.to_system(), c.final_input()) for c in (truth, found.case)]
+    pair = [epp.predict_limit_cycles(c) for c in (truth, found.case)]
     assert len(pair[0]) == len(pair[1])
     for a, b in zip(*pair, strict=True):
         assert b.frequency == pytest.approx(a.frequency, rel=0.02)

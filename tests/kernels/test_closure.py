@@ -94,8 +94,8 @@ def test_a_run_that_starts_at_rest_is_at_rest() -> None:
     """From its own rest, computed with rounding, the elbow does not move, and the verdict says so."""
     case = epp.case("fig8b_reduced_backlash")
     settled = epp.simulate(case.to_system(), case.input, t_end=6.0)
-    search = epp.find_limit_cycles(case.to_system(), case.final_input())
-    again = replace(case.to_system(), x0=search.rest_state, v0=np.array(list(case.final_input().values())))
+    search = epp.find_limit_cycles(case)
+    again = replace(case.to_system(), x0=search.rest_state, v0=case.operating_point.vector(case.to_system()))
     run = epp.simulate(again, t_end=2.0)
     assert settled.status is run.status is Status.SETTLED
     assert all(event.time == 0.0 for event in run.events)  # modes find their places, nothing moves

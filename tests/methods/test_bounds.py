@@ -66,7 +66,7 @@ def test_first_order_bound_parts_predictions_with_and_without_cycles(case: epp.C
     bound = found[0].first_order
     for factor, there in ((0.997, False), (1.003, True)):
         changed = case.with_values({"lock_pin.backlash": factor * bound})
-        assert bool(len(epp.predict_limit_cycles(changed.to_system(), changed.final_input()))) is there
+        assert bool(len(epp.predict_limit_cycles(changed))) is there
 
 
 def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.DesignBounds) -> None:
@@ -135,8 +135,8 @@ def test_expressions_hold_for_cycles_of_the_harmonic_balance(name: str) -> None:
     changed = epp.case(name)
     system = changed.to_system()
     loop = steady_loop(changed)
-    guess = next(c for c in epp.predict_limit_cycles(system, changed.final_input()) if c.stable)
-    cycle = harmonic_balance(system, guess, order=5, input_value=changed.final_input())
+    guess = next(c for c in epp.predict_limit_cycles(system, changed.operating_point) if c.stable)
+    cycle = harmonic_balance(system, guess, order=5, operating_point=changed.operating_point)
     Z, pivot = anchored(inputs_of(loop, cycle))
     plan, phases, held = plan_of(loop, Z, cycle.omega)
     numbers = gather(loop, plan)
@@ -159,7 +159,7 @@ def test_expressions_hold_for_cycles_of_the_harmonic_balance(name: str) -> None:
 def test_numbers_as_polynomials_of_the_parameter(case: epp.Case) -> None:
     numbers = Numbers(lambda v: steady_loop(case.with_values({"bands.range": v})), 4.0, 30.0)
     loop = numbers.loop(12.0)
-    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.final_input()) if c.stable)
+    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
     plan, _, _ = plan_of(loop, inputs_of(loop, cycle), cycle.omega)
     dependence = numbers.dependence(plan, 12.0)
     for value in (11.3, 13.1):
@@ -307,7 +307,7 @@ def test_tolerances(wheelchair: epp.Case) -> None:
 def test_correction_says_why_there_is_no_orbit(case: epp.Case) -> None:
     question = Question(case, "lock_pin.backlash", 0.0005, 0.006)
     loop = steady_loop(case)
-    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.final_input()) if c.stable)
+    cycle = next(c for c in epp.predict_limit_cycles(loop.system, case.operating_point) if c.stable)
     from eppanalysis.methods.bounds_fold import Cycle
 
     bound = correct(question, Cycle(0.004, inputs_of(loop, cycle), cycle.omega), 1.0)

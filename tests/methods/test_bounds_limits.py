@@ -21,7 +21,6 @@ from eppanalysis.methods.bounds_harmonic import (
     HarmonicSweep,
     Question,
     idle,
-    inputs_at_end,
     look,
     steady_loop,
 )
@@ -72,7 +71,7 @@ def ends(question: Question, value: float, orbit: LimitCycle) -> Status:
     """Where an event-exact run from a state of the orbit ends at a value of the limit."""
     case = question.case_at(value)
     system = case.to_system()
-    hybrid = steady_hybrid(system, inputs_at_end(case, system))
+    hybrid = steady_hybrid(system, case.operating_point)
     x0, H0 = start_of(hybrid, orbit)
     hybrid = replace(hybrid, x0=x0, H0=H0)
     t = 400.0 * orbit.period
@@ -104,7 +103,7 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
     """With the original pulley at 1.5 lbf half a degree of backlash is too much; with half the friction it is not."""
     limit, own = "pulley.friction", epp.case("fig6a_original_pulley").value("pulley.friction")
     here = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", BACKLASH: "0.5 deg", limit: own})
-    cycle = epp.find_limit_cycles(here.to_system(), here.final_input()).stable[-1]
+    cycle = epp.find_limit_cycles(here).stable[-1]
     branch = epp.continue_branch(here, limit, own, 0.01, cycle=cycle, max_step=0.05)
     cell = bound_of_branch(Question(here, limit, 0.01, own), here.value(BACKLASH), branch, Settings(starts=40))
     assert cell is not None and cell.verified, cell

@@ -52,7 +52,7 @@ def starts_around(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -
 
 def check(name: str, count: int) -> None:
     case = epp.case(name)
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     found = epp.find_limit_cycles(system, value)
     reached = basin(system, found, starts_around(system, found, count), value)
     stable = {i for i, c in enumerate(found) if c.stable}

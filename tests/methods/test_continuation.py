@@ -22,7 +22,7 @@ POUND = 4.4482216152605
 @pytest.fixture(scope="module")
 def original():
     case = epp.case("fig8a_original")
-    return case, epp.find_limit_cycles(case.to_system(), case.final_input())
+    return case, epp.find_limit_cycles(case)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_nothing_oscillates_below_the_fold_and_two_cycles_exist_above():
     case = epp.case("fig8a_original")
     for degrees, expected in ((0.97, 0), (0.99, 2)):
         changed = case.with_values({"lock_pin.backlash": f"{degrees} deg"})
-        assert len(epp.find_limit_cycles(changed.to_system(), changed.final_input())) == expected
+        assert len(epp.find_limit_cycles(changed)) == expected
 
 
 def test_branch_passes_through_what_simulation_finds():

@@ -63,7 +63,7 @@ def test_the_drive_just_stops_at_the_corner(branch: epp.Branch) -> None:
 def test_the_corner_is_the_same_from_the_unstable_side(case: epp.Case, branch: epp.Branch) -> None:
     """There the drive does not stop yet; where it begins to, the longer sequence of events says where it is."""
     changed = case.with_values({LIMIT: "0.86 deg"})
-    [unstable] = epp.find_limit_cycles(changed.to_system(), changed.final_input()).unstable
+    [unstable] = epp.find_limit_cycles(changed).unstable
     back = epp.continue_branch(case, LIMIT, "0.86 deg", "0.7 deg", cycle=unstable)
     assert not back.points["stable"][0] and back.points["stable"][-1]
     assert corner_of(back).value == pytest.approx(corner_of(branch).value, rel=1e-10)

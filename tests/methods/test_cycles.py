@@ -40,7 +40,7 @@ def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
 
 def test_original_elbow_has_a_stable_and_an_unstable_cycle():
     case = epp.case("fig8a_original")
-    found = epp.find_limit_cycles(case.to_system(), case.final_input())
+    found = epp.find_limit_cycles(case)
     assert [c.stable for c in found] == [False, True]
     assert found.rests
     assert found.status is Status.CONVERGED
@@ -63,7 +63,7 @@ def test_unstable_cycle_separates_outcomes():
 @pytest.mark.parametrize("name", ["fig8b_reduced_backlash", "fig6b_ball_bearing", "soft_cable", "upright"])
 def test_nothing_is_invented_where_all_starts_settle(name):
     case = epp.case(name)
-    found = epp.find_limit_cycles(case.to_system(), case.final_input())
+    found = epp.find_limit_cycles(case)
     assert len(found) == 0
     assert found.rests
 
@@ -72,7 +72,7 @@ def test_a_step_that_settles_is_no_proof():
     # The light forearm settles after the step, and yet a stable cycle exists beside the resting state.
     case = epp.case("light_forearm")
     assert epp.simulate(case.to_system(), case.input, t_end=case.t_end).status is Status.SETTLED
-    assert [c.stable for c in epp.find_limit_cycles(case.to_system(), case.final_input())] == [False, True]
+    assert [c.stable for c in epp.find_limit_cycles(case)] == [False, True]
 
 
 def test_knocks_are_confirmed_on_both_sides():
@@ -149,7 +149,7 @@ def test_a_cycle_with_dead_time_goes_round_once():
 def test_an_event_at_standstill_is_no_motion(away: float, rest: bool) -> None:
     """A drive that creeps to a stop may still switch, by rounding, just before the end of a run."""
     case = epp.case("fig8b_reduced_backlash")
-    hybrid = steady_hybrid(case.to_system(), case.final_input())
+    hybrid = steady_hybrid(case.to_system(), case.operating_point)
     t = 60.0
     run = run_hybrid(hybrid, t, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 600)
     size = np.ptp(run.state[run.order], axis=0)
@@ -194,7 +194,7 @@ def test_a_continuum_of_cycles_is_listed_once(seed, periods):
 def test_an_isolated_cycle_is_none_of_a_continuum():
     for name in ("fig8a_original", "relay_deadzone", "backlash_servo", "stiction_level_S5J2"):
         case = epp.case(name)
-        found = epp.find_limit_cycles(case.to_system(), case.final_input())
+        found = epp.find_limit_cycles(case)
         assert found and "continuum" not in found.search + "".join(c.stability_criterion for c in found)
 
 

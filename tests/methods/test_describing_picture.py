@@ -43,7 +43,7 @@ def test_loop_gain_says_which_gain_would_keep_up_an_oscillation():
 
 def test_loop_gain_of_the_elbow_rises_through_the_unstable_cycle_and_falls_through_the_stable_one():
     case = epp.case("fig8a_original")
-    prediction = epp.predict_limit_cycles(case.to_system(), case.final_input())
+    prediction = epp.predict_limit_cycles(case)
     (branch,) = prediction.curves["branches"]
     amplitude, gain = np.log(branch["amplitude"]), np.log(branch["loop_gain"])
     for cycle, meeting in zip(prediction, prediction.curves["intersections"], strict=True):
@@ -55,7 +55,7 @@ def test_loop_gain_of_the_elbow_rises_through_the_unstable_cycle_and_falls_throu
 
 def test_loop_gain_of_an_elbow_without_cycles_stays_below_one():
     case = epp.case("fig8b_reduced_backlash")
-    prediction = epp.predict_limit_cycles(case.to_system(), case.final_input())
+    prediction = epp.predict_limit_cycles(case)
     assert len(prediction) == 0 and prediction.curves["branches"]
     assert max(float(b["loop_gain"].max()) for b in prediction.curves["branches"]) < 1.0
 

@@ -21,14 +21,14 @@ from tests.freeplay import EDGE, freeplay
 def unstable():
     """The original elbow, its input, and its unstable cycle as first order predicts it."""
     case = epp.case("fig8a_original")
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     return system, value, epp.predict_limit_cycles(system, value)[0]
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "relay_deadzone", "band_two_cycles", "quantised_sensor_ct"])
 def test_every_prediction_leads_to_its_own_orbit(name):
     case = epp.case(name)
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     guesses = epp.predict_limit_cycles(system, value)
     found = [epp.exact_orbit(system, guess, value) for guess in guesses]
     assert [c.stable for c in found] == [c.stable for c in guesses]
@@ -80,7 +80,7 @@ def test_a_cycle_of_another_period_is_not_the_predicted_one():
 
 def test_a_prediction_without_an_orbit_says_so():
     case = epp.case("elbow_cycle_not_there")
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     guess = epp.predict_limit_cycles(system, value)[1]
     cycle = epp.exact_orbit(system, guess, value)
     assert cycle.status is Status.NOT_CONVERGED and np.isnan(cycle.residual) and cycle.stable is None

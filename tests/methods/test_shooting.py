@@ -12,8 +12,6 @@ from scipy.optimize import brentq, fsolve
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.orbit_guess import require_autonomous
-from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.signals import Ramp
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
@@ -28,7 +26,7 @@ def run_of(name):
 def exact_of(name):
     """The exact orbit near where a run of the case ends."""
     case, cycle = run_of(name)
-    found = epp.find_limit_cycles(case.to_system(), case.final_input())
+    found = epp.find_limit_cycles(case)
     return case, cycle, min(found, key=lambda c: abs(c.period - cycle.period))
 
 
@@ -98,7 +96,7 @@ def test_orbit_agrees_with_shooting_on_scipy():
 def test_oscillating_rows_of_the_truth_table_agree_with_shooting_on_scipy(number):
     """An integrator and equations that share nothing with the package, to the last turn of its return map."""
     case = epp.case(ROWS[number]["name"])
-    system, value = case.to_system(), case.final_input()
+    system, value = case.to_system(), case.operating_point
     exact = epp.exact_orbit(system, next(c for c in epp.predict_limit_cycles(system, value) if c.stable), value)
     turn = closed_turn(row(number), settle=1.0)
     assert turn.change < 1e-10
@@ -142,6 +140,6 @@ def test_prediction_without_an_orbit_gives_a_status():
 
 def test_moving_inputs_are_refused():
     system = epp.case("fig8a_original").to_system()
-    hybrid = HybridSystem.from_lure(system, {"harness_position": Ramp(0.01, 0.0)})
-    with pytest.raises(EppError, match="come to rest"):
-        require_autonomous(hybrid)
+    moving = epp.OperatingPoint.of(system, Ramp(0.01, 0.0), time=1.0)
+    with pytest.raises(EppError, match="'harness_position' is a ramp motion that has not ended at 1 s"):
+        epp.exact_orbit(system, epp.predict_limit_cycles(system)[0], moving)

@@ -529,9 +529,9 @@ def test_a_run_that_has_closed_ends_at_its_event_limit_with_the_signals_until_th
 @pytest.mark.parametrize("periods", [3.3, 4.0, 5.0])
 def test_a_run_that_leaves_an_unstable_cycle_from_rounding_is_on_no_cycle(name: str, periods: float) -> None:
     case = epp.case(name)
-    system, final = case.to_system(), case.final_input()
+    system, final = case.to_system(), case.operating_point
     (cycle,) = epp.find_limit_cycles(system, final).unstable
-    rest = {n: Constant(final[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+    rest = {n: Constant(final.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
     run = epp.simulate(replace(system, x0=cycle.state, memory=cycle.memory), rest, t_end=periods * cycle.period)
     assert run.status is Status.UNDECIDED
 

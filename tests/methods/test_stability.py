@@ -17,7 +17,7 @@ from eppanalysis.methods.stability import describe, is_stable, multipliers
 
 def orbit_of(name):
     case = epp.case(name)
-    hybrid = steady_hybrid(case.to_system(), case.final_input())
+    hybrid = steady_hybrid(case.to_system(), case.operating_point)
     run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 50_000, 400)
     period = epp.simulate(case.to_system(), case.input, t_end=case.t_end).limit_cycle.period
     for guess in recurrences(hybrid, run, (0.99 * period, 1.01 * period), 3):

@@ -116,7 +116,7 @@ def test_predictions_beside_runs() -> None:
     found = sweep(CASE, axes, run=("simulate", "predict"), signals="all", progress=False)
     assert found["outcome"].values.tolist() == [1, 2]
     cell = found.isel({"lock_pin.backlash": 1})
-    stable = [c for c in epp.predict_limit_cycles(CASE.to_system(), CASE.final_input()) if c.stable]
+    stable = [c for c in epp.predict_limit_cycles(CASE) if c.stable]
     assert float(cell["predicted_frequency"]) == pytest.approx(stable[-1].frequency, rel=1e-12)
     assert float(cell["predicted_amplitude_sensor_force"]) == pytest.approx(
         stable[-1].peak_to_peak["sensor_force"] / 2, rel=1e-12
