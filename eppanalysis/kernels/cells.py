@@ -12,7 +12,6 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.hybrid import PAUSED, run
-from eppanalysis.kernels.lanes import padded
 from eppanalysis.kernels.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
@@ -37,35 +36,32 @@ class Outcome(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def run_cells(
-    stack, slots, work, room, none, period_samples, ring, x0, modes0, H0, compared, t_end, base_step, max_events, first,
-    last, out,
+    stack, slots, work, room, none, period_samples, ring, now, x0, modes0, H0, compared, base_step, first, last, out
 ):  # fmt: skip
     """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`.
 
     `none` and `period_samples` are Samples without and with SAMPLES + 1 times; slots, work and room are those of any of
-    the models.
+    the models; `now` says when runs end.
     """
     n, n_y, keep = x0.shape[1], out.mean.shape[1], ring.t.size
-    x, modes, H = np.zeros(padded(n)), np.empty(modes0.shape[1], np.int64), np.empty(H0.shape[1])
-    rate, stats, found = np.zeros(padded(n)), np.empty(8), np.empty(4)
+    x, modes, H, found, t_end = room.x, room.modes, room.H, np.empty(4), now.t_end
     times, signals = period_samples.times, period_samples.out
     for c in range(first, last):
         model = rows(stack, c)
         x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
         slots.count[0] = 0
-        step = base_step[c]
-        room.pause[2], code = 0.0, PAUSED
+        now.base_step, now.t_end, now.watch, now.paused, code = base_step[c], t_end, True, False, PAUSED
         while code == PAUSED:
             if out.stop[0]:
                 return
-            code = run(model, slots, work, room, x, modes, H, t_end, step, none, max_events, ring, rate, stats, True)
-        count = int(stats[1])
+            code = run(model, slots, work, room, none, ring, now)
+        count = now.count
         out.code[c], out.events[c] = code, count
         out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
         if code != 0:
             continue
-        low, high = room.range[0], room.range[1]
-        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, low, high, rate, compared, found)
+        low, high = room.low, room.high
+        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, low, high, room.rate, compared, found)
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]
@@ -81,13 +77,14 @@ def run_cells(
                 times[i] = 2.0 * i * period
         else:
             continue
-        once, code = period_samples, PAUSED
+        now.t_end, now.watch, code = period, False, PAUSED
         while code == PAUSED and not out.stop[0]:
-            code = run(model, slots, work, room, x, modes, H, period, step, once, max_events, ring, rate, stats, False)
+            code = run(model, slots, work, room, period_samples, ring, now)
         if kind == SETTLED:
             out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
         else:
-            _shape(signals, int(stats[2]), out.mean[c], out.low[c], out.high[c])
+            _shape(signals, now.i_sample, out.mean[c], out.low[c], out.high[c])
+    now.t_end = t_end
 
 
 @njit(cache=True, nogil=True)

@@ -55,8 +55,8 @@ LONG_QUIET = 16
 
 
 @njit(**ENTRY)
-def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_events, ring, rate, stats, watched):
-    """Run from time 0 to t_end; x, modes and H are changed in place to the state at the end.
+def run(model, slots, work, room, samples, ring, now):
+    """Run from time 0 to the end; state, modes and held values of the room are changed in place to those at the end.
 
     A run that has closed on a cycle is carried through all whole periods to come: its clock, its events, and its
     signals, whose samples are taken in one turn, in the order of their phases. The rest of the last period is computed.
@@ -66,23 +66,13 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
     model : Model
     slots, work, room : Slots, Work, Room
         From `make_rooms`. Mode combinations that are compiled already (for this model and step) are not compiled again.
-    x, modes, H : arrays (n+,), (E,), (h,)
-        State (padded), mode of each element, held values (the last one is 1).
-    t_end, base_step : float
-        End, and longest step of the grid.
+        The room's x, modes and H hold the start; its rate is filled with that of the state at the end.
     samples : Samples
         Filled with the signals.
-    max_events : int
-        Events allowed in all.
     ring : Ring
-        Keeps the last ones.
-    rate : array (n+,)
-        Filled with the rate of the state at the end.
-    stats : array (8,)
-        Filled with: time reached, events, samples written, fast steps, series steps, forced leaves, periods repeated,
-        slots compiled.
-    watched : bool
-        False for a run that goes on from one that has ended: its inputs have passed, and it is computed through.
+        Keeps the last events.
+    now : record of PROGRESS
+        From `make_progress`: what is asked for, where the run stands, and what it has counted.
 
     Returns
     -------
@@ -90,315 +80,422 @@ def run(model, slots, work, room, x, modes, H, t_end, base_step, samples, max_ev
         DONE or the reason for stopping early. PAUSED: the same call goes on, to the last bit as if there had been no
         pause; the interpreter has its turn in between.
     """
-    n, n_s = model.S.shape
-    X, Y, Sg, arg, aux = room.X, room.Y, room.Sg, room.arg, room.aux
-    p, largest, recent, D, f = room.p, room.row[0], room.row[1], room.row[2], room.row[3]
-    xd, speed, small, wide, one, recent_behind = (
-        room.row[4], room.row[5], room.row[6], room.row[7], room.row[8], room.row[9]
-    )  # fmt: skip
-    constant, lift, g0, g1, tol = room.guard[0], room.guard[1], room.guard[2], room.guard[3], room.guard[4]
-    stray, top = room.guard[5], room.guard[6]
-    held, still, end, low, high = room.held, room.still, room.end, room.range[0], room.range[1]
-    line_t, line_h, line_c, line_n = room.line_t, room.line_h, room.line_c, room.line_n
-    times, rows, out = samples.times, samples.rows, samples.out
-    all_samples, n_knots, n_e, beyond = samples.phases.size, model.knot_time.size, modes.size, room.then_x[0]
-    t, until, count, i_sample, n_samples = 0.0, t_end, 0, 0, all_samples
-    i_knot = 0 if watched else n_knots
-    origin, j_grid, last_t, same_instant, quiet, armed, forced = 0.0, 0, 0.0, 0, 0, False, False
-    # Whether the constant parts are those of the mode; what fast steps carry along, that of the state; and whether the
-    # state comes from a series step.
-    entered, renewed, stepped = False, False, False
-    aside, t_behind, i_behind = False, 0.0, 0
-    delayed = line_h.shape[1] > 1
-    limit_same = 2 * model.mode_first[-1] + 16
-    watch, keep, pause = room.watch, ring.t.size, room.pause
-    code, spent = DONE, 0.0
-    if pause[2] == 0.0:
-        watch[0] = watch[2] = 0.0
-        for i in range(8):
-            stats[i] = 0.0
-        _forget(room, x, n)
-        take_sizes(largest, x)
-        take_sizes(recent, x)
-        take(low, x)
-        take(high, x)
-        one[:] = 1.0
-        q = find_slot(model, slots, work, modes, base_step)
-        if q < 0:
-            return SINGULAR
-        start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
-    else:
-        t, until, origin, last_t, t_behind, spent = pause[3], pause[4], pause[5], pause[6], pause[7], pause[8]
-        count, i_sample, n_samples, i_knot, j_grid = (
-            int(pause[9]), int(pause[10]), int(pause[11]), int(pause[12]), int(pause[13])
-        )  # fmt: skip
-        same_instant, quiet, i_behind, q = int(pause[14]), int(pause[15]), int(pause[16]), int(pause[17])
-        armed, forced, entered = pause[18] > 0.0, pause[19] > 0.0, pause[20] > 0.0
-        renewed, stepped, aside, watched = pause[21] > 0.0, pause[22] > 0.0, pause[23] > 0.0, pause[24] > 0.0
-        pause[2] = 0.0
-    stop_at = spent + pause[0]
-    while True:
-        if spent >= stop_at:
-            if spent >= pause[1] and not aside:
-                code = STEP_LIMIT
+    if now.paused:
+        now.paused = False
+    elif not _begin(model, slots, work, room, samples, now):
+        return SINGULAR
+    stop_at = now.spent + now.slice
+    now.code = DONE
+    while now.code == DONE:
+        if now.spent >= stop_at:
+            if now.spent < now.most_steps or now.aside:
+                now.paused = True
+                return PAUSED
+            now.code = STEP_LIMIT
+            break
+        now.spent += 1.0
+        _meet_inputs(model, slots, work, room, ring, now)
+        if now.code != DONE or not _stand(slots, room, now):
+            break
+        if now.t >= now.until:
+            if not now.aside:
                 break
-            pause[2] = 1.0
-            pause[3], pause[4], pause[5], pause[6], pause[7], pause[8] = t, until, origin, last_t, t_behind, spent
-            pause[9], pause[10], pause[11], pause[12], pause[13] = count, i_sample, n_samples, i_knot, j_grid
-            pause[14], pause[15], pause[16], pause[17] = same_instant, quiet, i_behind, q
-            pause[18], pause[19], pause[20] = armed, forced, entered
-            pause[21], pause[22], pause[23], pause[24] = renewed, stepped, aside, watched
-            return PAUSED
-        spent += 1.0
-        # External inputs that jump or bend now; what begins at the start is no jump, for all starts from there.
-        if i_knot < n_knots and model.knot_time[i_knot] <= t:
-            if t > 0.0 and may_leave_behind(model, modes, n_e):
-                if not entered:
-                    _enter(slots, q, H, f, constant, lift, still)
-                _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate)
-                take(beyond, x)
-                _put_inputs(model, i_knot, t, beyond)
-                q, count = let_go(
-                    model, slots, work, room, ring, q, -1, x, beyond, recent, H, Sg, 0, 0.0, modes, base_step, t, rate,
-                    count, not aside,
-                )  # fmt: skip
-                if q < 0:
-                    code = SINGULAR
-                    break
-            _put_inputs(model, i_knot, t, x)
-            while i_knot < n_knots and model.knot_time[i_knot] <= t:
-                H[model.knot_held[i_knot]] = model.knot_slope[i_knot]
-                i_knot += 1
-            armed, entered = False, False
-        if not entered:
-            _enter(slots, q, H, f, constant, lift, still)
-            entered = True
-        if stepped:
-            stepped = False
-            lower_to(low, x)
-            raise_to(high, x)
-            if _too_large(x):
-                code = DIVERGED
-                break
-        if t >= until:
-            if not aside:
-                break
-            # Back from the period that served the samples of all periods to come, to the time behind them.
-            _write_rest(slots, q, x, still, Sg[0], rows, i_sample, n_samples, out)
-            _copy_start(room.x, room.modes, room.H, x, modes, H)
-            take(recent, recent_behind)
-            aside, t, until, i_sample, n_samples = False, t_behind, t_end, i_behind, all_samples
-            origin, last_t, same_instant, quiet, armed, entered = 0.0, t, 0, 0, False, False
-            q = find_slot(model, slots, work, modes, base_step)
+            _come_back(model, slots, work, room, samples, now)
             continue
-        h = slots.step[q]
-        t_stop = until
-        if i_knot < n_knots and model.knot_time[i_knot] < t_stop:
-            t_stop = model.knot_time[i_knot]
-        which = -1
-        if not (armed or forced) and n_s == 0:
-            which = _violated(slots, q, x, recent, constant, wide)
-            if which < 0 and i_sample == n_samples:
-                # No sample holds the run to its grid any more: it begins anew here.
-                origin, j_grid, armed, renewed = t, 0, True, False
-        if armed and not renewed:
-            _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol)
-            renewed = True
-        # Long step, where nothing has happened for a while and nothing is to be sampled.
-        if quiet >= LONG_QUIET and armed:
-            level = min(quiet // 32, LONGS - 1)
-            steps = 1 << (LONG_DOUBLINGS * (level + 1))
-            t1 = origin + (j_grid + steps) * h
-            if t1 <= t_stop and (i_sample == n_samples or times[i_sample] >= t1 - 1e-9 * h):
-                while slots.longs[q] <= level:
-                    compile_long(slots, work, q)
-                if _long_step(slots, q, level, xd, speed, g0, tol, stray, end):
-                    _move(x, xd, speed, g0, g1, end, low, high)
-                    j_grid += steps
-                    t = origin + j_grid * h
-                    quiet += 4
-                    stats[3] += 1
-                    continue
-                quiet = 0
-        # Fast steps: proven free of events from the values at their ends.
-        why = OFF_GRID
-        if armed:
-            before = j_grid
-            j_grid, i_sample, why = _fast_steps(
-                slots.T[q], slots.bound[q], slots.Y[q], slots.Ys[q], x, xd, speed, g0, g1, tol, stray, end, still,
-                one, Sg[0], times, rows, out, origin, j_grid, h, t, t_stop, i_sample, n_samples, quiet, low, high,
-            )  # fmt: skip
-            if j_grid > before:
-                t = origin + j_grid * h
-                quiet += j_grid - before
-                stats[3] += j_grid - before
-                spent += (j_grid - before) * 0.0625
-                if _too_large(x):
-                    code = DIVERGED
-                    break
-                if why != EVENT_AHEAD:
-                    continue
-        quiet = 0
-        # Series step, at most to the next point of the grid; where the past is read, the steps made then are the grid.
-        if delayed:
-            origin = t
-        j_grid = int(np.floor((t - origin) / h + 1e-9)) + 1
-        t1 = origin + j_grid * h
-        if t1 - t <= 1e-9 * h:
-            # Late in a long run the place on the grid is rounded.
-            j_grid += 1
-            t1 = origin + j_grid * h
-        on_grid = True
-        if t1 > t_stop:
-            t1, on_grid = t_stop, False
-        take_larger(largest, x, largest)
-        d = t1 - t
-        if why == EVENT_AHEAD:
-            u = _predicted(slots, q, g0, g1, tol, h, end)
-            if u < 0.9:
-                d, on_grid = min(d, u * h), False
-        if forced:
-            d, on_grid = min(d, 1e-9 * h), False
-        ahead = d
-        for j in range(n_s):
-            if model.smooth_kind[j] == DELAY_LINE:
-                counts, holds = line_room(model, j, t, line_t, line_h, line_n)
-                if counts < 0.0:
-                    code = HISTORY
-                    break
-                if counts < ahead:
-                    ahead, on_grid = counts, False
-                d = min(d, holds)
-        if code != DONE:
-            break
-        best, last = 0.0 if which >= 0 else 2.0, -1
-        while last < 0 and which < 0:
-            for j in range(n_s):
-                if model.smooth_kind[j] == DELAY_LINE:
-                    read_line(model, j, t, d, line_t, line_h, line_c, line_n, Sg, p)
-            last = expand(model, slots, q, x, f, H, d, largest, small, X, Sg, arg, aux)
-            if last < 0:
-                d, on_grid = 0.5 * d, False
-                ahead = min(ahead, d)
-                if not d > 1e-14 * h:
-                    code = STALLED
-                    break
-        stats[4] += last >= 0
-        if code != DONE:
-            break
-        if last >= 0:
-            clock = t / d if delayed else 0.0
-            which, best = _first_guard(
-                slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constant, lift, D, top, forced
-            )  # fmt: skip
-            if ahead < d and best > ahead / d:
-                which, best = -1, 2.0
-        forced = False
-        if last >= 0:
-            for i in range(n):
-                recent[i] = abs(X[0, i]) + D[i]
-        if best > 0.0:
-            u1 = min(best, ahead / d)
-            first, reached = i_sample, t + u1 * d - 1e-9 * h * (which < 0)
-            while i_sample < n_samples and times[i_sample] < reached:
-                i_sample += 1
-            if i_sample > first:
-                _sample_series(
-                    slots.Y[q], slots.Ys[q], X, last, Sg, times, rows, first, i_sample, t, d, still, wide, out
-                )  # fmt: skip
-            if n_s > 0:
-                extend_lines(model, slots, q, X, last, Sg, H, t, d, u1, line_t, line_h, line_c, line_n, p)
-        if which < 0:
-            polynomial(X, last, ahead / d, x)
-            t = t1 if on_grid or t1 - t == ahead else t + ahead
-            armed, renewed = bool(slots.linear[q]) and on_grid, False
-        else:
-            if best > 0.0:
-                polynomial(X, last, best, x)
-                t += best * d
-            if last >= 0:
-                _rates(slots, q, x, f, Sg, last, best, rate)
-            armed = False
-            if t - last_t > 1e-13 * h:
-                same_instant = 0
-            last_t = t
-            same_instant += 1
-            if same_instant > limit_same:
-                forced = True
-                stats[5] += 1
-                same_instant = 0
-                continue
-            if count >= max_events and not aside:
-                code = EVENT_LIMIT
-                break
-            k = slots.guard[q, which]
-            if may_leave_behind(model, modes, model.guard_element[k]) and not clearly_above(
-                slots, q, which, x, recent, H, Sg, last, best
-            ):
-                q, count = let_go(
-                    model, slots, work, room, ring, q, k, x, x, recent, H, Sg, last, best, modes, base_step, t, rate,
-                    count, not aside,
-                )  # fmt: skip
-                if q >= 0:
-                    which = place_of(slots, q, k)
-            if q >= 0:
-                q = switch(model, slots, work, q, which, x, recent, H, Sg, last, best, modes, held, base_step)
-            if q < 0:
-                code = SINGULAR
-                break
-            entered = False
-            if delayed and t == 0.0 and i_knot == 0:
-                # No input has jumped: the element has been for ever in another mode than it was given.
-                start_lines(model, slots, q, x, H, line_t, line_h, line_c, line_n)
-            if not aside:
-                r = count % keep
-                ring.t[r], ring.guard[r] = t, k
-                record(ring, r, x, rate, H, modes)
-                count += 1
-            if watched and i_knot == n_knots and n_s == 0:
-                take_larger(largest, x, largest)
-                p_events = closing(watch, count, ring, largest)
-                if p_events > 0:
-                    # From here on the run repeats itself: it is carried through all whole periods to come.
-                    watched = False
-                    turns, period, n_aside = _carry_on(
-                        ring, room, samples, i_sample, t, t_end, count, p_events, max_events
-                    )
-                    stats[6] = turns
-                    if turns > 0:
-                        count += turns * p_events
-                        t_behind, i_behind = t + turns * period, i_sample + n_aside
-                        if n_aside > 0:
-                            # Their samples are taken in one more period, in the order of their phases.
-                            _copy_start(x, modes, H, room.x, room.modes, room.H)
-                            take(recent_behind, recent)
-                            aside, t, until, i_sample, n_samples = True, 0.0, period, all_samples, all_samples + n_aside
-                        else:
-                            t, i_sample = t_behind, i_behind
-                        origin, last_t, same_instant = 0.0, t, 0
-        stepped = True
-    for j in range(n_s):
+        _aim(model, slots, work, room, samples, now)
+        if _go_far(slots, work, room, samples, now) or _go_fast(slots, room, samples, now):
+            continue
+        _plan(model, slots, room, now)
+        if now.code == DONE:
+            _expand(model, slots, room, now)
+        if now.code == DONE:
+            _look_ahead(model, slots, room, samples, now)
+            if now.which < 0:
+                _reach(slots, room, now)
+            elif _happen(model, slots, work, room, ring, now):
+                _enter_event(model, room, samples, ring, now)
+    _finish(model, slots, room, samples, now)
+    return now.code
+
+
+@njit(**HOT)
+def _begin(model, slots, work, room, samples, now):
+    """Clear what an earlier run left, and stand at the start; False where its modes have no solution."""
+    n = model.S.shape[0]
+    now.t, now.until, now.count, now.i_sample, now.n_samples = 0.0, now.t_end, 0, 0, samples.phases.size
+    now.watched, now.i_knot = now.watch, 0 if now.watch else model.knot_time.size
+    now.origin, now.j_grid, now.last_t, now.same_instant, now.quiet = 0.0, 0, 0.0, 0, 0
+    now.armed = now.forced = now.entered = now.renewed = now.stepped = now.aside = False
+    now.t_behind, now.i_behind, now.spent = 0.0, 0, 0.0
+    now.fast_steps = now.series_steps = now.forced_leaves = now.periods_repeated = 0
+    room.watch[0] = room.watch[2] = 0.0
+    _forget(room, n)
+    x = room.x
+    take_sizes(room.largest, x)
+    take_sizes(room.recent, x)
+    take(room.low, x)
+    take(room.high, x)
+    now.q = find_slot(model, slots, work, room.modes, now.base_step)
+    if now.q < 0:
+        return False
+    start_lines(model, slots, now.q, x, room.H, room.line_t, room.line_h, room.line_c, room.line_n)
+    return True
+
+
+@njit(**HOT)
+def _forget(room, n):
+    """Clear what an earlier run left, which may not be a number, and which reaches the padding of rows."""
+    for rows in (room.X, room.Y, room.Sg, room.arg, room.aux):
+        rows[:, :] = 0.0
+    for row in (room.largest, room.recent, room.spread, room.push, room.slope, room.speed, room.small, room.wide):
+        row[:] = 0.0
+    for row in (room.constant, room.lift, room.g0, room.g1, room.tol, room.stray, room.top):
+        row[:] = 0.0
+    for row in (room.p, room.end, room.rate, room.behind_recent, room.x[n:]):
+        row[:] = 0.0
+
+
+@njit(**HOT)
+def _meet_inputs(model, slots, work, room, ring, now):
+    """External inputs that jump or bend now; what begins at the start is no jump, for all starts from there."""
+    t, x, modes, H = now.t, room.x, room.modes, room.H
+    if not (now.i_knot < model.knot_time.size and model.knot_time[now.i_knot] <= t):
+        return
+    if t > 0.0 and may_leave_behind(model, modes, modes.size):
+        if not now.entered:
+            _enter(slots, now.q, H, room.push, room.constant, room.lift, room.still)
+        _rate_at_end(model, slots, now.q, room)
+        beyond = room.then_x[0]
+        take(beyond, x)
+        _put_inputs(model, now.i_knot, t, beyond)
+        now.q, now.count = let_go(
+            model, slots, work, room, ring, now.q, -1, x, beyond, room.recent, H, room.Sg, 0, 0.0, modes,
+            now.base_step, t, room.rate, now.count, not now.aside,
+        )  # fmt: skip
+        if now.q < 0:
+            now.code = SINGULAR
+            return
+    _put_inputs(model, now.i_knot, t, x)
+    while now.i_knot < model.knot_time.size and model.knot_time[now.i_knot] <= t:
+        H[model.knot_held[now.i_knot]] = model.knot_slope[now.i_knot]
+        now.i_knot += 1
+    now.armed = now.entered = False
+
+
+@njit(**HOT)
+def _stand(slots, room, now):
+    """Constant parts of a mode that is new, and the state's extremes behind a series step; False beyond all bounds."""
+    if not now.entered:
+        _enter(slots, now.q, room.H, room.push, room.constant, room.lift, room.still)
+        now.entered = True
+    if now.stepped:
+        now.stepped = False
+        lower_to(room.low, room.x)
+        raise_to(room.high, room.x)
+        if _too_large(room.x):
+            now.code = DIVERGED
+            return False
+    return True
+
+
+@njit(**HOT)
+def _come_back(model, slots, work, room, samples, now):
+    """Back from the period that served the samples of all periods to come, to the time behind them."""
+    first, stop = now.i_sample, now.n_samples
+    _write_rest(slots, now.q, room.x, room.still, room.Sg[0], samples.rows, first, stop, samples.out)
+    _copy_start(room.behind_x, room.behind_modes, room.behind_H, room.x, room.modes, room.H)
+    take(room.recent, room.behind_recent)
+    now.aside, now.t, now.until = False, now.t_behind, now.t_end
+    now.i_sample, now.n_samples = now.i_behind, samples.phases.size
+    now.origin, now.last_t, now.same_instant, now.quiet = 0.0, now.t, 0, 0
+    now.armed = now.entered = False
+    now.q = find_slot(model, slots, work, room.modes, now.base_step)
+
+
+@njit(**HOT)
+def _aim(model, slots, work, room, samples, now):
+    """Step of the mode, how far the run may go, a guard that is passed already, and what fast steps need."""
+    now.h, now.t_stop = slots.step[now.q], now.until
+    if now.i_knot < model.knot_time.size and model.knot_time[now.i_knot] < now.t_stop:
+        now.t_stop = model.knot_time[now.i_knot]
+    now.which, now.why = -1, OFF_GRID
+    if not (now.armed or now.forced) and model.S.shape[1] == 0:
+        now.which = _violated(slots, now.q, room.x, room.recent, room.constant, room.wide)
+        if now.which < 0 and now.i_sample == now.n_samples:
+            # No sample holds the run to its grid any more: it begins anew here.
+            now.origin, now.j_grid, now.armed, now.renewed = now.t, 0, True, False
+    if now.armed and not now.renewed:
+        _arm(slots, work, now.q, room)
+        now.renewed = True
+
+
+@njit(**HOT)
+def _go_far(slots, work, room, samples, now):
+    """One long step, where nothing has happened for a while and nothing is to be sampled; whether it was made."""
+    if now.quiet < LONG_QUIET or not now.armed:
+        return False
+    q, h = now.q, now.h
+    level = min(now.quiet // 32, LONGS - 1)
+    steps = 1 << (LONG_DOUBLINGS * (level + 1))
+    t1 = now.origin + (now.j_grid + steps) * h
+    if not (t1 <= now.t_stop and (now.i_sample == now.n_samples or samples.times[now.i_sample] >= t1 - 1e-9 * h)):
+        return False
+    while slots.longs[q] <= level:
+        compile_long(slots, work, q)
+    if _long_step(slots, q, level, room.slope, room.speed, room.g0, room.tol, room.stray, room.end):
+        _move(room.x, room.slope, room.speed, room.g0, room.g1, room.end, room.low, room.high)
+        now.j_grid += steps
+        now.t = now.origin + now.j_grid * h
+        now.quiet += 4
+        now.fast_steps += 1
+        return True
+    now.quiet = 0
+    return False
+
+
+@njit(**HOT)
+def _go_fast(slots, room, samples, now):
+    """Fast steps, proven free of events from the values at their ends; whether a series step need not follow."""
+    if not now.armed:
+        return False
+    q, before = now.q, now.j_grid
+    now.j_grid, now.i_sample, now.why = _fast_steps(
+        slots.T[q], slots.bound[q], slots.Y[q], slots.Ys[q], room.x, room.slope, room.speed, room.g0, room.g1,
+        room.tol, room.stray, room.end, room.still, room.one, room.Sg[0], samples.times, samples.rows, samples.out,
+        now.origin, now.j_grid, now.h, now.t, now.t_stop, now.i_sample, now.n_samples, now.quiet, room.low, room.high,
+    )  # fmt: skip
+    made = now.j_grid - before
+    if made == 0:
+        return False
+    now.t = now.origin + now.j_grid * now.h
+    now.quiet += made
+    now.fast_steps += made
+    now.spent += made * 0.0625
+    if _too_large(room.x):
+        now.code = DIVERGED
+        return True
+    return now.why != EVENT_AHEAD
+
+
+@njit(**HOT)
+def _plan(model, slots, room, now):
+    """Length of a series step: at most to the next point of the grid, and what counts of it where the past is read."""
+    now.quiet = 0
+    t, h = now.t, now.h
+    if room.line_h.shape[1] > 1:
+        now.origin = t  # where the past is read, the steps made then are the grid
+    now.j_grid = int(np.floor((t - now.origin) / h + 1e-9)) + 1
+    now.t1 = now.origin + now.j_grid * h
+    if now.t1 - t <= 1e-9 * h:
+        # Late in a long run the place on the grid is rounded.
+        now.j_grid += 1
+        now.t1 = now.origin + now.j_grid * h
+    now.on_grid = True
+    if now.t1 > now.t_stop:
+        now.t1, now.on_grid = now.t_stop, False
+    take_larger(room.largest, room.x, room.largest)
+    d = now.t1 - t
+    if now.why == EVENT_AHEAD:
+        u = _predicted(slots, now.q, room.g0, room.g1, room.tol, h, room.end)
+        if u < 0.9:
+            d, now.on_grid = min(d, u * h), False
+    if now.forced:
+        d, now.on_grid = min(d, 1e-9 * h), False
+    now.ahead = d
+    for j in range(model.S.shape[1]):
         if model.smooth_kind[j] == DELAY_LINE:
-            line_room(model, j, t, line_t, line_h, line_n)
-            read_line(model, j, t, 0.0, line_t, line_h, line_c, line_n, Sg, p)
-    if code == DONE:
-        first = i_sample
-        while i_sample < n_samples and times[i_sample] <= t * (1.0 + 1e-12):
-            i_sample += 1
-        _write_rest(slots, q, x, still, Sg[0], rows, first, i_sample, out)
-    if code != SINGULAR:
-        _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate)
-    stats[0], stats[1], stats[2], stats[7] = t, count, i_sample, slots.count[0]
-    return code
+            counts, holds = line_room(model, j, t, room.line_t, room.line_h, room.line_n)
+            if counts < 0.0:
+                now.code = HISTORY
+                break
+            if counts < now.ahead:
+                now.ahead, now.on_grid = counts, False
+            d = min(d, holds)
+    now.d = d
+
+
+@njit(**HOT)
+def _expand(model, slots, room, now):
+    """Series of the state over the step, which is halved until it holds; none where a guard is passed already."""
+    now.best, now.last = 0.0 if now.which >= 0 else 2.0, -1
+    while now.last < 0 and now.which < 0:
+        _read_lines(model, room, now.t, now.d)
+        now.last = expand(
+            model, slots, now.q, room.x, room.push, room.H, now.d, room.largest, room.small, room.X, room.Sg, room.arg,
+            room.aux,
+        )  # fmt: skip
+        if now.last < 0:
+            now.d, now.on_grid = 0.5 * now.d, False
+            now.ahead = min(now.ahead, now.d)
+            if not now.d > 1e-14 * now.h:
+                now.code = STALLED
+                return
+    now.series_steps += now.last >= 0
+
+
+@njit(**HOT)
+def _read_lines(model, room, t, d):
+    """Series of all delayed outputs over [t, t + d]."""
+    for j in range(model.S.shape[1]):
+        if model.smooth_kind[j] == DELAY_LINE:
+            read_line(model, j, t, d, room.line_t, room.line_h, room.line_c, room.line_n, room.Sg, room.p)
+
+
+@njit(**HOT)
+def _look_ahead(model, slots, room, samples, now):
+    """The guard that rises first on the series, and the samples and delayed outputs up to there."""
+    q, t, d, last, X, Sg, n, n_s = now.q, now.t, now.d, now.last, room.X, room.Sg, model.S.shape[0], model.S.shape[1]
+    if last >= 0:
+        clock = t / d if room.line_h.shape[1] > 1 else 0.0
+        now.which, now.best = _first_guard(slots, q, room, last, d, clock, now.forced)
+        if now.ahead < d and now.best > now.ahead / d:
+            now.which, now.best = -1, 2.0
+    now.forced = False
+    if last >= 0:
+        for i in range(n):
+            room.recent[i] = abs(X[0, i]) + room.spread[i]
+    if now.best > 0.0:
+        u1 = min(now.best, now.ahead / d)
+        first, reached = now.i_sample, t + u1 * d - 1e-9 * now.h * (now.which < 0)
+        while now.i_sample < now.n_samples and samples.times[now.i_sample] < reached:
+            now.i_sample += 1
+        if now.i_sample > first:
+            _sample_series(
+                slots.Y[q], slots.Ys[q], X, last, Sg, samples.times, samples.rows, first, now.i_sample, t, d,
+                room.still, room.wide, samples.out,
+            )  # fmt: skip
+        if n_s > 0:
+            extend_lines(
+                model, slots, q, X, last, Sg, room.H, t, d, u1, room.line_t, room.line_h, room.line_c, room.line_n,
+                room.p,
+            )  # fmt: skip
+
+
+@njit(**HOT)
+def _reach(slots, room, now):
+    """To the end of a series step on which no guard rises."""
+    polynomial(room.X, now.last, now.ahead / now.d, room.x)
+    now.t = now.t1 if now.on_grid or now.t1 - now.t == now.ahead else now.t + now.ahead
+    now.armed, now.renewed = bool(slots.linear[now.q]) and now.on_grid, False
+    now.stepped = True
+
+
+@njit(**HOT)
+def _happen(model, slots, work, room, ring, now):
+    """To the event of the guard that rises, and through it; whether there was one.
+
+    There is none where switches pile up at one instant (the next step leaves it, however short) and where the run ends.
+    """
+    if now.best > 0.0:
+        polynomial(room.X, now.last, now.best, room.x)
+        now.t += now.best * now.d
+    if now.last >= 0:
+        _rates(slots, now.q, room.x, room.push, room.Sg, now.last, now.best, room.rate)
+    now.armed = False
+    if now.t - now.last_t > 1e-13 * now.h:
+        now.same_instant = 0
+    now.last_t = now.t
+    now.same_instant += 1
+    if now.same_instant > 2 * model.mode_first[-1] + 16:
+        now.forced = True
+        now.forced_leaves += 1
+        now.same_instant = 0
+        return False
+    if now.count >= now.max_events and not now.aside:
+        now.code = EVENT_LIMIT
+        return False
+    now.guard = slots.guard[now.q, now.which]
+    _switch_over(model, slots, work, room, ring, now)
+    if now.q < 0:
+        now.code = SINGULAR
+        return False
+    now.entered = False
+    if room.line_h.shape[1] > 1 and now.t == 0.0 and now.i_knot == 0:
+        # No input has jumped: the element has been for ever in another mode than it was given.
+        start_lines(model, slots, now.q, room.x, room.H, room.line_t, room.line_h, room.line_c, room.line_n)
+    now.stepped = True
+    return True
+
+
+@njit(**HOT)
+def _switch_over(model, slots, work, room, ring, now):
+    """The next mode of the element whose guard rises, behind all that its jump leaves behind; slot -1 for none."""
+    k, x, modes, H, recent, Sg, last, best = (
+        now.guard, room.x, room.modes, room.H, room.recent, room.Sg, now.last, now.best
+    )  # fmt: skip
+    if may_leave_behind(model, modes, model.guard_element[k]) and not clearly_above(
+        slots, now.q, now.which, x, recent, H, Sg, last, best
+    ):
+        now.q, now.count = let_go(
+            model, slots, work, room, ring, now.q, k, x, x, recent, H, Sg, last, best, modes, now.base_step, now.t,
+            room.rate, now.count, not now.aside,
+        )  # fmt: skip
+        if now.q >= 0:
+            now.which = place_of(slots, now.q, k)
+    if now.q >= 0:
+        now.q = switch(
+            model, slots, work, now.q, now.which, x, recent, H, Sg, last, best, modes, room.held, now.base_step
+        )
+
+
+@njit(**HOT)
+def _enter_event(model, room, samples, ring, now):
+    """Record an event; where the run has closed by it, carry it through all whole periods to come."""
+    if not now.aside:
+        r = now.count % ring.t.size
+        ring.t[r], ring.guard[r] = now.t, now.guard
+        record(ring, r, room.x, room.rate, room.H, room.modes)
+        now.count += 1
+    if not (now.watched and now.i_knot == model.knot_time.size and model.S.shape[1] == 0):
+        return
+    take_larger(room.largest, room.x, room.largest)
+    p_events = closing(room.watch, now.count, ring, room.largest)
+    if p_events == 0:
+        return
+    now.watched = False
+    turns, period, n_aside = _carry_on(
+        ring, room, samples, now.i_sample, now.t, now.t_end, now.count, p_events, now.max_events
+    )
+    now.periods_repeated = turns
+    if turns == 0:
+        return
+    now.count += turns * p_events
+    now.t_behind, now.i_behind = now.t + turns * period, now.i_sample + n_aside
+    if n_aside > 0:
+        # Their samples are taken in one more period, in the order of their phases.
+        _copy_start(room.x, room.modes, room.H, room.behind_x, room.behind_modes, room.behind_H)
+        take(room.behind_recent, room.recent)
+        now.aside, now.t, now.until = True, 0.0, period
+        now.i_sample, now.n_samples = samples.phases.size, samples.phases.size + n_aside
+    else:
+        now.t, now.i_sample = now.t_behind, now.i_behind
+    now.origin, now.last_t, now.same_instant = 0.0, now.t, 0
+
+
+@njit(**HOT)
+def _finish(model, slots, room, samples, now):
+    """Signals at the samples that are left, and the rate of the state, where the run stands."""
+    for j in range(model.S.shape[1]):
+        if model.smooth_kind[j] == DELAY_LINE:
+            line_room(model, j, now.t, room.line_t, room.line_h, room.line_n)
+    _read_lines(model, room, now.t, 0.0)
+    if now.code == DONE:
+        first = now.i_sample
+        while now.i_sample < now.n_samples and samples.times[now.i_sample] <= now.t * (1.0 + 1e-12):
+            now.i_sample += 1
+        _write_rest(slots, now.q, room.x, room.still, room.Sg[0], samples.rows, first, now.i_sample, samples.out)
+    if now.code != SINGULAR:
+        _rate_at_end(model, slots, now.q, room)
 
 
 @njit(**INLINE)
-def _first_guard(slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constant, lift, D, top, forced):
+def _first_guard(slots, q, room, last, d, clock, forced):
     """The guard that rises first on the series, and where in [0, 1]; -1 and 2.0 when none does."""
+    X, Sg, H, p, top, constant = room.X, room.Sg, room.H, room.p, room.top, room.constant
     which, best, sized = -1, 2.0, False
-    size_sum(X, last, D)
-    row_sum_from(lift, slots.all_gf[q], X[0], 1.0, top)
-    row_sum_from(top, slots.reach_gf[q], D, 1.0, top)
+    size_sum(X, last, room.spread)
+    row_sum_from(room.lift, slots.all_gf[q], X[0], 1.0, top)
+    row_sum_from(top, slots.reach_gf[q], room.spread, 1.0, top)
     for g in range(slots.n_guards[q]):
         if top[g] < 0.0 and (Sg.shape[1] == 0 or not (slots.on_rate[q, g] or slots.smooth_guard[q, g])):
             continue
@@ -406,21 +503,14 @@ def _first_guard(slots, q, X, last, Sg, H, d, recent, clock, Y, wide, p, constan
         if p[0] < 0.0 and not may_rise(p):
             continue
         if not sized:
-            term_sizes(slots, q, X, Sg, H, d, recent, clock, 0, 2, Y, wide)
+            term_sizes(slots, q, X, Sg, H, d, room.recent, clock, 0, 2, room.Y, room.wide)
             sized = True
-        u = rise_from_start(slots, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p, forced)
+        u = rise_from_start(
+            slots, q, g, X, last, Sg, H, d, room.recent, clock, room.Y, room.wide, p, forced
+        )  # fmt: skip
         if u < best:
             best, which = u, g
     return which, best
-
-
-@njit(**HOT)
-def _forget(room, x, n):
-    """Clear what an earlier run left, which may not be a number, and which reaches the padding of rows."""
-    for rows in (room.X, room.Y, room.Sg, room.arg, room.aux, room.row, room.guard):
-        rows[:, :] = 0.0
-    for row in (room.p, room.end, x[n:]):
-        row[:] = 0.0
 
 
 @njit(**INLINE)
@@ -613,17 +703,18 @@ def _rates(slots, q, x, f, Sg, last, u, rate):
             rate[i] += slots.S[q, i, j] * sigma
 
 
-@njit(**INLINE)
-def _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate):
+@njit(**HOT)
+def _rate_at_end(model, slots, q, room):
     """Rate of the state where a run stands; one that is rounding of what it was added up from is none."""
+    rate, Sg, f, small = room.rate, room.Sg, room.push, room.small
     n_s = Sg.shape[1]
-    take(X[0], x)
+    take(room.X[0], room.x)
     for j in range(n_s):
         if model.smooth_kind[j] != DELAY_LINE:
-            _smooth_term(model, j, 0, X, H, Sg, arg, aux)
-    _rates(slots, q, x, f, Sg, 0, 0.0, rate)
-    take_sizes(wide, x)
-    row_sum(slots.M_size[q], wide, 1.0, small)
+            _smooth_term(model, j, 0, room.X, room.H, Sg, room.arg, room.aux)
+    _rates(slots, q, room.x, f, Sg, 0, 0.0, rate)
+    take_sizes(room.wide, room.x)
+    row_sum(slots.M_size[q], room.wide, 1.0, small)
     for i in range(slots.S.shape[1]):
         # A run at rest is known by it.
         if n_s == 0 and not abs(rate[i]) > 64.0 * EPS * (abs(f[i]) + small[i]):
@@ -631,12 +722,13 @@ def _rate_at_end(model, slots, q, x, f, H, X, Sg, arg, aux, wide, small, rate):
 
 
 @njit(**INLINE)
-def _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol):
+def _arm(slots, work, q, room):
     """Matrices, rates and guards of a linear slot, for the fast steps that follow."""
     if not slots.ready[q]:
         compile_step(slots, work, q)
+    x, xd, wide, speed, constant, g0 = room.x, room.slope, room.wide, room.speed, room.constant, room.g0
     take_sizes(wide, x)
-    row_sum_from(f, slots.M[q], x, 1.0, xd)
+    row_sum_from(room.push, slots.M[q], x, 1.0, xd)
     take_sizes(speed, xd)
     G = slots.n_guards[q]
     for g in range(G):
@@ -644,9 +736,9 @@ def _arm(slots, work, q, x, f, constant, wide, xd, speed, g0, g1, tol):
         if slots.on_rate[q, g]:
             v += dot(slots.gb[q, g], xd)
             size += dot(slots.gb_size[q, g], speed)
-        g0[g], g1[g], tol[g] = v, dot(slots.gf[q, g], xd), 256.0 * EPS * size
+        g0[g], room.g1[g], room.tol[g] = v, dot(slots.gf[q, g], xd), 256.0 * EPS * size
     for g in range(G, g0.size):
-        g0[g], g1[g], tol[g] = -1.0, 0.0, 0.0
+        g0[g], room.g1[g], room.tol[g] = -1.0, 0.0, 0.0
 
 
 @njit(**INLINE)

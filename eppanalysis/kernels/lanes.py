@@ -13,13 +13,20 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic, register_jitable
+from numba.core import cgutils, config, types
+from numba.extending import intrinsic as compiled_intrinsic, register_jitable
 from numpy.typing import NDArray
 
-LANES = 8
+from eppanalysis.kernels import lanes_plain
+
+LANES = lanes_plain.LANES
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+def intrinsic(function: Any) -> Any:
+    """Numba's decorator of the same name; where numba is switched off, the function of that name in plain numpy."""
+    return getattr(lanes_plain, function.__name__) if config.DISABLE_JIT else compiled_intrinsic(function)
 
 
 @register_jitable

@@ -122,8 +122,7 @@ def _output_equations(model, modes, E, F):
 @njit(**HOT)
 def compile_modes(model, slots, work, q, modes):
     """Affine system of the combination `modes` into slot q."""
-    n, n_w = model.B.shape
-    n_H, n_s, n_y = model.K.shape[1], model.S.shape[1], model.Yx.shape[0]
+    n, n_H = model.K.shape
     E, F, rate, inputs, signals = work.E, work.F, work.rate, work.inputs, work.signals
     _output_equations(model, modes, E, F)
     if not _solve(E, F):
@@ -139,17 +138,7 @@ def compile_modes(model, slots, work, q, modes):
         m = model.mode_first[e] + modes[e]
         if model.mode_stick[m]:
             _hold_input(rate, model.C[model.first[e, 0]], model.B, model.first[e, 1])
-    linear = 1
-    for j in range(n_s):
-        for i in range(n):
-            if rate[i, n + n_H + j] != 0.0:
-                linear = 0
-        for i in range(n_w):
-            if F[i, n + n_H + j] != 0.0:
-                linear = 0
-        if model.smooth_kind[j] == 10:
-            linear = 0
-    slots.linear[q] = linear
+    slots.linear[q] = _is_linear(model, rate, F)
     inputs[:, :] = 0.0
     _put(inputs, 0, model.C)
     _put(inputs, n, model.Kz)
@@ -158,6 +147,30 @@ def compile_modes(model, slots, work, q, modes):
     _put(signals, 0, model.Yx)
     _put(signals, n, model.YH)
     _add_product(signals, model.Yw, F)
+    _write_mode(slots, q, rate, F, inputs, signals)
+    return True
+
+
+@njit(**HOT)
+def _is_linear(model, rate, F):
+    """Whether no smooth channel acts on a rate or an output; a dead time always does."""
+    first = model.A.shape[0] + model.K.shape[1]
+    for j in range(model.S.shape[1]):
+        if model.smooth_kind[j] == 10:
+            return 0
+        for i in range(rate.shape[0]):
+            if rate[i, first + j] != 0.0:
+                return 0
+        for i in range(F.shape[0]):
+            if F[i, first + j] != 0.0:
+                return 0
+    return 1
+
+
+@njit(**HOT)
+def _write_mode(slots, q, rate, F, inputs, signals):
+    """Rates, outputs, inputs and signals on state, held values and smooth channels into slot q."""
+    n, n_H = slots.N.shape[1], slots.N.shape[2]
     for i in range(n):
         for j in range(n):
             slots.M[q, j, i], slots.M_size[q, j, i] = rate[i, j], abs(rate[i, j])
@@ -170,12 +183,11 @@ def compile_modes(model, slots, work, q, modes):
     _take(slots.Zx[q], inputs, 0)
     _take(slots.ZH[q], inputs, n)
     _take(slots.Zs[q], inputs, n + n_H)
-    for i in range(n_y):
+    for i in range(signals.shape[0]):
         for j in range(n):
             slots.Y[q, j, i] = signals[i, j]
     _take(slots.YH[q], signals, n)
     _take(slots.Ys[q], signals, n + n_H)
-    return True
 
 
 @njit(**HOT)
@@ -230,65 +242,78 @@ def compile_guards(model, slots, work, q, modes):
 
     Of guards that a jump has passed the first one fires, so that an element meets the jump that is left behind others.
     """
-    n, n_H, n_s = model.A.shape[0], model.K.shape[1], model.S.shape[1]
     k = 0
     for e in model.order:
         m = model.mode_first[e] + modes[e]
-        z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
-        n_ze, n_we, n_he = model.first[e + 1, 0] - z0, model.first[e + 1, 1] - w0, model.first[e + 1, 2] - h0
         for g in range(model.guard_first[m], model.guard_first[m + 1]):
             slots.guard[q, k] = g
             slots.next[q, k] = -1
-            ga, gb, gH, gs, gt = slots.ga[q, k], slots.gb[q, k], slots.gH[q, k], slots.gs[q, k], slots.gt[q, k]
-            for i in range(n):
-                ga[i], gb[i] = 0.0, 0.0
-            for i in range(n_H):
-                gH[i] = 0.0
-            for i in range(n_s):
-                gs[i], gt[i] = 0.0, 0.0
-            for a in range(n_ze):
-                c, r = model.guard_z[g, a], model.guard_rate[g, a]
-                _add_row(ga, c, slots.Zx[q, z0 + a])
-                _add_row(gb, r, slots.Zx[q, z0 + a])
-                _add_row(gH, c, slots.ZH[q, z0 + a])
-                _add_row(gs, c, slots.Zs[q, z0 + a])
-                _add_row(gt, r, slots.Zs[q, z0 + a])
-            for a in range(n_we):
-                c = model.guard_w[g, a]
-                _add_row(ga, c, slots.Wx[q, w0 + a])
-                _add_row(gH, c, slots.WH[q, w0 + a])
-                _add_row(gs, c, slots.Ws[q, w0 + a])
-            for a in range(n_he):
-                gH[h0 + a] += model.guard_h[g, a]
-            gH[n_H - 1] += model.guard_0[g]
-            slots.on_rate[q, k] = slots.smooth_guard[q, k] = slots.ga_count[q, k] = 0
-            for i in range(n):
-                slots.ga_size[q, k, i], slots.gb_size[q, k, i] = abs(ga[i]), abs(gb[i])
-                if ga[i] != 0.0:
-                    slots.ga_place[q, k, slots.ga_count[q, k]] = i
-                    slots.ga_count[q, k] += 1
-                if gb[i] != 0.0:
-                    slots.on_rate[q, k] = 1
-            for j in range(n_s):
-                if gs[j] != 0.0 or gt[j] != 0.0:
-                    slots.smooth_guard[q, k] = 1
-            # With the rate put in, a row on state and held values alone.
-            gf, gfH = slots.gf[q, k], slots.gfH[q, k]
-            for i in range(n):
-                gf[i] = ga[i]
-            for i in range(n_H):
-                gfH[i] = gH[i]
-            for j in range(n):
-                if gb[j] != 0.0:
-                    for i in range(n):
-                        gf[i] += gb[j] * slots.M[q, i, j]
-                    _add_row(gfH, gb[j], slots.N[q, j])
-            for i in range(n):
-                slots.all_gf[q, i, k], slots.reach_gf[q, i, k] = gf[i], 1.000001 * abs(gf[i])
+            _guard_rows(model, slots, q, k, g)
+            _guard_shape(slots, q, k)
+            _guard_with_rate(slots, q, k)
             k += 1
     slots.n_guards[q] = k
     # Columns that another combination may have left.
     slots.all_gf[q, :, k:] = slots.reach_gf[q, :, k:] = 0.0
+
+
+@njit(**HOT)
+def _guard_rows(model, slots, q, k, g):
+    """Guard g, at place k, on state, rate, held values and smooth channels, with its element's signals put in."""
+    e = model.guard_element[g]
+    z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
+    ga, gb, gH, gs, gt = slots.ga[q, k], slots.gb[q, k], slots.gH[q, k], slots.gs[q, k], slots.gt[q, k]
+    for row in (ga, gb, gH, gs, gt):
+        row[:] = 0.0
+    for a in range(model.first[e + 1, 0] - z0):
+        c, r = model.guard_z[g, a], model.guard_rate[g, a]
+        _add_row(ga, c, slots.Zx[q, z0 + a])
+        _add_row(gb, r, slots.Zx[q, z0 + a])
+        _add_row(gH, c, slots.ZH[q, z0 + a])
+        _add_row(gs, c, slots.Zs[q, z0 + a])
+        _add_row(gt, r, slots.Zs[q, z0 + a])
+    for a in range(model.first[e + 1, 1] - w0):
+        c = model.guard_w[g, a]
+        _add_row(ga, c, slots.Wx[q, w0 + a])
+        _add_row(gH, c, slots.WH[q, w0 + a])
+        _add_row(gs, c, slots.Ws[q, w0 + a])
+    for a in range(model.first[e + 1, 2] - h0):
+        gH[h0 + a] += model.guard_h[g, a]
+    gH[gH.size - 1] += model.guard_0[g]
+
+
+@njit(**HOT)
+def _guard_shape(slots, q, k):
+    """Which entries of the guard at place k are not zero, and their sizes."""
+    ga, gb = slots.ga[q, k], slots.gb[q, k]
+    slots.on_rate[q, k] = slots.smooth_guard[q, k] = slots.ga_count[q, k] = 0
+    for i in range(slots.N.shape[1]):
+        slots.ga_size[q, k, i], slots.gb_size[q, k, i] = abs(ga[i]), abs(gb[i])
+        if ga[i] != 0.0:
+            slots.ga_place[q, k, slots.ga_count[q, k]] = i
+            slots.ga_count[q, k] += 1
+        if gb[i] != 0.0:
+            slots.on_rate[q, k] = 1
+    for j in range(slots.gs.shape[2]):
+        if slots.gs[q, k, j] != 0.0 or slots.gt[q, k, j] != 0.0:
+            slots.smooth_guard[q, k] = 1
+
+
+@njit(**HOT)
+def _guard_with_rate(slots, q, k):
+    """The guard at place k with the rate put in: a row on state and held values alone."""
+    n, gb, gf, gfH = slots.N.shape[1], slots.gb[q, k], slots.gf[q, k], slots.gfH[q, k]
+    for i in range(n):
+        gf[i] = slots.ga[q, k, i]
+    for i in range(gfH.size):
+        gfH[i] = slots.gH[q, k, i]
+    for j in range(n):
+        if gb[j] != 0.0:
+            for i in range(n):
+                gf[i] += gb[j] * slots.M[q, i, j]
+            _add_row(gfH, gb[j], slots.N[q, j])
+    for i in range(n):
+        slots.all_gf[q, i, k], slots.reach_gf[q, i, k] = gf[i], 1.000001 * abs(gf[i])
 
 
 @njit(**HOT)

@@ -170,6 +170,41 @@ def _level_map(J, c, on_held, level, b):
 
 
 @njit(cache=True, nogil=True)
+def _guard_at(channels, g, gs, smooth, end, sigma, slope, row):
+    """Value of the guard that ends an arc, and its derivative by y into `row`, at the arc's end."""
+    n = channels.smooth_x.shape[1]
+    row[:] = g
+    value = 0.0
+    for j in range(sigma.size):
+        if smooth and gs[j] != 0.0:
+            value += gs[j] * sigma[j]
+            row[:n] += gs[j] * slope[j] * channels.smooth_x[j]
+            row[n:] += gs[j] * slope[j] * channels.smooth_H[j]
+    for j in range(end.size):
+        value += g[j] * end[j]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def _guard_equation(at_once, tau, value, row, E, A, r, place):
+    """Row of Newton's equations for the dwell time of an arc (at `place`), and its residual."""
+    if at_once == 1:
+        A[place], r[0] = 1.0, tau
+        return
+    r[0] = value
+    for i in range(row.size):
+        if row[i] != 0.0:
+            for j in range(place + 1):
+                A[j] += row[i] * E[i, j]
+    if at_once == 2 and tau != 0.0:
+        # The arc begins on the guard that ends it: divide, so that Newton does not fall back on the begin.
+        r[0] /= tau
+        for j in range(place + 1):
+            A[j] /= tau
+        A[place] -= r[0] / tau
+
+
+@njit(cache=True, nogil=True)
 def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, starts, ends, A, r, speed):
     """Run along the arcs from y0, and set up Newton's equations for the free part of y0 and the dwell times.
 
@@ -213,41 +248,14 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
             affine_flow(F[a], y, tau[a], ends[a], Phi, square)
         end = ends[a]
         _times(Phi, D, E, n, m + a)
-        row[:] = g[a]
-        value = 0.0
-        for j in range(sigma.size):
-            if smooth[a] and gs[a, j] != 0.0:
-                value += gs[a, j] * sigma[j]
-                row[:n] += gs[a, j] * slope[j] * channels.smooth_x[j]
-                row[n:] += gs[a, j] * slope[j] * channels.smooth_H[j]
-        for i in range(n):
-            v = 0.0
-            for j in range(N):
-                v += F[a, i, j] * end[j]
-            if smooth[a]:
-                for j in range(sigma.size):
-                    v += S[a, i, j] * sigma[j]
-            rate[i] = v
+        value = _guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
+        _rate(F[a], S[a], end, sigma, rate)
         for i in range(N):
             E[i, m + a] = rate[i]
         speed[a] = 0.0
         for j in range(N):
-            value += g[a, j] * end[j]
             speed[a] += row[j] * rate[j]
-        if at_once[a] == 1:
-            A[m + a, m + a], r[m + a] = 1.0, tau[a]
-        else:
-            r[m + a] = value
-            for i in range(N):
-                if row[i] != 0.0:
-                    for j in range(m + a + 1):
-                        A[m + a, j] += row[i] * E[i, j]
-            if at_once[a] == 2 and tau[a] != 0.0:
-                # The arc begins on the guard that ends it: divide, so that Newton does not fall back on the begin.
-                r[m + a] /= tau[a]
-                for j in range(m + a + 1):
-                    A[m + a, j] /= tau[a]
-                A[m + a, m + a] -= r[m + a] / tau[a]
+        _guard_equation(at_once[a], tau[a], value, row, E, A[m + a], r[m + a :], m + a)
         for i in range(N):
             v = 0.0
             for j in range(N):

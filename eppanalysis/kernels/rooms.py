@@ -13,7 +13,7 @@ from eppanalysis.kernels.closure import MOST_EVENTS
 from eppanalysis.kernels.delays import LINE_CAPACITY
 from eppanalysis.kernels.lanes import aligned, aligned_by_name, padded
 from eppanalysis.kernels.series import DELAY_LINE, ORDER
-from eppanalysis.kernels.tables import MOST_STEPS, PAUSE, SLICE, Model, Slots, Work, make_slots, make_work, most_guards
+from eppanalysis.kernels.tables import MOST_STEPS, SLICE, Model, Slots, Work, make_slots, make_work, most_guards
 from eppanalysis.kernels.tuples import by_address
 
 
@@ -40,25 +40,81 @@ class Room(NamedTuple):
     aux: np.ndarray
     p: np.ndarray  # ((order + 1)+,) series of a guard
     still: np.ndarray  # (y+,) constant parts of the signals
-    row: np.ndarray  # (10, n+)
-    range: np.ndarray  # (2, n+) least and greatest values of the states on the way
+    x: np.ndarray  # (n+,) state, modes and held values (the last one is 1): the start, and where the run stands
+    modes: np.ndarray  # (E,) int
+    H: np.ndarray  # (H,)
+    rate: np.ndarray  # (n+,) rate of the state just before the last event, or at the end
+    low: np.ndarray  # (n+,) least and greatest values of the states on the way
+    high: np.ndarray  # (n+,)
+    largest: np.ndarray  # (n+,) sizes of the states: greatest so far, and those from which they were computed last
+    recent: np.ndarray  # (n+,)
+    spread: np.ndarray  # (n+,) sum of the absolute terms of the series behind the start
+    push: np.ndarray  # (n+,) constant part of the rate in the mode
+    slope: np.ndarray  # (n+,) rate that fast steps carry along, and its size
+    speed: np.ndarray  # (n+,)
+    small: np.ndarray  # (n+,) rounding of the states, and scratch rooms
+    wide: np.ndarray  # (n+,)
+    one: np.ndarray  # (n+,) ones
     held: np.ndarray  # (H,)
-    guard: np.ndarray  # (7, G+)
+    constant: np.ndarray  # (G+,) constant parts of the guards on state and rate, and on the state alone
+    lift: np.ndarray  # (G+,)
+    g0: np.ndarray  # (G+,) guards, their rates and their rounding, which fast steps carry along
+    g1: np.ndarray  # (G+,)
+    tol: np.ndarray  # (G+,)
+    stray: np.ndarray  # (G+,) bound on how far each guard strays, and on how high it comes
+    top: np.ndarray  # (G+,)
     end: np.ndarray  # (2n+ + 2G+,)
     watch: np.ndarray  # (3,) candidate period of a run that closes, events near their predecessors, eighths of events
     line_t: np.ndarray  # (s, ring, 2) begin and end of each segment of a delayed output
     line_h: np.ndarray  # (s, ring) unit of its series
     line_c: np.ndarray  # (s, ring, order + 1)
     line_n: np.ndarray  # (s, 2) int: segments written, segment being read
-    x: np.ndarray  # (n+,) state, modes, held values and times of the events of a run that has closed
-    modes: np.ndarray  # (E,) int
-    H: np.ndarray  # (H,)
-    once: np.ndarray  # (events,)
+    behind_x: np.ndarray  # (n+,) state, modes, held values and sizes of a run that has closed, behind its periods
+    behind_modes: np.ndarray  # (E,) int
+    behind_H: np.ndarray  # (H,)
+    behind_recent: np.ndarray  # (n+,)
+    once: np.ndarray  # (events,) times of the events of its period
     then_x: np.ndarray  # (2, n+) state behind a jump of inputs, and that of a jump that is tried
     then_modes: np.ndarray  # (E,) int
     then_H: np.ndarray  # (H,)
     before: np.ndarray  # (z,) inputs of the elements before a jump
-    pause: np.ndarray  # (PAUSE,) steps until a pause and at most, and what a run that paused goes on from
+
+
+#: Rooms of a length with the states, and with the guards.
+_OF_STATE = (
+    "x", "rate", "low", "high", "largest", "recent", "spread", "push", "slope", "speed", "small", "wide", "one",
+    "behind_x", "behind_recent",
+)  # fmt: skip
+_OF_GUARDS = ("constant", "lift", "g0", "g1", "tol", "stray", "top")
+
+#: Where a run stands: all that it takes from one step to the next, so that it can pause between any two of them.
+PROGRESS = np.dtype(
+    [
+        # What is asked for: end, longest step of the grid, events in all, whether closing on a cycle is watched for
+        # (not by a run that goes on from one that has ended: its inputs have passed), steps until a pause and at most.
+        ("t_end", "f8"), ("base_step", "f8"), ("max_events", "i8"), ("watch", "?"), ("slice", "f8"),
+        ("most_steps", "f8"),
+        # Time, end of what is computed now, place on the grid of the mode (origin, steps), mode combination.
+        ("t", "f8"), ("until", "f8"), ("origin", "f8"), ("j_grid", "i8"), ("q", "i8"),
+        # Next sample and how many, next knot of the inputs, steps without an event, time of the last one, and how many
+        # came at that time.
+        ("i_sample", "i8"), ("n_samples", "i8"), ("i_knot", "i8"), ("quiet", "i8"), ("last_t", "f8"),
+        ("same_instant", "i8"),
+        # Whether fast steps may be made, an instant is left by force, the constant parts are those of the mode, what
+        # fast steps carry along is that of the state, the state comes from a series step, closing is watched for still.
+        ("armed", "?"), ("forced", "?"), ("entered", "?"), ("renewed", "?"), ("stepped", "?"), ("watched", "?"),
+        # Whether it is aside, in the period that serves the samples of all periods to come; time and sample behind.
+        ("aside", "?"), ("t_behind", "f8"), ("i_behind", "i8"),
+        # The step that is made: its unit and end, how far it may go, its length, how much of it counts, whether it
+        # ends on the grid, why fast steps ended, order of its series, place of the guard that rises, where, its number.
+        ("h", "f8"), ("t1", "f8"), ("t_stop", "f8"), ("d", "f8"), ("ahead", "f8"), ("on_grid", "?"), ("why", "i8"),
+        ("last", "i8"), ("which", "i8"), ("best", "f8"), ("guard", "i8"),
+        # How it ended or that it paused, and what was counted.
+        ("code", "i8"), ("paused", "?"), ("spent", "f8"), ("count", "i8"), ("fast_steps", "i8"), ("series_steps", "i8"),
+        ("forced_leaves", "i8"), ("periods_repeated", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
 
 
 @by_address
@@ -98,16 +154,23 @@ def make_room(model: Model) -> Room:
     numbers = aligned_by_name({
         "X": (ORDER + 1, wide), "Y": (ORDER + 2, wide),
         "Sg": (ORDER + 1, n_s), "arg": (ORDER + 1, n_s), "aux": (ORDER + 1, n_s), "p": (padded(ORDER + 1),),
-        "still": (padded(model.Yx.shape[0]),), "row": (10, wide), "range": (2, wide), "held": (n_H,),
-        "guard": (7, half), "end": (2 * wide + 2 * half,), "watch": (3,),
+        "still": (padded(model.Yx.shape[0]),), "held": (n_H,), "end": (2 * wide + 2 * half,), "watch": (3,),
         "line_t": (n_s, size, 2), "line_h": (n_s, size), "line_c": (n_s, size, ORDER + 1),
-        "x": (wide,), "H": (n_H,), "once": (MOST_EVENTS,), "pause": (PAUSE,),
+        "H": (n_H,), "behind_H": (n_H,), "once": (MOST_EVENTS,),
         "then_x": (2, wide), "then_H": (n_H,), "before": (model.C.shape[0],),
+        **dict.fromkeys(_OF_STATE, (wide,)), **dict.fromkeys(_OF_GUARDS, (half,)),
     })  # fmt: skip
-    numbers["pause"][:2] = SLICE, MOST_STEPS
-    numbers["line_h"][:] = 1.0
-    places = {"line_n": (n_s, 2), "modes": (n_e,), "then_modes": (n_e,)}
+    numbers["line_h"][:] = numbers["one"][:] = 1.0
+    places = {"line_n": (n_s, 2)} | dict.fromkeys(("modes", "behind_modes", "then_modes"), (n_e,))
     return Room(**numbers, **{name: np.zeros(shape, np.int64) for name, shape in places.items()})
+
+
+def make_progress(t_end: float, base_step: float, max_events: int, most_steps: float = MOST_STEPS) -> np.record:
+    """What a run is asked for; the rest of the record it fills itself."""
+    now = np.zeros(1, PROGRESS).view(np.recarray)[0]
+    now.t_end, now.base_step, now.max_events, now.watch = t_end, base_step, max_events, True
+    now.slice, now.most_steps = SLICE, most_steps
+    return now
 
 
 def make_rooms(model: Model) -> tuple[Slots, Work, Room]:

@@ -28,8 +28,6 @@ LONG_DOUBLINGS, LONGS = 4, 2
 
 #: Steps after which a run pauses (a fraction of a second), and after which it ends; sixteen fast ones count as one.
 SLICE, MOST_STEPS = 20_000.0, 1e7
-#: Numbers that a run pauses with.
-PAUSE = 27
 
 
 @by_address

@@ -12,7 +12,7 @@ from itertools import accumulate
 from typing import Any, TypeVar
 
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import cgutils, config, types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -115,6 +115,11 @@ def _unbox(kind, value, c):
     return NativeValue(frame, is_error=failed)
 
 
+def _plain_rows(stack, k):
+    """The tuple of the rows k of all arrays, where numba is switched off."""
+    return type(stack)(*(a[k] for a in stack))
+
+
 @intrinsic
 def rows(typingctx, stack, k):
     """The tuple of the rows k of all arrays, in one frame for each place in a kernel where this is written."""
@@ -133,3 +138,7 @@ def rows(typingctx, stack, k):
         return frame
 
     return kind(stack, types.intp), write
+
+
+if config.DISABLE_JIT:
+    rows = _plain_rows

@@ -227,7 +227,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
     if threads < 1:
         raise EppError(f"simulate_batch: threads is {threads}; expected 1 or more.")
     from eppanalysis.kernels.cells import SAMPLES, Outcome, run_cells
-    from eppanalysis.kernels.rooms import make_ring, make_rooms, make_samples
+    from eppanalysis.kernels.rooms import make_progress, make_ring, make_rooms, make_samples
 
     announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
@@ -247,11 +247,10 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         except IndexError:
             ring = make_ring(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])
             samples = make_samples(np.zeros(0), n_y), make_samples(np.zeros(SAMPLES + 1), n_y)
-            rooms = *make_rooms(one), *samples, ring
-        slots, room_to_compile, room, none, period, ring = rooms
+            rooms = *make_rooms(one), *samples, ring, make_progress(t_end, 0.0, max_events)
         run_cells(
-            stack.model, slots, room_to_compile, room, none, period, ring, stack.x0, stack.modes0, stack.H0,
-            stack.compared, float(t_end), base, max_events, first, min(first + CHUNK, n), out,
+            stack.model, *rooms, stack.x0, stack.modes0, stack.H0, stack.compared, base, first, min(first + CHUNK, n),
+            out,
         )  # fmt: skip
         spare.append(rooms)
 

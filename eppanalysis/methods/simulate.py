@@ -38,6 +38,16 @@ _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS = 20_000
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
+#: What a run has counted, as the kernel names it and as its statistics do.
+_COUNTED = {
+    "t": "time_reached",
+    "count": "events",
+    "i_sample": "samples",
+    "fast_steps": "fast_steps",
+    "series_steps": "series_steps",
+    "forced_leaves": "forced_leaves",
+    "periods_repeated": "periods_repeated",
+}
 #: A minute or two, if none of them can be saved.
 _MOST_STEPS = 10_000_000
 #: What an element's input moves, relative to its thresholds and to where it is, that is rounding.
@@ -195,23 +205,16 @@ def run_hybrid(
         If a combination of modes has no unique solution, or a dead time is too long for its history.
     """
     from eppanalysis.kernels.hybrid import HISTORY, PAUSED, SINGULAR, run
-    from eppanalysis.kernels.lanes import aligned, padded
-    from eppanalysis.kernels.rooms import make_samples
+    from eppanalysis.kernels.rooms import make_progress, make_samples
 
     announce_compilation(run)
-    # As floats, whatever the caller wrote: the kernel would be compiled anew for whole numbers.
-    t_end, base = float(t_end), float(base)
     (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
-    (x, rate), modes, H = aligned((padded(n),), (padded(n),)), hybrid.modes0.copy(), hybrid.H0.copy()
-    x[:n] = hybrid.x0
-    samples, stats = make_samples(times, n_y), np.zeros(8)
-    room.pause[1:3] = max_steps, 0.0
+    room.x[:n], room.modes[:], room.H[:] = hybrid.x0, hybrid.modes0, hybrid.H0
+    samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, max_steps)
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
-        code = run(
-            hybrid.model, slots, work, room, x, modes, H, t_end, base, samples, max_events, ring, rate, stats, True
-        )  # fmt: skip
+        code = run(hybrid.model, slots, work, room, samples, ring, now)
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "
@@ -221,11 +224,12 @@ def run_hybrid(
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    count = int(stats[1])
+    count = int(now.count)
     t, guard, states, rates, held, passed = (a[: max(1, count)].copy() for a in ring)
-    low, high = room.range[:, :n].copy()
+    low, high, x_end, rate_end = (a[:n].copy() for a in (room.low, room.high, room.x, room.rate))
+    stats = np.array([now[name] for name in _COUNTED], float)
     return Run(
-        code, samples.out[:, :n_y], count, t, guard, states, rates, held, passed, low, high, x[:n], rate[:n], stats
+        code, samples.out[:, :n_y], count, t, guard, states, rates, held, passed, low, high, x_end, rate_end, stats
     )  # fmt: skip
 
 
@@ -373,8 +377,7 @@ def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
 
 
 def _statistics(run: Run) -> dict[str, Any]:
-    names = ("time_reached", "events", "samples", "fast_steps", "series_steps", "forced_leaves", "periods_repeated")
-    return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(names)}
+    return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(_COUNTED.values())}
 
 
 def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
