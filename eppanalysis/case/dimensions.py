@@ -15,50 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eppanalysis.case.quantities import Parameter
+from eppanalysis.models.nonlinearities import ELEMENTS
+from eppanalysis.models.nonlinearities.base import IN, OUT, RATIO, Role
 from eppanalysis.units import KINDS, dimensions, format_si, unit_of
 
 if TYPE_CHECKING:
     from eppanalysis.case.files import RawCase
     from eppanalysis.case.loops import Block
     from eppanalysis.case.schema import LoopSection
-
-#: Exponents of the units of input, output and time in a field.
-Role = tuple[int, int, int]
-_IN, _OUT, _SLOPE, _DAMPING, _RATIO = (1, 0, 0), (0, 1, 0), (-1, 1, 0), (-1, 1, 1), (0, 0, 0)
-_CONTACT = {"gap": _IN, "stiffness": _SLOPE, "damping": _DAMPING}
-ROLES: dict[str, dict[str, Role]] = {
-    "piecewise_linear": {"breakpoints": _IN, "slopes": _SLOPE, "intercepts": _OUT},
-    "five_band_law": {
-        **dict.fromkeys(("slack", "low", "high", "max"), _IN),
-        **dict.fromkeys(("supply_voltage", "offset_voltage"), _OUT),
-    },
-    "saturation": {"lower": _OUT, "upper": _OUT, "slope": _SLOPE},
-    "dead_zone": {"lower": _IN, "upper": _IN, "slope": _SLOPE},
-    "dead_zone_saturation": {"dead_zone": _IN, "slope": _SLOPE, "limit": _OUT},
-    "relay": {"low": _OUT, "high": _OUT, "threshold": _IN},
-    "relay_dead_zone": {"threshold": _IN, "level": _OUT},
-    "preload": {"level": _OUT, "slope": _SLOPE},
-    "quantiser": {"step": _IN, "levels": _RATIO},
-    "coulomb": {"level": _OUT},
-    "cube": {"scale": (-3, 1, 0)},
-    "sine": {"scale": _OUT},
-    "friction": {"coulomb": _OUT, "static": _OUT, "stribeck": (-1, 0, 0)},
-    "hysteresis_relay": {"lower": _IN, "upper": _IN, "low": _OUT, "high": _OUT},
-    "hysteresis_relay_dead_zone": {"on": _IN, "off": _IN, "level": _OUT},
-    "play": {"gap": _IN},
-    "jump_and_follow": {"stick_band": _IN, "slip_jump": _IN, "slope": _SLOPE},
-    "stiction_pulley": {
-        **dict.fromkeys(("harness_stiffness", "forearm_stiffness"), _SLOPE),
-        **dict.fromkeys(("friction", "kinetic_ratio"), _RATIO),
-    },
-    "lock_pin": _CONTACT,
-    "nordin_shaft": _CONTACT,
-}
-#: Elements whose output is their input again, some way behind it.
-_SAME_UNIT = ("play", "quantiser")
-#: Elements whose output is a force or a torque (or what stands for it: a voltage, an acceleration), and those whose
-#: input is a way.
-_FRICTION, _CONTACTS = ("coulomb", "friction"), ("lock_pin", "nordin_shaft")
 
 #: Sizes that a quantity has in machines; what is outside has more likely a wrong unit.
 _USUAL: dict[str, tuple[float, float]] = {
@@ -87,7 +51,7 @@ class _Fact:
     @property
     def direct(self) -> bool:
         """Whether it is the unit of a signal as it is, so that radians count."""
-        return self.role in (_IN, _OUT, _RATIO)
+        return self.role in (IN, OUT, RATIO)
 
 
 def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: RawCase) -> None:
@@ -111,7 +75,7 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: Raw
         if not block.kind:
             continue
         known = list(_of_signals(loop, first_in, first_out))
-        if block.kind in _SAME_UNIT:
+        if ELEMENTS[block.kind].same_unit:
             known.append(_Fact("", (-1, 1, 0), {}))
         _check_block(block, known, f"{place}.{i}", raw)
         n_in, n_out = block.width
@@ -125,10 +89,10 @@ def _of_signals(loop: LoopSection, first_in: int, first_out: int) -> Iterator[_F
         if not row.unit or exponents is None:
             continue
         if _is_input(loop, first_in, row.state, row.output):
-            yield _Fact(f"signals.{name}", _IN, exponents)
+            yield _Fact(f"signals.{name}", IN, exponents)
         weights = row.output or []
         if weights and not any(row.state or []) and abs(_at(weights, first_out)) == 1.0 == sum(map(abs, weights)):
-            yield _Fact(f"signals.{name}", _OUT, exponents)
+            yield _Fact(f"signals.{name}", OUT, exponents)
 
 
 def _is_input(loop: LoopSection, place: int, state: Sequence[float] | None, output: Sequence[float] | None) -> bool:
@@ -155,7 +119,7 @@ def _exponents(unit: str) -> Mapping[str, int] | None:
 def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> None:
     """Refuse the first field of an element that does not go with `known`, which grows by those that do."""
     for where, name, parameter in _given(block):
-        role = ROLES[block.kind].get(name)
+        role = ELEMENTS[block.kind].units.get(name)
         if role is None or not (parameter.unit or parameter.friendly):
             continue
         fact = _Fact(name, role, dimensions(parameter.unit))
@@ -167,10 +131,10 @@ def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> 
 
 def _unlike(kind: str, fact: _Fact) -> str:
     """What a field of this element is by its nature; empty where it may be that, or has none."""
-    names = fact.exponents
-    if kind in _FRICTION and fact.role == _OUT and not (names.get("second", 0) < 0 or "ampere" in names):
+    names, element = fact.exponents, ELEMENTS[kind]
+    if element.output_is == "force" and fact.role == OUT and not (names.get("second", 0) < 0 or "ampere" in names):
         return "a force or a torque such as '2 N'"
-    if kind in _CONTACTS and fact.role == _IN and names not in ({"radian": 1}, {"meter": 1}):
+    if element.input_is == "way" and fact.role == IN and names not in ({"radian": 1}, {"meter": 1}):
         return "an angle or a length such as '2.5 deg'"
     return ""
 
@@ -186,7 +150,7 @@ def _given(block: Block) -> Iterator[tuple[str, str, Parameter]]:
 
 def _contradicted(known: Sequence[_Fact], fact: _Fact) -> str:
     """What a field should be by what is known; empty where it may be as it is."""
-    if fact.role == _RATIO:
+    if fact.role == RATIO:
         return "a plain number or a percentage" if fact.exponents else ""
     direct = [f for f in known if f.direct]
     wanted: dict[str, float] = {}

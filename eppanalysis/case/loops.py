@@ -7,8 +7,8 @@ import difflib
 import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any
+from functools import cache
+from typing import Any, Literal, get_origin, get_type_hints
 
 import numpy as np
 from pydantic_core import PydanticCustomError
@@ -22,41 +22,15 @@ from eppanalysis.case.schema import LoopSection
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.linear import StateSpace, as_state_space
 from eppanalysis.models.lure import LureSystem, SignalMap
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities import ELEMENTS, Nonlinearity
 from eppanalysis.models.nonlinearities.memory import Slip
 from eppanalysis.units import QuantityError, parse_any
 
-#: Elements by the name that a case file calls them, with the module that holds their class.
-ELEMENTS: dict[str, tuple[str, str]] = {
-    "piecewise_linear": ("piecewise", "PiecewiseLinear"),
-    "five_band_law": ("static", "FiveBandLaw"),
-    "saturation": ("static", "Saturation"),
-    "dead_zone": ("static", "DeadZone"),
-    "dead_zone_saturation": ("static", "DeadZoneSaturation"),
-    "relay": ("static", "Relay"),
-    "relay_dead_zone": ("static", "RelayDeadZone"),
-    "preload": ("static", "Preload"),
-    "quantiser": ("static", "Quantiser"),
-    "coulomb": ("static", "Coulomb"),
-    "cube": ("static", "Cube"),
-    "sine": ("static", "Sine"),
-    "friction": ("friction", "Friction"),
-    "hysteresis_relay": ("memory", "HysteresisRelay"),
-    "hysteresis_relay_dead_zone": ("memory", "HysteresisRelayDeadZone"),
-    "play": ("memory", "Play"),
-    "jump_and_follow": ("memory", "JumpAndFollow"),
-    "stiction_pulley": ("memory", "StictionPulley"),
-    "lock_pin": ("contact", "LockPin"),
-    "nordin_shaft": ("contact", "NordinShaft"),
-}
 LARGEST_COUNT = 100_000
-_TEXT_FIELDS = {"model"}
-_COUNT_FIELDS = {"levels"}
 #: Matrices of a loop without states.
 _MAY_BE_EMPTY = ("A", "B", "C")
 #: Scalar fields of a loop as a whole.
 _OF_LOOP = ("gain", "delay", "time_step")
-_LIST_FIELDS = {"breakpoints", "slopes", "intercepts"}
 
 
 @dataclass(frozen=True)
@@ -94,9 +68,23 @@ class Block:
 
 
 def element_class(kind: str) -> type[Nonlinearity]:
-    """Class of an element, imported when it is used."""
-    module, name = ELEMENTS[kind]
-    return getattr(import_module(f"eppanalysis.models.nonlinearities.{module}"), name)
+    """Class of an element."""
+    return ELEMENTS[kind]
+
+
+@cache
+def _field_types(made: type[Nonlinearity]) -> dict[str, str]:
+    """What each field of an element holds by its annotation: a "number", a "count", a "list" or a "text"."""
+    hints = get_type_hints(made)
+    return {name: _field_type(hints[name]) for name in inspect.signature(made).parameters}
+
+
+def _field_type(hint: Any) -> str:
+    if get_origin(hint) is Literal:
+        return "text"
+    if get_origin(hint) is np.ndarray:
+        return "list"
+    return "count" if hint is int else "number"
 
 
 def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple[Block, ...]:
@@ -153,6 +141,7 @@ def _read_fields(
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
     lists: dict[str, list[Parameter]] = {}
+    types = _field_types(element_class(kind))
     for key, value in table.items():
         if key in ("element", "name", "memory"):
             continue
@@ -161,10 +150,10 @@ def _read_fields(
             close = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
             raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {hint}")
-        if key in _LIST_FIELDS:
+        if types[key] == "list":
             lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]
-        elif key in _TEXT_FIELDS:
+        elif types[key] == "text":
             others[key] = value
         else:
             parameters[key] = _scalar(value, place, raw)
@@ -208,7 +197,8 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
         If the element does not take the values.
     """
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
-    for key in _COUNT_FIELDS & set(values):
+    types = _field_types(element_class(block.kind))
+    for key in (key for key in values if types[key] == "count"):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
             raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
         values[key] = round(values[key])

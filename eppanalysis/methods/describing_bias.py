@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from eppanalysis.methods.describing_balance import Array, Balance
 from eppanalysis.methods.describing_curves import between
 from eppanalysis.models.nonlinearities.phases import distances
-from eppanalysis.models.nonlinearities.piecewise import PiecewiseLinear
 
 _ROUNDING = 1e-13
 _HALVINGS = 120
@@ -53,7 +52,7 @@ class SingleBias:
     def of(cls, balance: Balance) -> SingleBias | None:
         """None where the static balance may have several answers, or the element is not piecewise linear."""
         element = balance.system.elements[0]
-        if not isinstance(element, PiecewiseLinear) or not element.breakpoints.size:
+        if not element.breakpoints.size:
             return None
         on_bias, on_mean = float(balance.on_bias[0, 0]), float(balance.on_mean[0, 0])
         turns = [on_bias + (on_mean * slope if on_mean else 0.0) for slope in element.slope_bounds()]

@@ -19,7 +19,6 @@ from eppanalysis.methods.describing_quality import Point
 from eppanalysis.methods.describing_search import Found, frequency_nodes, frequency_scales
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Loop
-from eppanalysis.models.nonlinearities.friction import Friction
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -129,7 +128,7 @@ def _stick_slip(balance: Balance) -> Iterator[str]:
     """Friction that is greater at rest than in motion, where the loop pulls ever harder while it sticks."""
     system = balance.system
     for i, e in enumerate(system.elements):
-        if isinstance(e, Friction) and (e.stribeck > 0 or e.breakaway > e.coulomb) and _winds_up(balance, i):
+        if e.sticks_and_slips and _winds_up(balance, i):
             yield (
                 f"{system.element_names[i]} sticks, which first order does not see, and integral action does not let "
                 "it stick for ever: the loop may hunt, in cycles of sticking and slipping that are not predicted here."

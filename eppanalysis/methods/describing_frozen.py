@@ -17,7 +17,6 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing_balance import Array, ComplexArray, describe, make_balance, newton
-from eppanalysis.methods.describing_margins import element_slope
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.methods.harmonic_loop import Loop, inputs_of
 from eppanalysis.models.lure import LureSystem, SignalMap
@@ -206,7 +205,7 @@ def frozen_loop(
     True
     """
     names = system.element_names
-    cut = names.index("bands") if "bands" in names else 0
+    cut = system.principal
     with np.errstate(all="ignore"):
         gains = [
             _frozen(system, i, amplitude[n], bias[n], omega) if i != cut else np.zeros(_shape(system, i), complex)
@@ -241,8 +240,8 @@ def _shape(system: LureSystem, i: int) -> tuple[int, int]:
 def _frozen(system: LureSystem, i: int, amplitude: float, bias: float, omega: float | None) -> ComplexArray | None:
     """Gains (n_outputs, n_inputs) of an element in the motion, or its slopes at rest."""
     if omega is None:
-        slopes = element_slope(system.elements[i])
-        return None if slopes is None else 1.0 * slopes + 0.0j
+        slopes = system.elements[i].linear_gain()
+        return slopes + 0.0j if np.all(np.isfinite(slopes)) else None
     if not amplitude > 0:
         return np.zeros(_shape(system, i), complex)
     gain = describe(system.elements[i], np.array([amplitude]), np.array([bias]), np.array([omega]))[1][0]

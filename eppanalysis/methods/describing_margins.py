@@ -10,13 +10,6 @@ from numpy.typing import NDArray
 from eppanalysis.methods.describing_balance import Array
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.nonlinearities.base import Nonlinearity
-from eppanalysis.models.nonlinearities.contact import LockPin
-from eppanalysis.models.nonlinearities.friction import Friction
-from eppanalysis.models.nonlinearities.memory import JumpAndFollow, Play, StictionPulley
-from eppanalysis.models.nonlinearities.parking import ParkingBandLaw, SampledLaw
-from eppanalysis.models.nonlinearities.piecewise import PiecewiseLinear
-from eppanalysis.models.nonlinearities.static import Cube, Sine
 
 _DELAY_ORDER = 6
 
@@ -24,23 +17,44 @@ _DELAY_ORDER = 6
 def linear_margins(system: LureSystem) -> dict[str, float]:
     """Gain, phase and disk margins of the linearised loop, cut at its principal element.
 
-    Each element is replaced by its steepest finite slope (the worst case for most loops; a smooth one by its slope at
-    zero), a lock pin in contact by spring and damper; velocity friction is left out. The loop is cut at the band law,
-    or at the first element where there is none.
+    Each element is replaced by the gain that it names for it (`Nonlinearity.linear_gain`): its steepest slope, the
+    worst case for most loops; a lock pin in contact is spring and damper, velocity friction is left out.
 
     Returns
     -------
     dict of str to float
         ``gain_margin`` (factor), ``phase_margin`` [rad], ``disk_margin`` (0 where the linearised loop is unstable; the
         other two then say how far it is from stability, and in which direction), and the crossover frequencies
-        ``phase_crossover``, ``gain_crossover`` [rad/s]; empty where an element jumps or has no slope.
+        ``phase_crossover``, ``gain_crossover`` [rad/s]; empty where the gain at the cut is zero. Where elements have
+        no finite slope, ``slope_of_NAME`` of each, which is infinite; and the gain margin, if the loop is cut there and
+        no other one has none: zero, or infinite where no gain brings the loop to the border of stability.
     """
-    gains = [element_slope(e) for e in system.elements]
-    if any(g is None for g in gains):
-        return {}
-    loop = _open_loop(system, [g for g in gains if g is not None])
+    gains = [e.linear_gain() for e in system.elements]
+    steep = [i for i, gain in enumerate(gains) if not np.all(np.isfinite(gain))]
+    if steep:
+        return _margins_without_slope(system, gains, steep)
+    loop = _open_loop(system, gains)
     if loop is None:
         return {}
+    return _margins(system, loop)
+
+
+def _margins_without_slope(system: LureSystem, gains: list[Array], steep: list[int]) -> dict[str, float]:
+    """What is left to say of a loop whose elements have infinite slopes."""
+    found = {f"slope_of_{system.element_names[i]}": float("inf") for i in steep}
+    if steep != [system.principal]:
+        return found
+    infinite = gains[system.principal]
+    finite = np.where(np.isfinite(infinite), 0.0, np.sign(infinite))
+    loop = _open_loop(system, [finite if i in steep else gain for i, gain in enumerate(gains)])
+    if loop is None:
+        return found
+    of_one = _margins(system, loop)["gain_margin"]
+    return {"gain_margin": 0.0 if np.isfinite(of_one) else of_one, **found}
+
+
+def _margins(system: LureSystem, loop: Any) -> dict[str, float]:
+    """Margins of an open loop with negative feedback."""
     import control
 
     scales = frequency_scales(system)
@@ -79,38 +93,11 @@ def _nearest(margins: Array, distance: Array, omega: Array, low: float, high: fl
     return float(margins[best]), float(omega[best])
 
 
-def element_slope(element: Nonlinearity) -> Array | None:
-    """Gains (n_outputs, n_inputs) of an element, or None."""
-    if isinstance(element, SampledLaw | ParkingBandLaw):
-        inner = element_slope(element.law)
-        return None if inner is None else np.hstack([inner, [[0.0]]])
-    if isinstance(element, LockPin):
-        return np.array([[element.stiffness, element.damping]])
-    if isinstance(element, StictionPulley):
-        h, f = element.harness_stiffness, element.forearm_stiffness
-        return np.full((2, 1), h * f / (h + f))
-    slope = _scalar_slope(element)
-    return np.array([[slope]]) if np.isfinite(slope) else None
-
-
-def _scalar_slope(element: Nonlinearity) -> float:
-    """Slope of an element with one input and one output; not a number where it has none."""
-    if isinstance(element, PiecewiseLinear):
-        return float(max(element.slope_bounds(), key=abs))
-    if isinstance(element, Sine):
-        return float(element.scale)
-    if isinstance(element, Play):
-        return 1.0
-    if isinstance(element, JumpAndFollow):
-        return float(element.slope)
-    return 0.0 if isinstance(element, Friction | Cube) else float("nan")
-
-
 def _open_loop(system: LureSystem, gains: list[Array]) -> Any:
     """Return ratio at the principal element, as a python-control system with negative feedback."""
     import control
 
-    principal = next((i for i, n in enumerate(system.element_names) if n == "bands"), 0)
+    principal = system.principal
     nw, nz = system.B.shape[1], system.C.shape[0]
     K = np.zeros((nw, nz))
     for i, gain in enumerate(gains):
@@ -121,10 +108,11 @@ def _open_loop(system: LureSystem, gains: list[Array]) -> Any:
     inverse = np.linalg.inv(np.eye(nz) - system.D @ outside)
     C, D = inverse @ system.C, inverse @ system.D
     A, B = system.A + system.B @ outside @ C, system.B + system.B @ outside @ D
-    gain = K[own, cut]
-    if gain.shape[0] != 1 or not np.any(gain):
+    acting = np.flatnonzero(np.any(K[own, cut] != 0.0, axis=1))
+    if acting.size != 1:
         return None
-    column = slice(own.start, own.start + 1)
+    column = slice(own.start + int(acting[0]), own.start + int(acting[0]) + 1)
+    gain = K[column, cut]
     into, out = B[:, column], -gain @ C[cut]
     # A clock is an integrator apart: it would put a pole and a zero at the origin and spoil the crossovers.
     used = _reached(A, into) & _reached(A.T, out.T)

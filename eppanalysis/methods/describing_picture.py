@@ -78,18 +78,17 @@ def loop_gain_curves(
 ) -> dict[str, Any]:
     """Loop gain over the amplitude at the principal element, with the frequency at each point."""
     system = balance.system
-    principal = system.element_names.index("bands") if "bands" in system.element_names else 0
+    principal = system.principal
     cut = replace(balance, pivot=principal)
     output = system.output_slices[principal].start
     branches = []
     for curve in _curves(cut, balance, found, points):
         a, _, _, omega = cut.unpack(curve)
         branches.append({"amplitude": a[:, principal], "omega": omega, "loop_gain": np.exp(-curve[:, -1])})
-    state_unit = dict(zip(system.signals.names, system.signals.units, strict=False))
     return {
         "kind": "residual",
         "element": system.element_names[principal],
-        "unit": state_unit.get("sensor_force", "") if system.element_names[principal] == "bands" else "",
+        "unit": system.elements[principal].input_unit,
         "branches": branches,
         "intersections": _intersections(points, cycles, principal, output),
     }

@@ -27,7 +27,6 @@ from eppanalysis.methods.describing_curves import (
 )
 from eppanalysis.models.linear import poles, zeros
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.nonlinearities.piecewise import PiecewiseLinear
 
 _MOST_NODES = 4000
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
@@ -195,8 +194,7 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
 
 
 def _breakpoints(balance: Balance) -> int:
-    element = balance.system.elements[0]
-    return element.breakpoints.size if isinstance(element, PiecewiseLinear) else 0
+    return balance.system.elements[0].breakpoints.size
 
 
 def _thresholds(balance: Balance) -> Array:
@@ -270,8 +268,8 @@ def _bias_nodes(balance: Balance, scales: Array) -> Array:
     A piecewise-linear element may stand on any of its pieces, wherever the loop starts.
     """
     steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
-    element = balance.system.elements[0]
-    stands = element.breakpoints[:_MOST_CENTRES] if isinstance(element, PiecewiseLinear) else balance.operating_bias[:1]
+    breakpoints = balance.system.elements[0].breakpoints
+    stands = breakpoints[:_MOST_CENTRES] if breakpoints.size else balance.operating_bias[:1]
     centres = [0.0, *stands]
     if balance.on_bias[0, 0]:
         centres.append(balance.prescribed[0] / balance.on_bias[0, 0])

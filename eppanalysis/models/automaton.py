@@ -13,10 +13,14 @@ piecewise affine.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
 
@@ -87,9 +91,47 @@ class Smooth:
     scale: float = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Automaton:
-    """Modes, guards and start of one element."""
+    """Modes, guards and start of one element.
+
+    Parameters
+    ----------
+    n_inputs, n_outputs, n_held : int
+        Numbers of its inputs z, outputs w and held values h.
+    modes : tuple of Mode
+    guards : tuple of Guard
+        Of all modes; each names its own by its number.
+    start_mode : int
+        The first mode of a run.
+    start_held : array, shape (n_held,)
+        Held values at its start.
+    smooth : tuple of Smooth
+        Smooth functions of the inputs that outputs may be made of.
+
+    Raises
+    ------
+    ModelError
+        If a mode that a guard or the start names does not exist, or an array has a wrong shape.
+
+    See Also
+    --------
+    AutomatonBuilder : Collects modes and guards, and fills in the zeros.
+    AutomatonElement : The element of a loop that is one.
+
+    Examples
+    --------
+    A relay that switches on above 1 and off below -1:
+
+    >>> import eppanalysis as epp
+    >>> build = epp.AutomatonBuilder()
+    >>> off, on = build.mode("off"), build.mode("on", constant=5.0)
+    >>> build.guard("switches on", off, on, on_input=1.0, constant=-1.0)
+    >>> build.guard("switches off", on, off, on_input=-1.0, constant=-1.0)
+    >>> relay = build.build()
+    >>> len(relay.modes), relay.guards[0].name
+    (2, 'switches on')
+    """
 
     n_inputs: int
     n_outputs: int
@@ -100,13 +142,55 @@ class Automaton:
     start_held: Array = field(default_factory=lambda: np.zeros(0))
     smooth: tuple[Smooth, ...] = ()
 
+    def __post_init__(self) -> None:
+        z, w, h, s = self.n_inputs, self.n_outputs, self.n_held, len(self.smooth)
+        shapes: dict[str, tuple[int, ...]] = {
+            "from_input": (w, z), "from_held": (w, h), "from_smooth": (w, s), "constant": (w,),
+            "on_input": (z,), "on_rate": (z,), "on_held": (h,), "on_output": (w,),
+            "held_from_input": (h, z), "held_from_held": (h, h), "held_constant": (h,),
+        }  # fmt: skip
+        _require_shapes(self.modes, ("from_input", "from_held", "from_smooth", "constant"), shapes)
+        _require_shapes(self.guards, tuple(shapes)[4:], shapes | {"constant": ()})
+        _require_shapes(self.smooth, ("on_input",), shapes)
+        if np.shape(self.start_held) != (h,):
+            raise ModelError(f"Automaton: start_held has shape {np.shape(self.start_held)}; expected {(h,)}.")
+        expected = f"the number of a mode, 0 to {len(self.modes) - 1}"
+        places = [("start_mode", self.start_mode)]
+        places += [
+            (f"{end} of the guard {g.name!r}", getattr(g, end)) for g in self.guards for end in ("mode", "target")
+        ]
+        for name, place in places:
+            if not 0 <= place < len(self.modes):
+                raise ModelError(f"Automaton: {name} is {place!r}; expected {expected}.")
+        for channel in self.smooth:
+            if channel.kind not in SMOOTH_KINDS:
+                known = ", ".join(map(repr, SMOOTH_KINDS))
+                raise ModelError(f"Automaton: kind of a smooth function is {channel.kind!r}; expected one of {known}.")
+
     def follows(self, mode: int) -> bool:
         """Whether the element follows its input in a mode, and holds on to where it was where the input turns back."""
         return self.n_held > 0 and any(g.mode == mode and np.any(g.on_rate) for g in self.guards)
 
 
+def _require_shapes(parts: Sequence[Any], names: Sequence[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for part in parts:
+        for name in names:
+            found = np.shape(getattr(part, name))
+            if found != shapes[name]:
+                label = getattr(part, "name", getattr(part, "kind", ""))
+                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {shapes[name]}.")
+
+
 class AutomatonBuilder:
-    """Collects modes and guards with the zeros filled in, so that element code states only what is not zero."""
+    """Collects modes and guards with the zeros filled in, so that element code states only what is not zero.
+
+    Parameters
+    ----------
+    n_inputs, n_outputs, n_held : int
+        Numbers of inputs, outputs and held values.
+    smooth : tuple of Smooth
+        Smooth functions of the inputs.
+    """
 
     def __init__(self, n_inputs: int = 1, n_outputs: int = 1, n_held: int = 0, smooth: tuple[Smooth, ...] = ()) -> None:
         self.n_inputs, self.n_outputs, self.n_held, self.smooth = n_inputs, n_outputs, n_held, smooth
@@ -207,3 +291,68 @@ class AutomatonBuilder:
             _vector(start_held, self.n_held),
             self.smooth,
         )
+
+
+def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
+    """Least and greatest slope of each output over each input, shapes (n_outputs, n_inputs); infinite at a jump.
+
+    In a mode the slopes stand in `from_input`. At an event the output jumps where it differs, by what the reset writes,
+    from what it was, and not just by a multiple of the guard, which is zero there. Where the sign of a jump depends on
+    inputs or held values, and for smooth functions of the inputs, nothing is known.
+    """
+    shape = automaton.n_outputs, automaton.n_inputs
+    low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    for mode in automaton.modes:
+        if mode.sticking:
+            _widen(low, high, np.copysign(np.inf, mode.jump) * (np.arange(shape[1]) == 0)[None, :])
+            continue
+        _widen(low, high, mode.from_input)
+        for place in np.flatnonzero(np.any(mode.from_smooth, axis=0)):
+            reached = np.outer(mode.from_smooth[:, place] != 0, automaton.smooth[place].on_input != 0)
+            low[reached], high[reached] = -np.inf, np.inf
+    for guard in automaton.guards:
+        before, after = automaton.modes[guard.mode], automaton.modes[guard.target]
+        if not (before.sticking or after.sticking):
+            _widen(low, high, *_jumps(guard, before, after))
+    return low, high
+
+
+def _widen(low: Array, high: Array, *slopes: Array) -> None:
+    for values in slopes:
+        np.minimum(low, values, out=low)
+        np.maximum(high, values, out=high)
+
+
+def _jumps(guard: Guard, before: Mode, after: Mode) -> tuple[Array, Array]:
+    """Slopes (n_outputs, n_inputs) at an event: infinite for outputs that jump with an input, zero otherwise."""
+    held = np.hstack([guard.held_from_input, guard.held_from_held, guard.held_constant[:, None]])
+    was = np.hstack([before.from_input, before.from_held, before.constant[:, None]])
+    # As rows on inputs, held values and one: the new output, with what the reset writes, less the old one.
+    new = (
+        np.hstack([after.from_input, np.zeros_like(after.from_held), after.constant[:, None]]) + after.from_held @ held
+    )
+    row = np.concatenate([guard.on_input, guard.on_held, [guard.constant]]) + guard.on_output @ was
+    if np.any(guard.on_rate):
+        row = np.zeros_like(row)
+    change, size = new - was, np.abs(new) + np.abs(was)
+    share = change[:, :-1] @ row[:-1] / (row[:-1] @ row[:-1] or 1.0)
+    left = change - np.outer(share, row)
+    left[np.abs(left) <= 1e-12 * (size.max(axis=1, keepdims=True) + np.abs(np.outer(share, row)))] = 0.0
+    jumps = np.any(left != 0.0, axis=1)
+    known = ~np.any(left[:, :-1] != 0.0, axis=1)
+    by = np.where(np.any(guard.on_rate), guard.on_rate, row[: guard.on_input.size])
+    sign = np.where(known, np.sign(left[:, -1]), 0.0)[:, None] * np.sign(by)[None, :]
+    steep = np.where(jumps[:, None] & (by != 0.0)[None, :], np.inf, 0.0)
+    slope = before.from_input
+    return (
+        np.where((steep > 0) & (sign <= 0), -np.inf, slope),
+        np.where((steep > 0) & (sign >= 0), np.inf, slope),
+    )
+
+
+def switching_levels(automaton: Automaton, bias: float = 0.0) -> Array:
+    """Values of the first input, from `bias`, at which guards on it rise; how far it must go where they compare it
+    with a held value.
+    """
+    guards = [g for g in automaton.guards if g.on_input[0] != 0.0]
+    return np.array([-g.constant / g.on_input[0] - (0.0 if np.any(g.on_held) else bias) for g in guards])

@@ -148,6 +148,7 @@ def elbow(parameters: ElbowParameters, *, delay_model: Literal["pade", "exact"] 
         memory=[start_stretch if name in cables and parameters.pulley.friction else None for name in elements],
         delays=delays,
         state_names=states,
+        principal=list(elements).index("bands"),
         name="elbow",
     )
 

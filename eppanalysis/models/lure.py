@@ -75,6 +75,8 @@ class LureSystem:
         Dead time of each element output [s] on its way to the state rate.
     time_step : float or None
         Sample time [s] of a discrete-time system.
+    principal : int
+        Element at which margins and pictures cut the loop.
     """
 
     A: Array
@@ -96,6 +98,7 @@ class LureSystem:
     time_step: float | None = None
     state_names: tuple[str, ...] = ()
     name: str = "loop"
+    principal: int = 0
 
     @classmethod
     @checked
@@ -120,22 +123,27 @@ class LureSystem:
         delays: ArrayLike | None = None,
         time_step: float | None = None,
         state_names: Sequence[str] | None = None,
+        principal: int = 0,
         name: str = "loop",
     ) -> LureSystem:
         """Make a system from what is not zero; everything else is filled in and all shapes are checked.
 
+        Where an element brings linear states of its own, what is given has the places of the signals before and behind
+        it; its states are appended to those given.
+
         Raises
         ------
         ModelError
-            If shapes or lengths do not fit, a number is not finite, two elements have one name, or a dead time or the
-            sample time is negative.
+            If shapes or lengths do not fit, a number is not finite, two elements have one name, a dead time or the
+            sample time is negative, or an element with states of its own has a dead time or stands in discrete time.
         """
         A = np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
             raise ModelError(f"{name}: A has shape {A.shape}", expected="a square matrix", field="A")
         n = A.shape[0] if A.size else 0
         A = A.reshape(n, n)
-        nz, nw, nv = sum(e.n_inputs for e in elements), sum(e.n_outputs for e in elements), len(input_names)
+        nz, nw = (sum(ports(e)[k] for e in elements) for k in (0, 1))
+        nv = len(input_names)
 
         array = partial(_checked_array, name)
         labels = _labels(elements, element_names)
@@ -149,7 +157,8 @@ class LureSystem:
         D_input, constant_input = array("D_input", D_input, (nz, nv)), array("constant_input", constant_input, (nz,))
         if signals is None:
             signals = _element_signals(elements, labels, C, D, D_input, constant_input)
-        return cls(
+        _require(name, "principal", principal, 0 <= principal < max(1, len(elements)), "the number of an element")
+        made = cls(
             A=array("A", A, (n, n)),
             B=array("B", B, (n, nw)),
             C=C,
@@ -169,7 +178,9 @@ class LureSystem:
             time_step=time_step,
             state_names=_state_names(name, state_names, n),
             name=name,
+            principal=principal,
         )
+        return with_own_states(made) if any(e.own_states is not None for e in elements) else made
 
     @classmethod
     @checked
@@ -248,7 +259,7 @@ class LureSystem:
         if not elements:
             raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
         for e in elements:
-            if e.n_inputs != 1 or e.n_outputs != 1:
+            if ports(e) != (1, 1):
                 raise ModelError(
                     f"{name}: {type(e).__name__} has several inputs or outputs; give the state space instead."
                 )
@@ -447,7 +458,7 @@ def _element_signals(
     names: list[str] = []
     rows_c, rows_d, rows_v, constants = [], [], [], []
     nw, nv = D.shape[1], D_input.shape[1]
-    inputs, outputs = _slices([e.n_inputs for e in elements]), _slices([e.n_outputs for e in elements])
+    inputs, outputs = (_slices([ports(e)[k] for e in elements]) for k in (0, 1))
     for label, zs, ws in zip(labels, inputs, outputs, strict=True):
         names.append(single[0] if single else f"{label}_input")
         rows_c.append(C[zs.start])
@@ -464,6 +475,123 @@ def _element_signals(
     return SignalMap(
         tuple(names), np.array(rows_c), np.array(rows_d), np.array(rows_v), np.array(constants), ("",) * len(names)
     )
+
+
+def ports(element: Nonlinearity) -> tuple[int, int]:
+    """Numbers of the loop's signals before and behind an element: its inputs and outputs, but for its own states."""
+    own = element.own_states
+    return (element.n_inputs, element.n_outputs) if own is None else (own.n_before, own.n_behind)
+
+
+def with_own_states(system: LureSystem) -> LureSystem:
+    """The loop with the linear states of its elements appended to its own.
+
+    What comes in has B, C, D at the signals before (x) and behind (y) the elements, what goes out at the inputs and
+    outputs (z, w) of their automata. With all own states stacked, ``x = C p + D y + ...`` and ``y = C_y s + D_yx x +
+    D_yw w`` are solved for x and y as rows on (p, s, w, v, 1).
+
+    Raises
+    ------
+    ModelError
+        If an element with states of its own has a dead time behind it or stands in discrete time, or the algebraic
+        loop through one has no solution.
+    """
+    labels = system.element_names
+    first = _slices([ports(e)[1] for e in system.elements])
+    for element, label, place in zip(system.elements, labels, first, strict=True):
+        if element.own_states is not None and (system.time_step or np.any(system.delays[place])):
+            what = "discrete time" if system.time_step else "a dead time behind it"
+            raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
+    own = _stacked(system.elements)
+    n, k, nw, nv = len(system.A), len(own["A"]), own["B_w"].shape[1], len(system.v0)
+    ends = np.cumsum([0, n, k, nw, nv, 1])
+    zero = np.zeros
+
+    def row(*blocks: Array) -> Array:
+        return np.hstack(blocks)
+
+    x_given = row(
+        system.C, system.D @ own["C_y"], system.D @ own["D_yw"], system.D_input, system.constant_input[:, None]
+    )
+    closed = np.eye(len(system.C)) - system.D @ own["D_yx"]
+    if np.linalg.cond(closed) > 1e14:
+        raise ModelError(f"{system.name}: the algebraic loop through {', '.join(labels)} has no unique solution.")
+    x = np.linalg.solve(closed, x_given)
+
+    def of(states: Array, outputs: Array, inputs: Array) -> Array:
+        """Rows on own states, automata's outputs and signals before the elements."""
+        m = len(states)
+        return row(zero((m, n)), states, outputs, zero((m, nv + 1))) + inputs @ x
+
+    y, z = of(own["C_y"], own["D_yw"], own["D_yx"]), of(own["C_z"], own["D_zw"], own["D_zx"])
+    p = row(system.A, zero((n, k + nw)), system.B_input, system.constant_state[:, None]) + system.B @ y
+    rate = np.vstack([p, of(own["A"], own["B_w"], own["B_x"])])
+    s = system.signals
+    seen = row(s.C, zero((len(s.C), k + nw)), s.D_input, s.constant[:, None]) + s.D @ y
+    states, outputs, inputs, one = slice(0, ends[2]), slice(ends[2], ends[3]), slice(ends[3], ends[4]), ends[4]
+    delays = [
+        system.delays[place] if e.own_states is None else zero(e.n_outputs)
+        for e, place in zip(system.elements, first, strict=True)
+    ]
+    names = (f"{label}_{i}" for e, label in zip(system.elements, labels, strict=True) for i in range(_count(e)))
+    return replace(
+        system,
+        A=rate[:, states],
+        B=rate[:, outputs],
+        B_input=rate[:, inputs],
+        constant_state=rate[:, one],
+        C=z[:, states],
+        D=z[:, outputs],
+        D_input=z[:, inputs],
+        constant_input=z[:, one],
+        signals=SignalMap(s.names, seen[:, states], seen[:, outputs], seen[:, inputs], seen[:, one], s.units),
+        x0=np.concatenate([system.x0, *(e.own_states.start for e in system.elements if e.own_states is not None)]),
+        delays=np.concatenate(delays),
+        state_names=(*system.state_names, *names),
+    )
+
+
+def _count(element: Nonlinearity) -> int:
+    return 0 if element.own_states is None else len(element.own_states.A)
+
+
+def _stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
+    """Own states of all elements as one system; what has none passes x to z and w to y."""
+    parts: dict[str, list[Array]] = {}
+    for e in elements:
+        before, behind = ports(e)
+        own = e.own_states
+        k, z = _count(e), e.n_inputs
+        A, B, C, D = (
+            np.zeros((0, 0)),
+            np.zeros((0, before + e.n_outputs)),
+            np.zeros((z + behind, 0)),
+            np.eye(z + behind),
+        )
+        if own is not None:
+            A, B, C, D = own.A, own.B, own.C, own.D
+        shapes = {"B": (k, before + e.n_outputs), "C": (z + behind, k), "D": (z + behind, before + e.n_outputs)}
+        for name, given in zip("BCD", (B, C, D), strict=True):
+            if given.shape != shapes[name]:
+                who = type(e).__name__
+                raise ModelError(f"{who}: {name} of its own states has shape {given.shape}; expected {shapes[name]}.")
+        blocks = {
+            "A": A, "B_x": B[:, :before], "B_w": B[:, before:], "C_z": C[:z], "C_y": C[z:],
+            "D_zx": D[:z, :before], "D_zw": D[:z, before:], "D_yx": D[z:, :before], "D_yw": D[z:, before:],
+        }  # fmt: skip
+        for name, block in blocks.items():
+            parts.setdefault(name, []).append(block)
+    return {name: _diagonal(blocks) for name, blocks in parts.items()}
+
+
+def _diagonal(blocks: Sequence[Array]) -> Array:
+    """Blocks of any shape, empty ones too, along the diagonal of a matrix of zeros."""
+    out = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
+    i = j = 0
+    for b in blocks:
+        out[i : i + b.shape[0], j : j + b.shape[1]] = b
+        i, j = i + b.shape[0], j + b.shape[1]
+    return out
 
 
 class _Ring:

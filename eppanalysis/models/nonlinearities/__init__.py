@@ -1,6 +1,6 @@
 """The nonlinear elements: map in time, closed-form describing function, automaton."""
 
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.nonlinearities.contact import LockPin, NordinShaft
 from eppanalysis.models.nonlinearities.friction import Friction
 from eppanalysis.models.nonlinearities.memory import (
@@ -28,6 +28,7 @@ from eppanalysis.models.nonlinearities.static import (
 )
 
 __all__ = [
+    "ELEMENTS",
     "Coulomb",
     "Cube",
     "DeadZone",
@@ -40,6 +41,7 @@ __all__ = [
     "LockPin",
     "Nonlinearity",
     "NordinShaft",
+    "OwnStates",
     "ParkingBandLaw",
     "PiecewiseLinear",
     "Play",

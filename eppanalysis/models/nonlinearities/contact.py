@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import DAMPING, IN, SLOPE, Nonlinearity
 from eppanalysis.models.nonlinearities.phases import (
     SMALLEST_AMPLITUDE,
     angle,
@@ -25,11 +26,12 @@ from eppanalysis.models.nonlinearities.phases import (
 )
 
 Array = NDArray[np.float64]
+_CONTACT = MappingProxyType({"gap": IN, "stiffness": SLOPE, "damping": DAMPING})
 Answer = tuple[Array, NDArray[np.complex128]]
 
 
 @dataclass(frozen=True)
-class LockPin(Nonlinearity):
+class LockPin(Nonlinearity, kind="lock_pin"):
     """Lock pin in its socket: no torque inside the gap, a spring and a damper outside it.
 
     Inputs are the relative angle delta [rad] and its rate [rad/s], the output is a torque [N*m].
@@ -64,6 +66,8 @@ class LockPin(Nonlinearity):
     """
 
     n_inputs: ClassVar[int] = 2
+    units = _CONTACT
+    input_is = "way"
 
     gap: float
     stiffness: float
@@ -122,6 +126,22 @@ class LockPin(Nonlinearity):
         """Distances of both edges of the gap from the bias."""
         return distances(self.gap / 2 - bias, self.gap / 2 + bias)
 
+    def slope_bounds(self) -> tuple[float, float]:
+        """Of the spring at a constant rate; infinite with a damper, which acts from the edge of the gap on."""
+        if not self.damping:
+            return (0.0 if self.gap else self.stiffness), self.stiffness
+        return (-np.inf if self.model == "classical" else 0.0), np.inf
+
+    def sector(self) -> tuple[float, float]:
+        """Of the spring; infinite with a damper, whose torque is as great as the rate."""
+        if not self.damping:
+            return (0.0 if self.gap else self.stiffness), self.stiffness
+        return (-np.inf if self.model == "classical" else 0.0), np.inf
+
+    def linear_gain(self) -> Array:
+        """Spring and damper, in contact."""
+        return np.array([[self.stiffness, self.damping]])
+
     def automaton(self) -> Automaton:
         """Free, in contact on either side and, if unilateral, released on either side."""
         return automata.lock_pin(self.gap, self.stiffness, self.damping, self.model == "unilateral")
@@ -167,7 +187,7 @@ def _push(a: Array, inside: Array, q: Array) -> Answer:
 
 
 @dataclass(frozen=True)
-class NordinShaft(Nonlinearity):
+class NordinShaft(Nonlinearity, kind="nordin_shaft"):
     """Shaft with inner damping behind a gap, whose contact angle is a state of the loop.
 
     Inputs are the twist delta [rad], its rate [rad/s] and the contact angle theta_b [rad] (within ``gap/2``); outputs
@@ -189,6 +209,8 @@ class NordinShaft(Nonlinearity):
 
     n_inputs: ClassVar[int] = 3
     n_outputs: ClassVar[int] = 2
+    units = _CONTACT
+    input_is = "way"
 
     gap: float
     stiffness: float
@@ -221,9 +243,17 @@ class NordinShaft(Nonlinearity):
             "NordinShaft has no describing function, as its contact angle is a state; use LockPin for a prediction."
         )
 
-    def thresholds(self) -> Array:
-        """Half the gap."""
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the gap, about any bias: the contact angle is apart from the twist."""
         return distances(self.gap / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Of the torque over the twist, at a constant rate and contact angle."""
+        return 0.0, self.stiffness
+
+    def linear_gain(self) -> Array:
+        """Spring and damper, in contact, where the contact angle rests."""
+        return np.array([[self.stiffness, self.damping, 0.0], [0.0, 0.0, 0.0]])
 
     def automaton(self) -> Automaton:
         """Free, in contact on either side."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import OUT, Nonlinearity
 from eppanalysis.models.nonlinearities.phases import (
     SMALLEST_AMPLITUDE,
     angle,
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Friction(Nonlinearity):
+class Friction(Nonlinearity, kind="friction"):
     """Friction force of a velocity v: ``coulomb*sgn(v)``, or ``static/(1 + stribeck*|v|)*sgn(v)`` if `stribeck` > 0.
 
     At rest the force takes whatever value keeps v at zero, up to `static`.
@@ -53,6 +54,9 @@ class Friction(Nonlinearity):
     >>> round(float(gain.real), 4)  # 4 coulomb/(pi A)
     0.6366
     """
+
+    units = MappingProxyType({"coulomb": OUT, "static": OUT, "stribeck": (-1, 0, 0)})
+    output_is = "force"
 
     coulomb: float
     static: float | None = None
@@ -112,9 +116,18 @@ class Friction(Nonlinearity):
         gain = self.breakaway / np.pi * ((forward_gain + backward_gain) / a)
         return mean, np.where(at_rest, np.inf, gain) + 0j
 
-    def thresholds(self) -> Array:
+    @property
+    def sticks_and_slips(self) -> bool:
+        """Whether the force at rest may be greater than in motion."""
+        return self.stribeck > 0 or self.breakaway > self.coulomb
+
+    def thresholds(self, bias: float = 0.0) -> Array:
         """The speed amplitude at which the friction has fallen by half; none for Coulomb friction."""
         return distances(1 / self.stribeck) if self.stribeck > 0 else np.zeros(0)
+
+    def linear_gain(self) -> Array:
+        """None: the margins of the linearised loop leave friction out."""
+        return np.zeros((1, 1))
 
     def slope_bounds(self) -> tuple[float, float]:
         """Least and greatest slope; infinite at the jump at rest."""

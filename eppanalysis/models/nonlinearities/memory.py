@@ -11,6 +11,7 @@ does not change: the gain is 0 there and the mean is the one that each class doc
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -19,12 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import IN, OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.nonlinearities.phases import (
     SMALLEST_AMPLITUDE,
     angle,
     broadcast,
     distances,
+    level_ratios,
     require,
     require_numbers,
     squared_sine,
@@ -101,7 +103,7 @@ def _relay(
 
 
 @dataclass(frozen=True)
-class HysteresisRelay(_Levels):
+class HysteresisRelay(_Levels, kind="hysteresis_relay"):
     """Relay that goes `high` when x rises through `upper` and `low` when x falls through `lower`.
 
     Raises
@@ -116,6 +118,8 @@ class HysteresisRelay(_Levels):
     >>> complex(gain.round(4))
     (1.1027-0.6366j)
     """
+
+    units = MappingProxyType({"lower": IN, "upper": IN, "low": OUT, "high": OUT})
 
     lower: float
     upper: float
@@ -149,13 +153,17 @@ class HysteresisRelay(_Levels):
         """Distances of both thresholds from the bias; the loop closes at the greater one if they are on either side."""
         return distances(self.lower - bias, self.upper - bias)
 
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``: `low` up to the upper threshold, `high` from the lower one on."""
+        return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
+
     def automaton(self) -> Automaton:
         """Two modes, one a level."""
         return automata.hysteresis_relay(self.lower, self.upper, self.low, self.high)
 
 
 @dataclass(frozen=True)
-class HysteresisRelayDeadZone(_Levels):
+class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     """Odd three-level relay: ``+level`` once x > `on` until x < `off`, ``-level`` once x < ``-on`` until x > ``-off``.
 
     Raises
@@ -163,6 +171,8 @@ class HysteresisRelayDeadZone(_Levels):
     ModelError
         If not ``0 <= off <= on`` with `on` and `level` positive.
     """
+
+    units = MappingProxyType({"on": IN, "off": IN, "level": OUT})
 
     on: float
     off: float
@@ -200,13 +210,17 @@ class HysteresisRelayDeadZone(_Levels):
         """Distances of the four thresholds from the bias."""
         return distances(*(s * x - bias for s in (1, -1) for x in (self.on, self.off)))
 
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``: zero, and the level where it goes off."""
+        return 0.0, self.level / self.off if self.off else np.inf
+
     def automaton(self) -> Automaton:
         """Three modes, one a level."""
         return automata.hysteresis_relay_dead_zone(self.on, self.off, self.level)
 
 
 @dataclass(frozen=True)
-class Play(Nonlinearity):
+class Play(Nonlinearity, kind="play"):
     """Friction-driven backlash of total width `gap`: the output rests until the input pushes it from either side.
 
     Parameters
@@ -226,6 +240,9 @@ class Play(Nonlinearity):
     >>> complex(gain.round(4))
     (0.5-0.3183j)
     """
+
+    units = MappingProxyType({"gap": IN})
+    same_unit = True
 
     gap: float
 
@@ -254,9 +271,17 @@ class Play(Nonlinearity):
         real, lag = 2 * squared_sine(angle(spare, self.gap / 2)), 2 * (self.gap / swing) * (spare / swing)
         return _with_nan(a, b, b, np.where(moves, (real - 1j * lag) / np.pi, 0.0))
 
-    def thresholds(self) -> Array:
-        """Half the gap."""
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the gap, about any bias."""
         return distances(self.gap / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero in the gap, one where it is pushed; one alone without a gap."""
+        return (0.0 if self.gap else 1.0), 1.0
+
+    def sector(self) -> tuple[float, float]:
+        """Infinite, as the output stays where it is while the input passes zero; one without a gap."""
+        return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
 
     def held_at(self, output: NDArray[np.float64]) -> float | None:
         """The output itself."""
@@ -268,7 +293,7 @@ class Play(Nonlinearity):
 
 
 @dataclass(frozen=True)
-class JumpAndFollow(_Sticking):
+class JumpAndFollow(_Sticking, kind="jump_and_follow"):
     """Stiction relay: sticks until the input has reversed by more than `stick_band`, jumps by `slip_jump`, follows.
 
     While it follows it stays ``(stick_band - slip_jump)/2`` behind the input; stuck at the value y it breaks away where
@@ -287,6 +312,8 @@ class JumpAndFollow(_Sticking):
     ModelError
         If a field is out of its range.
     """
+
+    units = MappingProxyType({"stick_band": IN, "slip_jump": IN, "slope": SLOPE})
 
     stick_band: float
     slip_jump: float
@@ -329,9 +356,22 @@ class JumpAndFollow(_Sticking):
         lag = 2 * (self.stick_band - self.slip_jump) / swing + band * (2 * jump - band)
         return _with_nan(a, b, self.slope * b, np.where(moves, self.slope / np.pi * (real - 1j * lag), 0.0))
 
-    def thresholds(self) -> Array:
-        """Half the stick band."""
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the stick band, about any bias."""
         return distances(self.stick_band / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero while stuck, `slope` while it follows, infinite where it jumps."""
+        stuck = self.stick_band + self.slip_jump > 0
+        return (0.0 if stuck else self.slope), np.inf if self.slip_jump else self.slope
+
+    def sector(self) -> tuple[float, float]:
+        """Infinite, as the output stays where it is while the input passes zero; `slope` where it never sticks."""
+        return (-np.inf, np.inf) if self.stick_band + self.slip_jump else (self.slope, self.slope)
+
+    def linear_gain(self) -> Array:
+        """The slope at which it follows."""
+        return np.array([[self.slope]])
 
     def held_at(self, output: NDArray[np.float64]) -> float | None:
         """The output itself."""
@@ -343,7 +383,7 @@ class JumpAndFollow(_Sticking):
 
 
 @dataclass(frozen=True)
-class StictionPulley(_Sticking):
+class StictionPulley(_Sticking, kind="stiction_pulley"):
     """Cable round a pulley whose friction is proportional to its load: jump-and-follow from stretch to tension.
 
     With the friction force ``friction*(F_h + F_f)`` and ``kinetic_ratio`` of it while sliding, the stretch u of the
@@ -371,6 +411,9 @@ class StictionPulley(_Sticking):
     """
 
     n_outputs: ClassVar[int] = 2
+    units = MappingProxyType(
+        {"harness_stiffness": SLOPE, "forearm_stiffness": SLOPE, "friction": RATIO, "kinetic_ratio": RATIO}
+    )
 
     harness_stiffness: float
     forearm_stiffness: float
@@ -472,6 +515,20 @@ class StictionPulley(_Sticking):
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
         excess = self.share_difference(-kinetic, static) / self.share(static)
         return distances(bias * excess / (2 + excess), bias)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero while stuck, infinite where the friction falls as it breaks away, else that of the steeper slide."""
+        steepest = np.inf if self.kinetic_ratio < 1 else self.forearm_stiffness * self.share(-self.friction)
+        return 0.0, steepest
+
+    def sector(self) -> tuple[float, float]:
+        """From slack, without force, to where it breaks away downward."""
+        return 0.0, self.forearm_stiffness * self.share(-self.friction)
+
+    def linear_gain(self) -> Array:
+        """Both springs in series: the tensions on either side are equal."""
+        h, f = self.harness_stiffness, self.forearm_stiffness
+        return np.full((2, 1), h * f / (h + f))
 
     def held_at(self, output: NDArray[np.float64]) -> float | None:
         """Stretch of the forearm side [m]."""

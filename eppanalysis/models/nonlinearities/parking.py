@@ -40,6 +40,7 @@ class ParkingBandLaw(Nonlinearity):
     """
 
     n_inputs: ClassVar[int] = 2
+    input_unit = "N"
 
     law: FiveBandLaw
     dwell_time: float
@@ -121,9 +122,22 @@ class ParkingBandLaw(Nonlinearity):
         """Number of the mode that is parked, behind the pieces of the law."""
         return len(self.law.slopes)
 
-    def thresholds(self) -> NDArray[np.float64]:
+    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
         """Those of the plain law."""
-        return self.law.thresholds()
+        return self.law.thresholds(bias)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Those of the plain law: it parks where that gives no voltage, and wakes up where that begins to give one."""
+        return self.law.slope_bounds()
+
+    def sector(self) -> tuple[float, float]:
+        """That of the plain law, and zero."""
+        low, high = self.law.sector()
+        return min(low, 0.0), max(high, 0.0)
+
+    def linear_gain(self) -> NDArray[np.float64]:
+        """That of the law, and nothing from the clock."""
+        return np.hstack([self.law.linear_gain(), [[0.0]]])
 
 
 @dataclass(frozen=True)
@@ -150,6 +164,11 @@ class SampledLaw(Nonlinearity):
     def __post_init__(self) -> None:
         if not (math.isfinite(self.period) and self.period > 0):
             raise ModelError("SampledLaw", self.period, "a positive number", field="period")
+
+    @property
+    def input_unit(self) -> str:  # type: ignore[override]
+        """That of the law."""
+        return self.law.input_unit
 
     def output(self, x: Any, memory: Any = None) -> tuple[float, tuple[float, float]]:
         """Held output for ``x = (force, clock)``; memory is (held output, clock at the next reading)."""
@@ -191,6 +210,14 @@ class SampledLaw(Nonlinearity):
         """One mode that holds, with a reset at every sample."""
         return automata.sampled(self.law.breakpoints, self.law.slopes, self.law.intercepts, self.period)
 
-    def thresholds(self) -> NDArray[np.float64]:
+    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
         """Those of the law."""
-        return self.law.thresholds()
+        return self.law.thresholds(bias)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Those of the law's samples are not bounded: between two of them the input may have come back."""
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> NDArray[np.float64]:
+        """That of the law, and nothing from the clock."""
+        return np.hstack([self.law.linear_gain(), [[0.0]]])

@@ -72,6 +72,16 @@ def distances(*levels: float) -> Array:
     return sizes[sizes > 0]
 
 
+def level_ratios(*pieces: tuple[float, float, float]) -> tuple[float, float]:
+    """Least and greatest ``level/x`` over all x but zero of pieces (level, from, to) that may overlap."""
+    found = []
+    for level, start, stop in pieces:
+        found += [level / end if np.isfinite(end) else 0.0 for end in (start, stop) if end != 0]
+        if level != 0 and start <= 0 <= stop:
+            found += [np.copysign(np.inf, level * side) for side, far in ((-1.0, start), (1.0, stop)) if far != 0]
+    return float(min(found)), float(max(found))
+
+
 def angle(from_peak: ArrayLike, to_trough: ArrayLike) -> Array:
     """Angle from the peak, 0 to pi, of the level that lies `from_peak` below it and `to_trough` above the trough."""
     return 2 * np.arctan2(np.sqrt(np.maximum(from_peak, 0)), np.sqrt(np.maximum(to_trough, 0)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,13 @@ from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import IN, OUT, SLOPE, Nonlinearity
 from eppanalysis.models.nonlinearities.phases import broadcast, distances
 
 Array = NDArray[np.float64]
 
 
-class PiecewiseLinear(Nonlinearity):
+class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
     """Piecewise-linear map; piece i, between breakpoints i-1 and i, is ``y = slopes[i]*x + intercepts[i]``.
 
     At a breakpoint with a jump the map returns the midpoint. Instances are immutable.
@@ -53,6 +54,8 @@ class PiecewiseLinear(Nonlinearity):
     >>> round(float(mean), 4), round(float(gain.real), 4)
     (31.831, 50.0)
     """
+
+    units = MappingProxyType({"breakpoints": IN, "slopes": SLOPE, "intercepts": OUT})
 
     breakpoints: Array
     slopes: Array
@@ -165,6 +168,10 @@ class PiecewiseLinear(Nonlinearity):
             if edge != 0:
                 ratios += [self.slopes[p] + self.intercepts[p] / edge for p in (i, i + 1)]
         return float(min(ratios)), float(max(ratios))
+
+    def linear_gain(self) -> Array:
+        """The steepest slope, infinite at a jump."""
+        return np.array([[max(self.slope_bounds(), key=abs)]])
 
     def automaton(self) -> Automaton:
         """Modes, guards and resets: one mode a piece, and one that slides along each jump."""

@@ -7,6 +7,7 @@ The named shapes only work out breakpoints, slopes and intercepts; everything th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models import automata
 from eppanalysis.models.automaton import Automaton
-from eppanalysis.models.nonlinearities.base import Nonlinearity
+from eppanalysis.models.nonlinearities.base import IN, OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.nonlinearities.phases import broadcast, require, require_numbers
 from eppanalysis.models.nonlinearities.piecewise import PiecewiseLinear
 
@@ -42,7 +43,7 @@ _MOST_LEVELS = 100_000
 
 
 @dataclass(frozen=True)
-class FiveBandLaw(PiecewiseLinear):
+class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
     """Motor voltage of the five bands slack, extension, parking, flexion and full flexion of the cable force.
 
     Parameters
@@ -66,6 +67,11 @@ class FiveBandLaw(PiecewiseLinear):
     >>> law.output([0.0, 7.5, 10.5, 13.5, 20.0])[0].tolist()
     [-16.0, -8.0, 0.0, 8.0, 16.0]
     """
+
+    units = MappingProxyType(
+        {"slack": IN, "low": IN, "high": IN, "max": IN, "supply_voltage": OUT, "offset_voltage": OUT}
+    )
+    input_unit = "N"
 
     slack: float
     low: float
@@ -98,7 +104,7 @@ class FiveBandLaw(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Saturation(PiecewiseLinear):
+class Saturation(PiecewiseLinear, kind="saturation"):
     """``y = slope*x``, limited to `lower` and `upper` (both in the unit of the output).
 
     Raises
@@ -106,6 +112,8 @@ class Saturation(PiecewiseLinear):
     ModelError
         If the limits do not ascend or the slope is not positive.
     """
+
+    units = MappingProxyType({"lower": OUT, "upper": OUT, "slope": SLOPE})
 
     lower: float = -1.0
     upper: float = 1.0
@@ -120,7 +128,7 @@ class Saturation(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class DeadZone(PiecewiseLinear):
+class DeadZone(PiecewiseLinear, kind="dead_zone"):
     """Zero between `lower` and `upper` (unit of the input), a line of `slope` from either edge outwards.
 
     Raises
@@ -128,6 +136,8 @@ class DeadZone(PiecewiseLinear):
     ModelError
         If the edges do not ascend or the slope is zero.
     """
+
+    units = MappingProxyType({"lower": IN, "upper": IN, "slope": SLOPE})
 
     lower: float = -1.0
     upper: float = 1.0
@@ -142,7 +152,7 @@ class DeadZone(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class DeadZoneSaturation(PiecewiseLinear):
+class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
     """Odd: zero up to ``|x| = dead_zone``, then `slope`, up to ``|y| = limit``.
 
     Parameters
@@ -159,6 +169,8 @@ class DeadZoneSaturation(PiecewiseLinear):
     ModelError
         If a field is out of its range.
     """
+
+    units = MappingProxyType({"dead_zone": IN, "slope": SLOPE, "limit": OUT})
 
     dead_zone: float
     slope: float
@@ -178,7 +190,7 @@ class DeadZoneSaturation(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Relay(PiecewiseLinear):
+class Relay(PiecewiseLinear, kind="relay"):
     """`low` below `threshold`, `high` above it, halfway between the two at it.
 
     Raises
@@ -186,6 +198,8 @@ class Relay(PiecewiseLinear):
     ModelError
         If a field is not a finite number.
     """
+
+    units = MappingProxyType({"low": OUT, "high": OUT, "threshold": IN})
 
     low: float = -1.0
     high: float = 1.0
@@ -197,7 +211,7 @@ class Relay(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class RelayDeadZone(PiecewiseLinear):
+class RelayDeadZone(PiecewiseLinear, kind="relay_dead_zone"):
     """Three levels: ``-level`` below ``-threshold``, 0 between, ``level`` above `threshold`.
 
     Raises
@@ -205,6 +219,8 @@ class RelayDeadZone(PiecewiseLinear):
     ModelError
         If the threshold is not positive.
     """
+
+    units = MappingProxyType({"threshold": IN, "level": OUT})
 
     threshold: float
     level: float = 1.0
@@ -216,7 +232,7 @@ class RelayDeadZone(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Preload(PiecewiseLinear):
+class Preload(PiecewiseLinear, kind="preload"):
     """``y = slope*x + level*sgn(x)``.
 
     Raises
@@ -224,6 +240,8 @@ class Preload(PiecewiseLinear):
     ModelError
         If a field is not a finite number.
     """
+
+    units = MappingProxyType({"level": OUT, "slope": SLOPE})
 
     level: float
     slope: float
@@ -234,7 +252,7 @@ class Preload(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Coulomb(PiecewiseLinear):
+class Coulomb(PiecewiseLinear, kind="coulomb"):
     """``y = level*sgn(x)``: a force against motion that does not stick (see Friction for one that does).
 
     Raises
@@ -242,6 +260,9 @@ class Coulomb(PiecewiseLinear):
     ModelError
         If the level is not a finite number.
     """
+
+    units = MappingProxyType({"level": OUT})
+    output_is = "force"
 
     level: float
 
@@ -251,7 +272,7 @@ class Coulomb(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Quantiser(PiecewiseLinear):
+class Quantiser(PiecewiseLinear, kind="quantiser"):
     """Mid-tread quantiser: the nearest multiple of `step`, limited to `levels` steps on each side.
 
     Halfway between two multiples it gives the one that is further from zero; there is no output between two levels.
@@ -267,6 +288,9 @@ class Quantiser(PiecewiseLinear):
     >>> Quantiser(step=0.5, levels=4).output([0.2, 0.3, -9.0])[0].tolist()
     [0.0, 0.5, -2.0]
     """
+
+    units = MappingProxyType({"step": IN, "levels": RATIO})
+    same_unit = True
 
     step: float
     levels: int
@@ -292,7 +316,7 @@ class Quantiser(PiecewiseLinear):
 
 
 @dataclass(frozen=True)
-class Cube(Nonlinearity):
+class Cube(Nonlinearity, kind="cube"):
     """``y = scale * x**3``.
 
     Raises
@@ -300,6 +324,8 @@ class Cube(Nonlinearity):
     ModelError
         If the scale is not a finite number.
     """
+
+    units = MappingProxyType({"scale": (-3, 1, 0)})
 
     scale: float
 
@@ -334,13 +360,17 @@ class Cube(Nonlinearity):
         far = np.copysign(np.inf, self.scale) if self.scale else 0.0
         return float(min(far, 0.0)), float(max(far, 0.0))
 
+    def linear_gain(self) -> Array:
+        """The steepest slope, which is infinite."""
+        return np.array([[max(self.slope_bounds(), key=abs)]])
+
     def automaton(self) -> Automaton:
         """One smooth mode."""
         return automata.smooth("cube", self.scale)
 
 
 @dataclass(frozen=True)
-class Sine(Nonlinearity):
+class Sine(Nonlinearity, kind="sine"):
     """``y = scale * sin(x)``, x in radians (gravity on a link, a pendulum).
 
     Raises
@@ -355,6 +385,8 @@ class Sine(Nonlinearity):
     >>> gain.real.round(4).tolist()
     [1.0, 0.8801]
     """
+
+    units = MappingProxyType({"scale": OUT})
 
     scale: float
 
@@ -392,6 +424,14 @@ class Sine(Nonlinearity):
         """Least and greatest ``y/x`` over all x."""
         ends = (self.scale, self.scale * self.LEAST_RATIO)
         return min(ends), max(ends)
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """None: the describing function has one form."""
+        return np.zeros(0)
+
+    def linear_gain(self) -> Array:
+        """The slope at zero."""
+        return np.array([[self.scale]])
 
     def automaton(self) -> Automaton:
         """One smooth mode."""
