@@ -102,7 +102,7 @@ def test_motions_are_read_back(motion: Motion, by_name: bool) -> None:
     again = epp.case_from_text(case.to_toml(), "loop")
     found = again.input["hand"] if isinstance(again.input, dict) else again.input
     assert found is not None and again.t_end == 2 / 3
-    t = np.linspace(-0.1, 1.0, 500)
+    t = np.linspace(0.0, 1.0, 500)
     assert found.value(t).tobytes() == motion.value(t).tobytes()
 
 
@@ -144,7 +144,9 @@ VERBS = {
     "knock": lambda x: [k.to_dict() for k in epp.knock(x)],
     "ladder": lambda x: epp.ladder(x).to_dict(),
     "continue_branch": lambda x: epp.continue_branch(x, THRESHOLD, 1.0, 1.1, n_points=4, n_others=0).to_dict(),
-    "design_bounds": lambda x: epp.design_bounds(x, LEVEL, THRESHOLD, at=[1.0], within=(0.5, 2.0), starts=10).to_dict(),
+    "design_bounds": lambda x: epp.design_bounds(
+        x, LEVEL, THRESHOLD, at=[1.0], within=(0.5, 2.0), exact=False
+    ).to_dict(),
     "sweep": lambda x: epp.sweep(x, {THRESHOLD: [0.5, 1.0]}, "predict", progress=False).to_dict()["data_vars"],
     "frozen_nyquist": lambda x: epp.frozen_nyquist(x, epp.predict_limit_cycles(x)[-1]).response.tolist(),
 }

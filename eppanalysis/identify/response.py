@@ -16,7 +16,7 @@ from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.elbow import elbow
 from eppanalysis.models.elbow_parameters import ElbowParameters, declared
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.signals import Motion, Recorded
+from eppanalysis.models.signals import Motion, Recorded, motions_by_name
 
 Array = NDArray[np.float64]
 
@@ -209,7 +209,7 @@ def _motion(recording: Recording, case: Case) -> tuple[Motion, Array]:
     """What the harness does, and the times of the record on its clock."""
     time = recording["time"]
     if "harness" not in recording:
-        motion = case.input
+        motion = motions_by_name(case.to_system().input_names, case.input).get("harness_position")
         if motion is None:
             raise EppError(f"{recording.source}: the case {case.name!r} has no input; expected a step of the harness.")
         return motion, time

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from eppanalysis.errors import EppError
 from eppanalysis.models.lure import LureSystem
@@ -51,6 +51,7 @@ class CaseLike(Protocol):
 
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
 Held = OperatingPoint | Mapping[str, float]
+C = TypeVar("C", bound=CaseLike)
 
 
 def system_of(loop: LureSystem | CaseLike, verb: str) -> LureSystem:
@@ -86,7 +87,7 @@ def standing(loop: LureSystem | CaseLike, held: Held | None, verb: str) -> tuple
     return system, OperatingPoint(dict(zip(system.input_names, inputs, strict=True)))
 
 
-def require_case(case: CaseLike | LureSystem, verb: str) -> CaseLike:
+def require_case(case: C | LureSystem, verb: str) -> C:
     """The case that an analysis over parameters was handed; at the public door a loop has become one.
 
     Raises

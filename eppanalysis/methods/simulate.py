@@ -146,8 +146,8 @@ def simulate(
     if system.time_step:
         from eppanalysis.methods.iterate import iterate
 
-        found = iterate(system, input, t_end, None if t_eval is None else times)
-        return _with_point(found, OperatingPoint.of(system, input, t_end))
+        iterated = iterate(system, input, t_end, None if t_eval is None else times)
+        return _with_point(iterated, OperatingPoint.of(system, input, t_end))
     hybrid = HybridSystem.from_lure(system, motions_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
     run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS, max_steps)

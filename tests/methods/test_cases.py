@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.ladder import ladder
 
 BACKLASH, RANGE = "lock_pin.backlash", "bands.range"
 
 
-def test_verbs_that_want_a_case_say_so() -> None:
-    """A system in place of the case is the likely slip: a sentence, and no AttributeError."""
-    system = epp.case("relay_deadzone").to_system()
+def test_analyses_say_what_they_want() -> None:
+    """What is neither a case nor a loop is refused in a sentence, and no AttributeError."""
+    wrong: Any = epp.Saturation()
+    cycle = epp.predict_limit_cycles(epp.case("relay_deadzone"))[-1]
     verbs = {
-        "continue_branch": lambda: epp.continue_branch(system, BACKLASH, 1.0, 2.0),
-        "continue_folds": lambda: epp.continue_folds(system, BACKLASH, RANGE, (1.0, 2.0), (1.0, 2.0)),
-        "design_bounds": lambda: epp.design_bounds(system, RANGE, BACKLASH),
-        "tolerance_bound": lambda: epp.tolerance_bound(system, BACKLASH, within=(0.1, 1.0)),
-        "design_advice": lambda: epp.design_advice(system, ["2.5 lbf"]),
-        "design_guide": lambda: epp.design_guide(system, ["2.5 lbf"]),
-        "ladder": lambda: epp.ladder(system),
+        "continue_branch": lambda: epp.continue_branch(wrong, BACKLASH, 1.0, 2.0),
+        "continue_folds": lambda: epp.continue_folds(wrong, BACKLASH, RANGE, (1.0, 2.0), (1.0, 2.0)),
+        "design_bounds": lambda: epp.design_bounds(wrong, RANGE, BACKLASH),
+        "tolerance_bound": lambda: epp.tolerance_bound(wrong, BACKLASH, within=(0.1, 1.0)),
+        "ladder": lambda: epp.ladder(wrong),
+        "predict_limit_cycles": lambda: epp.predict_limit_cycles(wrong),
+        "harmonic_balance": lambda: epp.harmonic_balance(wrong, cycle),
+        "exact_orbit": lambda: epp.exact_orbit(wrong, cycle),
+        "find_limit_cycles": lambda: epp.find_limit_cycles(wrong),
+        "frozen_nyquist": lambda: epp.frozen_nyquist(wrong, cycle),
+        "knock": lambda: epp.knock(wrong),
+        "simulate": lambda: epp.simulate(wrong),
     }
     for verb, call in verbs.items():
-        with pytest.raises(epp.EppError, match=f"^{verb}: the first argument is a LureSystem; expected a Case"):
+        with pytest.raises(epp.EppError, match=f"^{verb}: the first argument is a Saturation; expected a Case"):
             call()
 
 
-def test_knock_wants_a_system() -> None:
-    with pytest.raises(epp.EppError, match=r"^knock: the first argument is a Case; expected a LureSystem"):
-        epp.knock(epp.case("relay_deadzone"))
+def test_methods_over_parameters_say_how_a_loop_becomes_a_case() -> None:
+    """Behind the public door, where a loop has not become a case."""
+    loop = epp.case("relay_deadzone").to_system()
+    with pytest.raises(
+        epp.EppError, match=r"^ladder: the first argument is a LureSystem;.*Case\.from_system\(\) makes"
+    ):
+        ladder(loop)
