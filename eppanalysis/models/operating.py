@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arguments import checked_class
+from eppanalysis.arguments import checked, checked_class
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.models.signals import Motion, Sine, motions_by_name
 
@@ -53,6 +53,7 @@ class OperatingPoint:
                 raise ModelError("OperatingPoint", value, "a finite number", field=name)
 
     @classmethod
+    @checked
     def of(
         cls, system: LureSystem, input: Motion | Mapping[str, Motion] | None = None, time: float = 0.0
     ) -> OperatingPoint:
@@ -82,11 +83,13 @@ class OperatingPoint:
         """Whether all inputs stand still."""
         return not self.moving
 
+    @checked
     def held(self, inputs: Mapping[str, float]) -> OperatingPoint:
         """The same with some inputs held at other values [SI]."""
         left = {name: text for name, text in self.moving.items() if name not in inputs}
         return OperatingPoint({**self.inputs, **inputs}, left)
 
+    @checked
     def vector(self, system: LureSystem) -> NDArray[np.float64]:
         """The inputs in the order of a loop, shape (nv,).
 

@@ -131,6 +131,10 @@ class Chua:
         B = [[-a * (inner - outer)], [0], [0]]
         return epp.LureSystem.build(A, B, [[1.0, 0, 0]], [epp.Saturation()], x0=[1.5, 0.1, -1.5], name=self.name)
 
+    @property
+    def operating_point(self) -> epp.OperatingPoint:
+        return epp.OperatingPoint()
+
     def with_values(self, values):
         return Chua(float(values["alpha"]))
 
