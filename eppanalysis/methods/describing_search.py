@@ -37,6 +37,12 @@ _MANY_STEPS = (
     " The loop may stand on many pieces of its element, as its static balance has several answers: biases were sought "
     f"around zero and the first {_MOST_CENTRES} breakpoints, and cycles about others may be missing."
 )
+#: Branches of the bias that are followed: an element that turns back for ever, such as a sine, has them without end.
+_MOST_BRANCHES = 40
+_MANY_BRANCHES = (
+    f" The static balance has more answers than can be followed: the {_MOST_BRANCHES} branches of the bias with the "
+    "smallest swings and biases were, and cycles on others may be missing."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,15 +171,14 @@ def search_one(balance: Balance) -> Found:
     N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
-    lines = static_curves(balance, amplitude, scales)
+    lines, followed = static_curves(balance, amplitude, scales)
     real = _is_real(balance, lines)
     finder = _on_crossings if real else _on_phase_curves
     cycles, curves = finder(balance, lines, omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
-    complete = _breakpoints(balance) <= _MOST_CENTRES
-    if not complete:
-        text += _MANY_STEPS
-    return Found(distinct(balance, cycles), tuple(curves), text, complete)
+    few = _breakpoints(balance) <= _MOST_CENTRES
+    text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed)
+    return Found(distinct(balance, cycles), tuple(curves), text, few and followed)
 
 
 def _search_single(single: SingleBias, amplitude: Array) -> Found:
@@ -222,8 +227,8 @@ def _lowest_gain(N: ComplexArray) -> float:
     return 0.0 if unbounded else 0.999 / top
 
 
-def static_curves(balance: Balance, amplitude: Array, scales: Array) -> list[Array]:
-    """Curves (n, 2) of (amplitude, bias) on which the static balance holds, all branches of the bias."""
+def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[list[Array], bool]:
+    """Curves (n, 2) of (amplitude, bias) on which the static balance holds, and whether all branches are among them."""
     zero = np.zeros((len(amplitude), 1))
     q0 = _static(balance, amplitude, zero[:, 0])
     size = _static_size(balance, amplitude, zero[:, 0])
@@ -231,7 +236,7 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> list[Arr
     lines = [np.stack([amplitude, zero[:, 0]], -1)] if symmetric else []
     if _prescribed_alone(balance):
         fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
-        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)]
+        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True
     bias = _bias_nodes(balance, scales)
     coarse = amplitude[:: max(1, len(amplitude) // 250)]
     grid = _static(balance, *np.broadcast_arrays(coarse[:, None], bias[None, :]))
@@ -239,12 +244,16 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> list[Arr
         # The line of no bias is known already; dividing by the bias leaves the others.
         grid, bias = grid[:, bias > 0], bias[bias > 0]
         grid = grid / bias
-    for line in contour_lines(coarse, bias, grid):
-        points = np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)
-        points = _settle_bias(balance, points)
-        if len(points) > 1:
-            lines += [points, points * [1.0, -1.0]] if symmetric else [points]
-    return lines
+    branches = [
+        np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)
+        for line in contour_lines(coarse, bias, grid)
+        if len(line) > 1
+    ]
+    branches.sort(key=lambda points: float(np.min(points[:, 0] + np.abs(points[:, 1]))))
+    for branch in branches[:_MOST_BRANCHES]:
+        points = _settle_bias(balance, branch)
+        lines += [points, points * [1.0, -1.0]] if symmetric else [points]
+    return lines, len(branches) <= _MOST_BRANCHES
 
 
 def _prescribed_alone(balance: Balance) -> bool:

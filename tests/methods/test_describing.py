@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import control
@@ -33,6 +34,7 @@ from eppanalysis.models.nonlinearities import (
     Relay,
     RelayDeadZone,
     Saturation,
+    Sine,
 )
 from eppanalysis.results import Status
 
@@ -556,6 +558,15 @@ def test_cycles_between_levels_satisfy_the_balance_by_quadrature(reference):
     seen = [c.amplitude(next(iter(c.mean))) for c in found]
     assert all(any(a[i] <= v <= a[i + 1] for v in seen) for i in crossed)
     assert all(sampled(v) == pytest.approx(1.0, abs=1e-2) for v in seen)
+
+
+@pytest.mark.parametrize("plant", [[1.0, 0.0, 0.0], [1.0, 2.0, 1.0, 0.0]], ids=["pendulum", "damped"])
+def test_an_element_that_turns_back_for_ever_is_covered_in_part_and_soon(plant):
+    """The mean of a sine's output is zero at every multiple of pi and at every zero of a Bessel function."""
+    begun = time.process_time()
+    found = predict_limit_cycles(from_tf(([1.0], plant), Sine(1.0)))
+    assert time.process_time() - begun < 20.0
+    assert found.status is Status.INCOMPLETE and "more answers than can be followed" in found.search
 
 
 def test_staircase_on_which_the_loop_may_stand_anywhere_is_said_to_be_covered_in_part():
