@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.asked import Asked
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing import predict_limit_cycles
+from eppanalysis.methods.effort import Spent, Work, allotted, left
 from eppanalysis.methods.exact import Found, asked_for, orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.mirrored import mirror
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
@@ -65,9 +67,9 @@ _DWINDLES = 0.999
 _LATE, _LATEST = 100.0, 1e6
 #: Edges between outcomes that are bisected at most. Where basins are interwoven without end there is no last one.
 _MOST_EDGES = 150
-#: Steps of the engine after which no further start is run (the largest search of a shipped case takes a fifth of it).
-#: So many fast ones count as one; where no orbit can be closed that counts as so many.
-_MOST_WORK, _FAST_STEPS, _FAILURE = 2e7, 20.0, 4e5
+#: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
+#: together, for one edge, and for one prediction, one start or one mirror image.
+_MOST_WORK, _FOR_PREDICTIONS, _FOR_EDGE, _FOR_ONE = 2e7, 0.5, 0.2, 0.1
 #: Change over all periods to come, relative to the cycle, below which a cycle is listed as a run has it, and how often
 #: the run is made three times as long for that; and how many are listed at most, for they may fill a continuum.
 _REACHED, _MOST_LONGER, _MOST_REACHED = 1e-9, 6, 12
@@ -89,9 +91,10 @@ class CycleSearch(Brief):
         Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
         "simulation", with an error estimate below 1e-9).
     status : Status
-        CONVERGED, or UNDECIDED when something is left open: a predicted cycle was not closed, some run neither settled
-        nor repeated itself nor left, or is on a cycle that could not be closed, or there were more edges between
-        outcomes than are bisected (`message` says which).
+        CONVERGED, or UNDECIDED when something is left open: no orbit was found for a predicted cycle whose estimate
+        says that it exists, some run neither settled nor repeated itself nor left, or is on a cycle that could not be
+        closed, there were more edges between outcomes than are bisected, or the search ended before it had come to
+        its end (`message` says which).
     rests : bool
         Whether some start settled at rest.
     diverges : bool
@@ -101,7 +104,8 @@ class CycleSearch(Brief):
     rest_state : array, shape (n,)
         A state of rest that some run reached; empty where none did.
     unclosed : tuple of LimitCycle
-        The predicted cycles whose orbits were not found.
+        The predicted cycles whose orbits were not found; those with an infinite error estimate may not exist, and
+        alone leave nothing open.
     left_open : tuple of str
         What keeps the search from being complete, unclosed predictions aside, each in words.
     operating_point : OperatingPoint or None
@@ -122,9 +126,13 @@ class CycleSearch(Brief):
     @property
     def message(self) -> str:
         """How the search ended, in a sentence."""
-        missing = [f"no orbit was closed for the cycle predicted at {_named(c)}" for c in self.unclosed]
+        missing = [f"no orbit was closed for the cycle predicted at {_named(c)}" for c in self.unclosed if _exists(c)]
         open_ends = "; ".join([*missing, *self.left_open])
-        return self.status.value if not open_ends else f"The search leaves something open: {open_ends}."
+        told = self.status.value if not open_ends else f"The search leaves something open: {open_ends}."
+        doubtful = " and ".join(_named(c) for c in self.unclosed if not _exists(c))
+        if not doubtful:
+            return told
+        return f"{told} No orbit was found for what first order predicts at {doubtful}, which may not exist."
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -219,7 +227,7 @@ def find_limit_cycles(
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
     search = _Search(system, hybrid, seeds, at, by_balance, progress)
-    search.run()
+    search.run_all()
     cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
     outcomes = search.outcomes
     return CycleSearch(
@@ -231,7 +239,7 @@ def find_limit_cycles(
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
-        provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges},
+        provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges, "work": search.work.used},
         operating_point=at,
     )
 
@@ -269,6 +277,11 @@ def _named(cycle: LimitCycle) -> str:
     name, size = next(iter(cycle.peak_to_peak.items()))
     kind = {True: ", stable", False: ", unstable", None: ""}[cycle.stable]
     return f"{cycle.frequency:.6g} Hz ({name} {size:.4g} {cycle.units.get(name, '')}".rstrip() + f" peak to peak{kind})"
+
+
+def _exists(cycle: LimitCycle) -> bool:
+    """Whether a prediction claims that its cycle exists; an infinite estimate of its error says that it may not."""
+    return not np.isinf(cycle.error_estimate)
 
 
 def _size(system: LureSystem, cycle: LimitCycle) -> float:
@@ -320,14 +333,16 @@ class _Search:
     n_edges: int = 0
     n_left: int = 0
     n_ended: int = 0
-    work: float = 0.0
+    n_cut: int = 0
+    n_images: int = 0
+    work: Work = field(default_factory=lambda: Work(_MOST_WORK))
     rest: tuple[Array, Array] | None = None
     unclosed: list[LimitCycle] = field(default_factory=list)
 
     @property
     def complete(self) -> bool:
-        """Whether every prediction was closed, every run came to an end that is listed, every edge was bisected."""
-        return not (self.unclosed or self.left_open())
+        """Whether every cycle said to exist was closed, every run came to an end, every edge was split."""
+        return not (any(map(_exists, self.unclosed)) or self.left_open())
 
     def left_open(self) -> tuple[str, ...]:
         """What keeps the search from being complete, unclosed predictions aside."""
@@ -337,31 +352,40 @@ class _Search:
             f"{unclosed} runs are on cycles that could not be closed": unclosed,
             f"{self.n_left} edges between different outcomes were not bisected": self.n_left,
             f"{self.n_ended} starts were left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,
+            f"{self.n_cut} predictions were not followed to the end": self.n_cut,
+            f"the mirror images of {self.n_images} cycles were not tried": self.n_images,
         }
         return tuple(text for text, count in parts.items() if count)
 
-    def run(self) -> None:
+    def run_all(self) -> None:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
-        self.horizon = self._horizon()
-        self.image = mirror(self.hybrid)
-        led_to = [self._close(cycle) for cycle in self.predicted]
-        rays = self._rays()
-        for ray in rays:
-            self._scan(ray)
-        for start in self._random(rays):
-            self.outcome(*start)
-        for orbit in list(self.orbits):
-            self._scan(self._ray_to(orbit))
-        for orbit in list(self.orbits):
-            self._add_mirrored(orbit)
+        with allotted(_MOST_WORK) as self.work:
+            led_to = self._close_all()
+            for ray in self.rays:
+                self._scan(ray)
+            for start in self._random():
+                self.outcome(*start)
+            for orbit in list(self.orbits):
+                self._scan(self._ray_to(orbit))
+            for orbit in list(self.orbits):
+                self._add_mirrored(orbit)
         self.unclosed = self._not_among(led_to)
+
+    def _close_all(self) -> list[int | None]:
+        """For each prediction the number of the orbit that it asks for, None for none."""
+        with allotted(_FOR_PREDICTIONS * _MOST_WORK):
+            return [self._close(cycle) for cycle in self.predicted]
 
     def _close(self, cycle: LimitCycle) -> int | None:
         """Number of the orbit that a prediction asks for, None for none; all orbits that it leads to are kept."""
         found: list[Found] = []
-        for step in orbits_of(self.system, self.hybrid, cycle, self.at, self.by_balance, True):
-            found.append(step)
-            self.add(step.orbit)
+        try:
+            with allotted(_FOR_ONE * _MOST_WORK):
+                for step in orbits_of(self.system, self.hybrid, cycle, self.at, self.by_balance, True):
+                    found.append(step)
+                    self.add(step.orbit)
+        except Spent:
+            self.n_cut += 1
         asked = asked_for(found)
         return None if asked is None else self.add(asked)
 
@@ -404,7 +428,7 @@ class _Search:
 
     def _left(self) -> str:
         """What was not looked at."""
-        if self.work > _MOST_WORK:
+        if not self.work.left:
             return (
                 f" The search ended after {_MOST_WORK:.0e} steps of the engine; "
                 f"{self.n_ended} starts and {self.n_left} edges were left."
@@ -466,11 +490,21 @@ class _Search:
         else:
             y = self.image @ y
             x, held = y[:n], y[orbit.arcs.held]
-        for found in orbits_near(self.hybrid, x, held, orbit.period):
-            self.add(found)
-            return
+        try:
+            with allotted(_FOR_ONE * _MOST_WORK):
+                for found in orbits_near(self.hybrid, x, held, orbit.period):
+                    self.add(found)
+                    return
+        except Spent:
+            self.n_images += 1
 
-    def _horizon(self) -> float:
+    @cached_property
+    def image(self) -> Array | None:
+        """The map to the mirror image, where there is one."""
+        return mirror(self.hybrid)
+
+    @cached_property
+    def horizon(self) -> float:
         """How long a run is before it is judged for the first time [s]."""
         if self.predicted:
             return 40.0 * max(c.period for c in self.predicted)
@@ -478,21 +512,27 @@ class _Search:
         slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
         return 3.0 / float(slow.min()) if slow.size else 100.0
 
-    def outcome(self, x: Array, H: Array, deepen: bool = True) -> str:
+    def outcome(self, x: Array, H: Array) -> str:
         """Where a run from (x, H) ends: "rest", "leaves", "undecided", UNCLOSED, or the number of a cycle."""
-        found = self._outcome(x, H)
+        try:
+            found = self._outcome(x, H)
+        except Spent:
+            self.n_ended += 1
+            found = "not run"
         kind = "cycle" if found.isdigit() else found
         self.outcomes[kind] = self.outcomes.get(kind, 0) + 1
         return found
 
     def _outcome(self, x: Array, H: Array) -> str:
         self._tell()
-        if self.work > _MOST_WORK:
-            self.n_ended += 1
-            return "not run"
         try:
-            return self._end_of(replace(self.hybrid, x0=x, H0=H))
+            with allotted(_FOR_ONE * _MOST_WORK):
+                return self._end_of(replace(self.hybrid, x0=x, H0=H))
         except EppError:  # a dead time with more switches than its history holds
+            return "undecided"
+        except Spent:
+            if not left():  # of what lies around this start
+                raise
             return "undecided"
 
     def _end_of(self, start: HybridSystem) -> str:
@@ -576,7 +616,7 @@ class _Search:
         """How far the states move on what was predicted and found."""
         n = self.hybrid.x0.size
         size = 1e-9 * np.abs(self.hybrid.x0)
-        for ray in self._rays():
+        for ray in self.rays:
             size = np.maximum(size, np.abs(ray[1]))
         for orbit in self.orbits:
             size = np.maximum(size, orbit.scale[:n])
@@ -597,7 +637,6 @@ class _Search:
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
             return str(self.add(orbit))
-        self.work += _FAILURE
         for i, known in enumerate(self.orbits):
             if has_period_of(known, period):  # it only touches a guard, now and then
                 return str(i)
@@ -626,11 +665,10 @@ class _Search:
     def _run(self, start: HybridSystem, t: float) -> Run:
         """A run of the search, without samples."""
         self.n_runs += 1
-        run = run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
-        self.work += float(run.stats[4] + run.stats[3] / _FAST_STEPS)
-        return run
+        return run_hybrid(start, t, _NO_SAMPLES, 2.0 * self.hybrid.time_scale, _MOST_EVENTS, 600)
 
-    def _rays(self) -> list[tuple[Array, Array, Array]]:
+    @cached_property
+    def rays(self) -> list[tuple[Array, Array, Array]]:
         """Lines of starts: centre, direction, held values."""
         rays = []
         for cycle in self.predicted:
@@ -658,10 +696,10 @@ class _Search:
         centre[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
         return centre, x - centre, orbit.y[orbit.arcs.held].copy()
 
-    def _random(self, rays: list[tuple[Array, Array, Array]]) -> Iterator[tuple[Array, Array]]:
+    def _random(self) -> Iterator[tuple[Array, Array]]:
         """Starts in a box as large as the motions seen."""
         rng = np.random.default_rng(_SEED)
-        boxes = [(r[0], np.abs(r[1]), r[2]) for r in rays]
+        boxes = [(r[0], np.abs(r[1]), r[2]) for r in self.rays]
         boxes += [(*self._ray_to(o)[:1], 0.5 * o.scale[: self.hybrid.x0.size], o.y[o.arcs.held]) for o in self.orbits]
         for i in range(N_RANDOM if boxes else 0):
             centre, size, H = boxes[i % len(boxes)]
@@ -679,11 +717,18 @@ class _Search:
 
     def _edge(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
         """Bisect between two outcomes; close orbits from the run that stays longest near the edge."""
-        if self.n_edges >= _MOST_EDGES or self.work > _MOST_WORK:
+        if self.n_edges >= _MOST_EDGES or not self.work.left:
             self.n_left += 1
             return
-        centre, direction, H = ray
         self.n_edges += 1
+        try:
+            with allotted(_FOR_EDGE * _MOST_WORK):
+                self._bisect(ray, a, b, end_a, end_b)
+        except Spent:
+            self.n_left += 1
+
+    def _bisect(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
+        centre, direction, H = ray
         for i in range(48):
             c = 0.5 * (a + b)
             if i in (10, 20, 30, 40) and self._close_on_edge(centre + c * direction, H):
@@ -706,7 +751,6 @@ class _Search:
             if orbit is not None and not is_stable(orbit.multipliers, orbit.one_of_many):
                 self.add(orbit)
                 return True
-        self.work += _FAILURE / 10.0
         return False
 
 

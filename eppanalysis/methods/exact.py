@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 
@@ -13,6 +14,7 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.asked import Asked
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.edge import orbits_on_edge
+from eppanalysis.methods.effort import Spent, allotted
 from eppanalysis.methods.harmonic import balances_of
 from eppanalysis.methods.mirrored import mirrored_orbits
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
@@ -31,6 +33,8 @@ Array = NDArray[np.float64]
 _TRUSTED = 0.05
 #: And below which what does not agree with it is not the orbit asked for.
 _REFUTES = 5e-3
+#: Steps of the engine, and what is worth as many, after which an orbit that has not been closed will not be.
+_MOST_WORK = 1e7
 
 
 def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed: bool = False) -> HybridSystem:
@@ -87,7 +91,9 @@ def exact_orbit(system: LureSystem | CaseLike, start: LimitCycle, operating_poin
     hybrid = steady_hybrid(system, at)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    found = list(orbits_of(system, hybrid, start, at))
+    found: list[Found] = []
+    with suppress(Spent), allotted(_MOST_WORK):
+        found.extend(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
         return replace(to_limit_cycle(system, orbit), operating_point=at)

@@ -19,6 +19,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing_balance import mean_state
+from eppanalysis.methods.effort import spend
 from eppanalysis.methods.harmonic_elements import Regime, Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, extrema, orders, sampled
@@ -35,6 +36,8 @@ _ITERATIONS = 30
 _LARGEST_STEP = 0.5
 _SMALLEST_SHARE = 1 / 1024
 _MOST_SHARES = 8
+#: Steps of the engine that one linearised balance is worth: at all, and each unknown.
+_ITERATE, _UNKNOWN = 800.0, 20.0
 _SEEDS = 1 / 3  # and below which it may lead to an exact orbit
 #: Estimate below which a balance need not be compared with a yet higher order, and the highest that low ones are.
 _FINE, _MOST_COMPARED = 1e-6, 65
@@ -343,6 +346,7 @@ class _Iterate:
 
     @classmethod
     def at(cls, equations: Equations, X: Array, sizes: tuple[Array, Array] | None = None) -> _Iterate:
+        spend(_ITERATE + _UNKNOWN * X.size)
         R, J, W = equations.linearised(X)
         unknowns, rows = equations.scales(X, W) if sizes is None else sizes
         return cls(X, R / rows, _solver(J * unknowns / rows[:, None]), unknowns, rows)

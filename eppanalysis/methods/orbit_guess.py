@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.effort import spend
 from eppanalysis.methods.simulate import Run
 from eppanalysis.models.arcs import LETS_GO, Arcs, Itinerary
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
@@ -26,6 +27,8 @@ IntArray = NDArray[np.int64]
 #: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
 #: switches that pile up without end look like one.
 MOST_ARCS = 120
+#: Steps of the engine that it is worth to compare two events of a run.
+_PAIR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +253,7 @@ def recurrences(
     time, state = run.time[order], run.state[order][:, hybrid.compared]
     if order.size < 2:
         return
+    spend(_PAIR * order.size**2)
     # Of several events at one instant the last one counts.
     free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
     gap = time[free] - time[free][:, None]

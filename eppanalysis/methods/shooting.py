@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.effort import spend
 from eppanalysis.methods.orbit_guess import Guess, first_return, make_guess, one_turn, recurrences, with_history
 from eppanalysis.methods.simulate import Run, is_rounding, run_hybrid
 from eppanalysis.methods.stability import multipliers, return_map
@@ -47,6 +48,9 @@ _NEARLY, _BESIDE = 1e-7, 0.01
 #: A solution so much larger than its right-hand side is made of rounding.
 _STRAY = 1e9
 _NO_SAMPLES = np.zeros(0)
+#: Steps of the engine that one sweep with its linear equations is worth: all at once, each arc, each entry of the
+#: equations, and with smooth channels each time constant that is passed through.
+_SWEEP, _ARC, _ENTRY, _TIME = 200.0, 5.0, 0.1, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +211,8 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     from eppanalysis.kernels.orbits import sweep
 
     p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
+    slow = float(np.abs(tau[arcs.smooth != 0]).sum()) / hybrid.time_scale
+    spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2 + _TIME * slow)
     starts, ends = np.empty((p + 1, N)), np.empty((p, N))
     A, r, speed = np.empty((m + p, m + p)), np.empty(m + p), np.empty(p)
     sweep(
@@ -291,7 +297,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
                 return None
             found = next_guess(orbit)
             if found is None:
-                return _finished(orbit)
+                orbit = _finished(orbit)
+                return orbit if crosses(orbit) else None
             if found.itinerary.key in seen:
                 return None
         else:
@@ -313,6 +320,14 @@ def moves(orbit: Orbit) -> bool:
     both = both[:, :n][:, compared]
     span, size = np.ptp(both, axis=0), np.abs(both).max(axis=0)
     return orbit.period > 1e-6 * orbit.hybrid.time_scale and bool(np.any(span > _NO_MOTION * size))
+
+
+def crosses(orbit: Orbit) -> bool:
+    """Whether an orbit crosses all of its guards; where it only touches one it has no return map and no multipliers."""
+    try:
+        return bool(np.all(np.isfinite(orbit.return_map)))
+    except np.linalg.LinAlgError:
+        return False
 
 
 def _finished(orbit: Orbit) -> Orbit:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, system_of
+from eppanalysis.methods.effort import left, spend
 from eppanalysis.methods.orbit import analyse_period
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.lure import LureSystem
@@ -50,6 +51,9 @@ _COUNTED = {
 }
 #: A minute or two, if none of them can be saved.
 _MOST_STEPS = 10_000_000
+#: What a search may compute is counted in series steps without smooth channels: so many are worth the set-up of a run,
+#: and one with smooth channels; so many fast steps are worth one.
+_SET_UP, _SMOOTH, _FAST_STEPS = 200.0, 20.0, 20.0
 #: What an element's input moves, relative to its thresholds and to where it is, that is rounding.
 _ROUNDING = 1e-13
 _KNOTS = ("knot_time", "knot_state", "knot_value", "knot_held", "knot_slope")
@@ -203,18 +207,24 @@ def run_hybrid(
     ------
     EppError
         If a combination of modes has no unique solution, or a dead time is too long for its history.
+    Spent
+        If the search that it belongs to may compute no more.
     """
-    from eppanalysis.kernels.hybrid import HISTORY, PAUSED, SINGULAR, run
+    from eppanalysis.kernels.hybrid import HISTORY, PAUSED, SINGULAR, STEP_LIMIT, run
     from eppanalysis.kernels.rooms import make_progress, make_samples
 
     announce_compilation(run)
+    spend(_SET_UP)
     (slots, work, room), ring = _own.rooms(hybrid, base), _own.ring(hybrid, max(1, min(keep, max_events)))
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
     room.x[:n], room.modes[:], room.H[:] = hybrid.x0, hybrid.modes0, hybrid.H0
-    samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, max_steps)
+    cost = _SMOOTH if hybrid.model.S.shape[1] else 1.0
+    most = min(float(max_steps), left() / cost)
+    samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, slots, work, room, samples, ring, now)
+    spend(cost * (most if code == STEP_LIMIT else float(now.series_steps + now.fast_steps / _FAST_STEPS)))
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "

@@ -172,9 +172,15 @@ def test_an_orbit_that_is_not_the_one_asked_for_is_no_answer(change, told):
 
 def test_a_prediction_that_was_not_closed_is_named():
     # The slow cycle that first order sees is not there.
-    found = epp.find_limit_cycles(epp.case("backlash_servo").to_system())
+    system = epp.case("backlash_servo").to_system()
+    found = epp.find_limit_cycles(system)
     (missing,) = found.unclosed
     assert missing.frequency == pytest.approx(0.0506, abs=1e-4)
-    assert found.status is Status.UNDECIDED and not found.left_open
+    assert np.isinf(missing.error_estimate)
+    assert found.status is Status.CONVERGED and not found.left_open
+    assert "may not exist" in found.message
+    # Where the estimate says that it exists, it is missing.
+    sure = epp.find_limit_cycles(system, predicted=[replace(missing, error_estimate=0.1)])
+    assert sure.status is Status.UNDECIDED and len(sure.unclosed) == 1 and not sure.left_open
     for text in (found.search, found.message, found.to_dict()["message"]):
         assert "0.0506339 Hz" in text and "unstable" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from scipy.optimize import brentq, fsolve
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
+from eppanalysis.methods.exact import start_of, steady_hybrid
+from eppanalysis.methods.shooting import crosses, orbits_near
 from eppanalysis.models.signals import Ramp
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
@@ -143,3 +146,15 @@ def test_moving_inputs_are_refused():
     moving = epp.OperatingPoint.of(system, Ramp(0.01, 0.0), time=1.0)
     with pytest.raises(EppError, match="'harness_position' is a ramp motion that has not ended at 1 s"):
         epp.exact_orbit(system, epp.predict_limit_cycles(system)[0], moving)
+
+
+def test_an_orbit_that_only_touches_a_guard_is_none() -> None:
+    """There the return map has no derivative, and its equations for the dwell times are singular."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    (predicted,) = epp.predict_limit_cycles(loop)
+    hybrid = steady_hybrid(loop)
+    orbit = next(orbits_near(hybrid, *start_of(hybrid, predicted), predicted.period))
+    assert crosses(orbit)
+    A, m = orbit.A.copy(), orbit.arcs.free.size
+    A[m:, m] = 0.0  # the first guard is met with no speed, and nothing behind depends on when
+    assert not crosses(replace(orbit, A=A))
