@@ -218,7 +218,10 @@ def continue_branch(
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is None:
-        branch = walk.run(_seed(case, parameter, family, (first, last), cycle))
+        value, orbit = _seed(case, parameter, family, (first, last), cycle)
+        if orbit.motion is not None:
+            raise EppError("continue_branch: cycles are not followed where what is behind a dead time moves.")
+        branch = walk.run((value, orbit))
     else:
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
     branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)

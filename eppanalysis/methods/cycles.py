@@ -423,8 +423,14 @@ class _Search:
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
             f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
             "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
-            f"{self._continua()}{self._unclosed()}{self._left()}{self._open()}"
+            f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}{self._open()}"
         )
+
+    def _pasts(self) -> str:
+        """From which pasts no run was begun."""
+        if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
+            return ""
+        return " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed."
 
     def _left(self) -> str:
         """What was not looked at."""
@@ -460,7 +466,7 @@ class _Search:
         if UNCLOSED not in self.outcomes:
             return ""
         if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
-            why = "with dead time an orbit is closed only where what is delayed is constant between switches"
+            why = "from none of their events, with what was on its way through the dead time, was an orbit closed"
         else:
             why = "from none of their events did Newton's method close an orbit"
         what = (

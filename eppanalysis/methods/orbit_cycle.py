@@ -60,6 +60,8 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
 
 def error_estimate(orbit: Orbit) -> float:
     """What the residual and the rounding of the flow can do to the orbit, relative to its size."""
+    if orbit.motion is not None:
+        return orbit.motion.error
     noise = np.maximum(np.abs(orbit.r), 2.0**-52 * orbit.row_scale)
     step = orbit.correction(noise)
     return float(np.max(np.abs(step) / orbit.column_scale))
@@ -83,7 +85,11 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     def by_arcs(times: Array) -> Array:
         return sample_arcs(orbit, times)
 
-    sample = by_arcs if delayed else by_engine
+    if orbit.motion is not None:
+        # Its pieces end where a signal has a corner.
+        marks, sample = orbit.motion.mesh.breaks, orbit.motion.signals
+    else:
+        sample = by_arcs if delayed else by_engine
     return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
 
 

@@ -110,8 +110,8 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
     if np.any(hybrid.model.smooth_kind == DELAY_LINE):
         try:
             return _delayed_guess(hybrid, it, starts[0], tau)
-        except ModelError:
-            return None
+        except ModelError:  # what is delayed moves
+            return Guess(it, starts[0].copy(), tau)
     try:
         arcs = Arcs.build(hybrid, it)
     except ModelError:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.delayed import DelayedMotion, delayed_motion, is_delayed
 from eppanalysis.methods.effort import spend
 from eppanalysis.methods.orbit_guess import Guess, first_return, make_guess, one_turn, recurrences, with_history
 from eppanalysis.methods.simulate import Run, is_rounding, run_hybrid
@@ -71,6 +72,8 @@ class Orbit:
         Derivative and residual of (closure, guards) over (free part of y, dwell times).
     speed : array, shape (p,)
         Rate at which each guard is crossed.
+    motion : DelayedMotion, optional
+        Where what is delayed moves: the motion itself, of which the start alone tells too little.
     """
 
     hybrid: HybridSystem
@@ -82,6 +85,7 @@ class Orbit:
     A: Array
     r: Array
     speed: Array
+    motion: DelayedMotion | None = None
 
     @property
     def period(self) -> float:
@@ -96,6 +100,8 @@ class Orbit:
     @cached_property
     def scale(self) -> Array:
         """Size of the motion in each place of y, shape (N,); never zero."""
+        if self.motion is not None:
+            return self.motion.scale
         both = np.concatenate([self.starts, self.ends])
         if np.any(self.arcs.smooth) and np.all(np.isfinite(both)):
             # What smooth channels move is not in F.
@@ -134,7 +140,9 @@ class Orbit:
 
     @cached_property
     def multipliers(self) -> ComplexArray:
-        """Floquet multipliers, largest first."""
+        """Floquet multipliers, largest first; the largest of infinitely many where what is delayed moves."""
+        if self.motion is not None:
+            return self.motion.multipliers
         n_wanted = max(int(np.sum(self.hybrid.compared)) - 1, 0) + self.arcs.n_timers
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
 
@@ -151,6 +159,8 @@ class Orbit:
         idle = np.setdiff1d(np.arange(first, first + count), self.arcs.free)
         if np.any(self.arcs.F[:, :, idle]):
             return True
+        if self.motion is not None:
+            return False
         A = self.A / self.row_scale[:, None] * self.column_scale
         if not np.all(np.isfinite(A)):
             return False
@@ -291,7 +301,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         try:
             orbit = solve(hybrid, guess)
         except ModelError:
-            return None
+            return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
         if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
             if not moves(orbit):
                 return None
@@ -309,6 +319,36 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         seen.add(found.itinerary.key)
         guess = found
     return None
+
+
+def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
+    """The exact orbit where what is delayed moves, begun at its longest arc."""
+    first = int(np.argmax(guess.tau))
+    it, tau = guess.itinerary.rotated(first), np.roll(guess.tau, -first)
+    try:
+        motion = delayed_motion(hybrid, it, guess.y, tau)
+        for q in range(1, tau.size // 2 + 1):
+            # Of a run that is on a cycle several turns may come as close to their begin as one.
+            if motion is not None and tau.size % q == 0 and _goes_round(it, motion.tau, q):
+                it = Itinerary(it.modes[:q], it.guards[:q], it.source[:q], it.at_once[:q])
+                motion = delayed_motion(hybrid, it, guess.y, motion.tau[:q])
+                break
+    except ModelError:
+        return None
+    if motion is None:
+        return None
+    m, p = motion.arcs.free.size, motion.tau.size
+    r = np.concatenate([np.zeros(m), motion.guards])
+    return Orbit(
+        hybrid, motion.arcs, motion.starts[0], motion.tau, motion.starts, motion.ends, np.eye(m + p), r, motion.speed,
+        motion,
+    )  # fmt: skip
+
+
+def _goes_round(it: Itinerary, tau: Array, q: int) -> bool:
+    """Whether a sequence of events is one of q arcs several times."""
+    same = np.array_equal(it.guards, np.roll(it.guards, q)) and np.array_equal(it.modes, np.roll(it.modes, q, axis=0))
+    return same and bool(np.max(np.abs(tau - np.roll(tau, q))) < 1e-7 * tau.sum())
 
 
 def moves(orbit: Orbit) -> bool:
@@ -416,6 +456,8 @@ def next_guess(orbit: Orbit) -> Guess | None:
 
 def middle(orbit: Orbit, arc: int) -> Array:
     """The vector y half-way along an arc."""
+    if orbit.motion is not None:
+        return np.asarray(orbit.motion.states(np.array([orbit.motion.marks[arc] - 0.5 * orbit.tau[arc]]))[0], float)
     from eppanalysis.kernels.orbits import states_at
 
     arcs, one = orbit.arcs, slice(arc, arc + 1)

@@ -122,17 +122,27 @@ def test_a_search_among_interwoven_basins_ends_and_says_so(monkeypatch):
     assert f"{whole.provenance['edges'] - 1} more edges were left" in found.search
 
 
-def test_cycles_that_cannot_be_closed_are_listed_as_runs_have_them():
-    # What a saturation sends through the dead time is not constant between its corners.
+def test_cycles_that_cannot_be_closed_are_listed_as_runs_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eppanalysis.methods.shooting.delayed_motion", lambda *_: None)
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
     found = epp.find_limit_cycles(loop)
     (cycle,) = found
     assert cycle.method == "simulation" and cycle.stable and found.status is Status.UNDECIDED
-    assert "listed as runs have them" in found.search and "constant between switches" in found.search
+    assert "listed as runs have them" in found.search
     balance = epp.harmonic_balance(loop, epp.predict_limit_cycles(loop)[0], order=65)
     assert balance.error_estimate < 2e-8
     assert cycle.period == pytest.approx(balance.period, rel=2e-8)
     assert cycle.peak_to_peak["x"] == pytest.approx(balance.peak_to_peak["x"], rel=1e-6)
+
+
+def test_a_cycle_whose_delayed_signal_moves_is_closed() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
+    found = epp.find_limit_cycles(loop)
+    (cycle,) = found
+    assert cycle.method == "exact orbit" and cycle.stable and found.status is Status.CONVERGED
+    assert "delayed signals are at rest" in found.search
+    run = epp.simulate(replace(loop, x0=cycle.state), t_end=40.0 * cycle.period)
+    assert cycle.period == pytest.approx(run.limit_cycle.period, rel=1e-9)
 
 
 def test_a_cycle_with_dead_time_goes_round_once():
