@@ -32,7 +32,7 @@ IntArray = NDArray[np.int64]
 
 #: Echoes of each switch at which pieces end, and degree of the polynomials; the finer ones tell the error.
 _COARSE, _FINE = (6, 9), (9, 12)
-_MOST_ITERATIONS = 25
+_MOST_ITERATIONS = 10
 #: Step in the dwell times, of the period, for their derivative; largest step of Newton's method; and converged.
 _STEP, _LARGEST, _CONVERGED = 1e-6, 0.1, 1e-10
 #: What two refinements may differ in the motion, relative to its size, and in the multipliers.

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Pieces at most; and the longest one, of a period.
-_MOST_PIECES, _LONGEST = 400, 1.0 / 24.0
+_MOST_PIECES, _LONGEST = 160, 1.0 / 24.0
 #: Breaks of pieces nearer than this to each other, of a period, are one.
 _SAME = 1e-10
 

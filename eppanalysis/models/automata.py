@@ -162,18 +162,30 @@ def lock_pin(gap: float, stiffness: float, damping: float, unilateral: bool) -> 
 
 
 def nordin_shaft(gap: float, stiffness: float, damping: float) -> Automaton:
-    """Shaft with inner damping behind a gap: inputs (delta, delta_rate, contact angle), outputs (torque, its rate)."""
+    """Shaft with inner damping behind a gap: inputs (delta, delta_rate, contact angle), outputs (torque, its rate).
+
+    The contact angle leaves a side as its drift there turns inwards, and does not come back before that, the drift at
+    the side, has turned outwards again. Until then the side is not looked for, on which the angle still stands but for
+    rounding.
+    """
     b = gap / 2
     build = AutomatonBuilder(n_inputs=3, n_outputs=2)
     relax = stiffness / damping
-    free = build.mode("free", from_input=np.array([[0.0, 0.0, 0.0], [relax, 1.0, -relax]]))
+    drift = np.array([[0.0, 0.0, 0.0], [relax, 1.0, -relax]])
+    free = build.mode("free", from_input=drift)
     torque = [[stiffness, damping, 0.0], [0.0, 0.0, 0.0]]
-    plus = build.mode("contact plus", from_input=torque, constant=[-stiffness * b, 0.0])
-    minus = build.mode("contact minus", from_input=torque, constant=[stiffness * b, 0.0])
-    build.guard("makes contact plus", free, plus, on_input=[0.0, 0.0, 1.0], constant=-b)
-    build.guard("makes contact minus", free, minus, on_input=[0.0, 0.0, -1.0], constant=-b)
-    build.guard("releases plus", plus, free, on_output=[-1.0, 0.0])
-    build.guard("releases minus", minus, free, on_output=[1.0, 0.0])
+    sides = []
+    for name, sign in (("plus", 1.0), ("minus", -1.0)):
+        contact = build.mode(f"contact {name}", from_input=torque, constant=[-sign * stiffness * b, 0.0])
+        leaving = build.mode(f"leaving {name}", from_input=drift)
+        build.guard(f"makes contact {name}", free, contact, on_input=[0.0, 0.0, sign], constant=-b)
+        build.guard(f"releases {name}", contact, leaving, on_output=[-sign, 0.0])
+        inward = [sign * relax, sign, 0.0]
+        build.guard(f"turns back to {name}", leaving, free, on_input=inward, constant=-relax * b)
+        sides.append((sign, contact, leaving))
+    for (sign, contact, _), (_, _, leaving) in zip(sides, sides[::-1], strict=True):
+        name = "plus" if sign > 0 else "minus"
+        build.guard(f"makes contact {name}", leaving, contact, on_input=[0.0, 0.0, sign], constant=-b)
     return build.build(free)
 
 

@@ -12,8 +12,8 @@ from tests.coordinates import UNITS, rescaled, rotated
 from tests.test_coordinates import (
     CASES,
     LOOPS,
-    STATE_ON_A_THRESHOLD,
     TEXTBOOK,
+    UNPREDICTED,
     predict_alike,
     search_alike,
     simulate_alike,
@@ -22,8 +22,8 @@ from tests.test_coordinates import (
 TURNS = range(20)
 #: Unstable cycles without end: which of them bisection meets is left to rounding.
 CHAOTIC = "two_mass_deadzone"
-PREDICTED = [name for name in CASES if name != STATE_ON_A_THRESHOLD]
-SEARCHED = [n for n in LOOPS if n not in (STATE_ON_A_THRESHOLD, CHAOTIC) and not epp.case(n).to_system().time_step]
+PREDICTED = [name for name in CASES if name != UNPREDICTED]
+SEARCHED = [n for n in LOOPS if n != CHAOTIC and not epp.case(n).to_system().time_step]
 
 
 @pytest.mark.parametrize("name", PREDICTED)
@@ -33,7 +33,7 @@ def test_predictions_in_turned_coordinates(name: str) -> None:
         predict_alike(system, rotated(system, seed))
 
 
-@pytest.mark.parametrize("name", [n for n in LOOPS if n != STATE_ON_A_THRESHOLD])
+@pytest.mark.parametrize("name", [n for n in LOOPS if n != UNPREDICTED])
 def test_predictions_in_other_units(name: str) -> None:
     system = epp.case(name).to_system()
     for time, amplitude, states in UNITS:
@@ -46,7 +46,7 @@ def test_predictions_of_textbook_loops_in_turned_coordinates(name: str) -> None:
         predict_alike(TEXTBOOK[name], rotated(TEXTBOOK[name], seed))
 
 
-@pytest.mark.parametrize("name", [n for n in LOOPS if n != STATE_ON_A_THRESHOLD])
+@pytest.mark.parametrize("name", LOOPS)
 def test_runs_in_turned_coordinates(name: str) -> None:
     for seed in TURNS:
         simulate_alike(name, rotated(epp.case(name).to_system(), seed))
