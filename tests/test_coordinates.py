@@ -145,3 +145,20 @@ def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
         prediction = epp.predict_limit_cycles(in_coordinates(loop, orthogonal(2, seed)))
         assert [round(c.omega, 6) for c in prediction] == [0.318142, 1.591383]
         assert "omega 0.001 to 1e+03 rad/s" in prediction.search
+
+
+@pytest.mark.parametrize(("plant", "element", "amplitude"), [
+    (([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0), 1e-6),
+    (([1.0], [1.0, 1.0]), epp.HysteresisRelay(-0.1, 0.1), 1e6),
+])  # fmt: skip
+def test_searches_with_dead_time_do_not_depend_on_the_unit(plant, element, amplitude):
+    """Unstable cycles too, and what is said of a prediction without one."""
+    system = LureSystem.from_tf(plant, element, delay=0.2)
+    search_alike(system, rescaled(system, 1.0, amplitude), 1.0, amplitude)
+
+
+def test_an_orbit_answers_the_prediction_that_is_as_stable():
+    """A pulse of the relay is just the width of its dead zone: that a run creeps from edge to edge is no orbit."""
+    system = LureSystem.from_tf(([2.0], [1.0, 1.0, 0.0]), epp.RelayDeadZone(0.3), delay=0.3)
+    found = epp.find_limit_cycles(system)
+    assert [c.stable for c in found] == [True] and [c.stable for c in found.unclosed] == [False]

@@ -394,6 +394,8 @@ class _Search:
         answers: dict[int, LimitCycle] = {}
         unclosed = []
         nearest = sorted(zip(led_to, self.predicted, strict=True), key=lambda pair: self._distance(*pair))
+        # Two predictions may lead to one orbit: it answers the one that says of it what is true.
+        nearest.sort(key=lambda pair: not self._as_stable(*pair))
         for number, cycle in nearest:
             if number is None or (number in answers and not self.orbits[number].one_of_many):
                 number = self._other_answer(cycle, answers)
@@ -405,6 +407,10 @@ class _Search:
 
     def _distance(self, number: int | None, cycle: LimitCycle) -> float:
         return np.inf if number is None else abs(np.log(self.orbits[number].period / cycle.period))
+
+    def _as_stable(self, number: int | None, cycle: LimitCycle) -> bool:
+        """Whether an orbit is as stable as was predicted."""
+        return number is not None and is_stable(self.orbits[number].multipliers) == cycle.stable
 
     def _other_answer(self, cycle: LimitCycle, answers: Mapping[int, LimitCycle]) -> int | None:
         """Number of an orbit that no other prediction asks for and that this one may mean; -1 for a cycle of a run."""

@@ -46,6 +46,8 @@ _NO_MOTION = 1e-9
 _SINGULAR = 1e-14
 #: And below which a continuum of cycles is looked for, at orbits so far beside it.
 _NEARLY, _BESIDE = 1e-7, 0.01
+#: Speed at which a guard is crossed, relative to how far the orbit moves across it in a period, that is rounding.
+_TOUCHES = 1e-10
 #: A solution so much larger than its right-hand side is made of rounding.
 _STRAY = 1e9
 _NO_SAMPLES = np.zeros(0)
@@ -303,7 +305,7 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         except ModelError:
             return _close_delayed(hybrid, guess) if is_delayed(hybrid) else None
         if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
-            if not moves(orbit):
+            if not moves(orbit) or _only_touches(orbit):
                 return None
             found = next_guess(orbit)
             if found is None:
@@ -368,6 +370,12 @@ def crosses(orbit: Orbit) -> bool:
         return bool(np.all(np.isfinite(orbit.return_map)))
     except np.linalg.LinAlgError:
         return False
+
+
+def _only_touches(orbit: Orbit) -> bool:
+    """Whether a guard is crossed no faster than rounding: what ends there after ever so long is no orbit."""
+    slow = np.abs(orbit.speed) * orbit.period < _TOUCHES * (np.abs(orbit.arcs.g) @ orbit.scale)
+    return bool(np.any(slow & (orbit.arcs.itinerary.guards >= 0) & (orbit.arcs.itinerary.at_once == 0)))
 
 
 def _finished(orbit: Orbit) -> Orbit:
