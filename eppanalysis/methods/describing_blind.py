@@ -1,9 +1,10 @@
-"""Where first order cannot see: cycles that only harmonics make, and sticking that integral action ends.
+"""Where first order cannot see: cycles that only harmonics make, sticking that integral action ends, no state of rest.
 
-Both are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
-a cycle that it just does not have. And an element that sticks, which a sine never does, is asked whether what drives it
+All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
+a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
 comes to rest meanwhile: where it grows without end, sticking and slipping alternate (Armstrong-Helouvry, Dupont and
-Canudas de Wit, Automatica 30 (1994) 1083).
+Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
+stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing_balance import Array, Balance
 from eppanalysis.methods.describing_error import Estimate, Motion
-from eppanalysis.methods.describing_quality import Point
+from eppanalysis.methods.describing_quality import Point, stability
 from eppanalysis.methods.describing_search import Found, frequency_nodes, frequency_scales
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Loop
+from eppanalysis.models.nonlinearities.base import Nonlinearity
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -27,6 +29,8 @@ _BESIDE = 0.1
 #: Orders of the balances that are tried, the share by which the last may differ from the one before, and the one by
 #: which a cycle differs from a predicted one.
 _ORDERS, _SETTLED, _OTHER = (3, 9, 15), 0.03, 0.2
+#: Share of the terms of a static balance below which they balance.
+_BALANCED = 1e-9
 
 
 def blind_spots(
@@ -35,7 +39,8 @@ def blind_spots(
     """Sentences about cycles that the loop may have beside the predicted ones; empty for most loops."""
     places = _near_misses(balance, points, found)
     known = [m for e in estimates for m in e.motions]
-    return tuple([*_made_by_harmonics(balance, places, known), *_stick_slip(balance)])
+    without_rest = [] if any(stability(balance, p)[0] for p in points) else _no_rest(balance)
+    return tuple([*_made_by_harmonics(balance, places, known), *_stick_slip(balance), *without_rest])
 
 
 def _made_by_harmonics(balance: Balance, places: list[Array], known: list[Motion]) -> Iterator[str]:
@@ -158,3 +163,65 @@ def _response(balance: Balance, element: int, omega: float) -> complex:
     selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(mine, 0.0, gain)[:, None]
     closed = np.linalg.solve(np.eye(balance.m) - L @ selector, L[:, mine].sum(1))
     return complex(closed[element])
+
+
+def _no_rest(balance: Balance) -> Iterator[str]:
+    """Elements that jump over the only output with which the loop could stand still."""
+    system = balance.system
+    for i, e in enumerate(system.elements):
+        if not np.any(e.jumps):
+            continue
+        for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
+            jump = _jumped_over(e, on_bias, on_mean, prescribed)
+            if jump is None or _slides(balance, i, float(e.jumps[jump])):
+                continue
+            edge = float(e.breakpoints[jump])
+            below, above = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
+            yield (
+                f"The loop has no state of rest: {system.element_names[i]} would have to give "
+                f"{(prescribed - on_bias * edge) / on_mean:.4g} but jumps from {below:.4g} to {above:.4g} where its "
+                f"input passes {edge:.4g}; the loop hunts across it, in a motion that is not predicted here."
+            )
+            break
+
+
+def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, float, float]]:
+    """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
+    mine = balance.owner == element
+    others = np.arange(balance.m) != element
+    rest = np.hstack([balance.on_bias[:, others], balance.on_mean[:, ~mine]])
+    rest = rest[:, np.any(rest, 0)] / np.abs(rest).max(0)[np.any(rest, 0)]
+    u, s, _ = np.linalg.svd(rest)
+    rank = int(np.sum(s > _BALANCED * s.max(initial=0.0)))
+    for k in u[:, rank:].T:
+        on_bias, on_mean = float(k @ balance.on_bias[:, element]), float(k @ balance.on_mean[:, mine].sum(1))
+        if on_mean:
+            yield on_bias, on_mean, float(k @ balance.prescribed)
+
+
+def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> int | None:
+    """Number of the jump across which a static balance changes sign, if it holds on no piece of the element."""
+    edges = e.breakpoints
+    excess = [
+        on_bias * edges + on_mean * (slope * edges + offset) - prescribed
+        for slope, offset in ((e.slopes[:-1], e.intercepts[:-1]), (e.slopes[1:], e.intercepts[1:]))
+    ]
+    size = np.abs(on_bias * edges) + abs(prescribed) + np.abs(on_mean) * np.abs(e.output(edges)[0])
+    left, right = (np.where(np.abs(x) <= _BALANCED * size, 0.0, np.sign(x)) for x in excess)
+    turns = on_bias + on_mean * e.slopes
+    # From minus infinity to the first edge, between edges, and from the last one on.
+    ends = [-np.sign(turns[:1]) if turns[0] else left[:1], right]
+    begins, stops = np.concatenate(ends), np.append(left, np.sign(turns[-1]) if turns[-1] else right[-1])
+    if np.any(begins * stops <= 0):
+        return None
+    across = np.flatnonzero(left * right < 0)
+    return int(across[0]) if across.size else None
+
+
+def _slides(balance: Balance, element: int, jump: float) -> bool:
+    """Whether the loop pulls an element back at once on either side of a jump, so that it rests there."""
+    system = balance.system
+    if system.time_step or np.any(system.delays):
+        return False
+    out = system.output_slices[element]
+    return float(np.sum(system.C[balance.rows[element]] @ system.B[:, out])) * jump < 0

@@ -2,16 +2,18 @@
 
 Harmonics up to 25 are let into the balance, a few more at each step. What they make of a predicted cycle in the end is
 its error, up to the part that the highest of them has left; a cycle that they take away is said to be one that may not
-exist. It has been taken away where Newton's method finds no balance on the way, and where the one that it finds is the
-neighbour's: a cycle that harmonics are let into slowly keeps the sign of its Jacobian's determinant until it meets
-another one, of the other sign, and vanishes with it (a fold; Kuznetsov 2004, section 4.2). And nothing is certain of
+exist. It has been taken away where no balance is found on the way, neither by Newton's method from order to order nor along
+the curve on which all harmonics are let in (``harmonic_path``), and where the one that is found is the neighbour's: a
+cycle that harmonics are let into slowly keeps the sign of its Jacobian's determinant until it meets another one, of the
+other sign, and vanishes with it (a fold; Kuznetsov 2004, section 4.2). And nothing is certain of
 one that passes a threshold by less than the harmonics that are still neglected.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,12 +23,18 @@ from eppanalysis.methods.describing_quality import Point
 from eppanalysis.methods.harmonic import settled
 from eppanalysis.methods.harmonic_elements import Unsettled
 from eppanalysis.methods.harmonic_loop import Equations, Loop
+from eppanalysis.methods.harmonic_path import let_in
 from eppanalysis.methods.harmonic_series import ComplexArray, extrema, orders
 
 #: Highest harmonics of the balances, one after the other; odd, as motions with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
 #: No higher order is asked for once the last one has changed less than this share of the error.
 _ENOUGH = 0.05
+#: Order to which harmonics are let in at once where the way over low orders ends.
+_STRAIGHT = 15
+#: Order from which balances may be believed, and the change by the last order up to which they are where higher ones
+#: find no end.
+_SEEN, _SMALL = 9, 0.05
 #: Share of the error that is added to it, for what is above the highest order and does not show.
 _MARGIN = 0.02
 #: What the orders above the last one may still change, as a multiple of its own change: amplitudes of harmonics that
@@ -70,30 +78,26 @@ def error_estimate(balance: Balance, p: Point) -> Estimate:
         loop = Loop.from_balance(balance)
     except ModelError:
         return Estimate(float("nan"))
-    found = [Motion.of(balance, loop, p.amplitude, p.phase, p.bias, p.omega)]
+    first = Motion.of(balance, loop, p.amplitude, p.phase, p.bias, p.omega)
     if loop.highest(p.omega) < min(_ORDERS):
         return Estimate(float("nan"))
     try:
-        found.extend(_refined(found[0]))
-        first, last = found[0], found[-1]
+        found = _refined(first)
+        last = found[-1]
         if not _lasts(found):
             return Estimate(float("inf"), motions=(first, last))
         whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
-    except (_Lost, Unsettled):
-        return Estimate(float("inf"), motions=tuple(found))
+    except Unsettled:
+        return Estimate(float("inf"), motions=(first,))
     return Estimate(float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content, (first, last))
 
 
 def _lasts(found: list[Motion]) -> bool:
     """Whether the last of the balances still is the first one's cycle, and passes no threshold by a hair."""
     first, last = found[0], found[-1]
-    if len(found) < 3 or last.orientation != first.orientation:
+    if len(found) < 3 or _lost(found) or last.orientation != first.orientation:
         return False
     return not last.grazes and first.jumps == last.jumps
-
-
-class _Lost(Exception):
-    """There is no balance of higher order near a predicted cycle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +126,7 @@ class Motion:
         swing = np.abs(self.Z[:, 1:])
         return float((np.sqrt((swing[:, 1:] ** 2).sum(1)) / swing[:, 0]).max())
 
-    @property
+    @cached_property
     def measures(self) -> Array:
         """What an error is measured in: frequency, fundamental and swing of the first signal that moves."""
         system = self.loop.system
@@ -137,7 +141,7 @@ class Motion:
             sizes.append(float(np.ptp(value)))
         return np.array(sizes)
 
-    @property
+    @cached_property
     def orientation(self) -> float:
         """Sign of the determinant of the balance's Jacobian; where half-waves are alike, of that for such motions.
 
@@ -157,7 +161,7 @@ class Motion:
         scaled = (J * unknowns / rows[:, None])[:, column]
         return float(np.linalg.slogdet(scaled[np.ix_(kept, kept)])[0])
 
-    @property
+    @cached_property
     def grazes(self) -> bool:
         """Whether a threshold with a jump is passed, or missed, by less than a few times the neglected harmonics."""
         order = min(3 * self.order, self.loop.highest(self.omega))
@@ -165,11 +169,17 @@ class Motion:
         longer[:, self.order + 1 :] *= _GRAZES
         return self.jumps != replace(self, Z=longer).jumps
 
-    @property
+    @cached_property
     def jumps(self) -> list[int]:
         """How often each element with jumps switches in a period; one that slides switches as often as it is let to."""
         regimes = self.loop.answers(self.Z, self.omega)[1]
         return [len(r.switches) for r, jumps in zip(regimes, _jumps_freely(self.loop), strict=True) if jumps]
+
+    def along_curve(self, order: int) -> Motion | None:
+        """The balance of an order to which the curve leads on which harmonics are let in; None where it does not."""
+        found = let_in(self.loop, self.Z, self.omega, self.pivot, order)
+        found = None if found is None else settled(self.loop, *found)
+        return None if found is None else replace(self, Z=found[0], omega=found[1])
 
     def with_harmonics(self, order: int, loop: Loop | None = None) -> Motion | None:
         """The balance of an order near this one, in this loop or another one; None where Newton's method finds none."""
@@ -213,25 +223,62 @@ def _jumps_freely(loop: Loop) -> list[bool]:
     return [bool(own) and all(s * jump >= 0 for jump in own) for s, own in zip(straight, jumps, strict=True)]
 
 
-def _refined(first: Motion) -> Iterator[Motion]:
-    """Balances of rising order, each from the one before, until they change little; _Lost after two failures."""
-    top = first.loop.highest(first.omega)
-    here, size, failed = first, first.measures, False
-    for n in sorted({min(n, top) for n in _ORDERS}):
-        found = here.with_harmonics(n)
-        if found is None and here is first and not failed:
-            found = _gently(first, n)
-        if found is None:
-            if failed:
-                raise _Lost
-            failed = True
-            continue
-        now = found.measures
-        yield found
-        change, whole = np.abs(size / now - 1.0).max(), np.abs(first.measures / now - 1.0).max()
-        if n >= 9 and change < _ENOUGH * whole and not found.grazes:
-            return
-        here, size, failed = found, now, False
+def _refined(first: Motion) -> list[Motion]:
+    """A first-order cycle and balances of rising order, until they change little.
+
+    Low orders may stand far from both first order and the cycle. Where the way over them ends, all harmonics are let in
+    at once, along the curve of balances.
+    """
+    found = _walk([first], _ORDERS)
+    if _lost(found):
+        straight = first.along_curve(min(_STRAIGHT, first.loop.highest(first.omega)))
+        if straight is not None:
+            found = _walk([first, straight], [n for n in _ORDERS if n > straight.order])
+    return found
+
+
+def _walk(begun: list[Motion], higher: Sequence[int]) -> list[Motion]:
+    """Balances of the given orders after those begun, until they change little or two of them fail."""
+    found, failed, here = [*begun], False, begun[-1]
+    top = here.loop.highest(here.omega)
+    for n in sorted({min(n, top) for n in higher}):
+        motion = here.with_harmonics(n)
+        if motion is None and here is begun[0] and not failed:
+            motion = _gently(here, n)
+        if motion is None and here.order > 1:
+            # An order between is a step on the way and no more: how far balances move is judged over whole steps.
+            here = here.with_harmonics((here.order + n) // 2) or here
+            motion = here.with_harmonics(n) if here is not found[-1] else None
+        if motion is None and failed:
+            break
+        failed = motion is None
+        if motion is not None:
+            here = motion
+            found.append(motion)
+            if _done(found):
+                break
+    return found
+
+
+def _lost(found: list[Motion]) -> bool:
+    """Whether balances of rising order end before they have come to something."""
+    top = min(_ORDERS[-1], found[0].loop.highest(found[0].omega))
+    if _done(found) or 2 * found[-1].order > top:
+        return False
+    return found[-1].order < _SEEN or _change(found) > _SMALL
+
+
+def _done(found: list[Motion]) -> bool:
+    """Whether the last order has changed but a small part of the error, and passes no threshold by a hair."""
+    if len(found) < 3 or found[-1].order < _SEEN:
+        return False
+    whole = float(np.abs(found[0].measures / found[-1].measures - 1.0).max())
+    return _change(found) < _ENOUGH * whole and not found[-1].grazes
+
+
+def _change(found: list[Motion]) -> float:
+    """Largest relative change of the measures by the last order."""
+    return float(np.abs(found[-2].measures / found[-1].measures - 1.0).max())
 
 
 def _gently(first: Motion, order: int) -> Motion | None:

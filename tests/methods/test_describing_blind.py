@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -11,6 +12,7 @@ from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import Friction, Play, Quantiser
+from eppanalysis.results import Status
 from tests.stress.first_order_loops import random_loop
 
 
@@ -52,6 +54,44 @@ def test_stick_slip_is_seen_through_the_rest_of_a_servo():
 
     assert [w for w in warnings(0.7, 1.0) if "load friction sticks" in w]
     assert not [w for w in warnings(0.5, 1.0) if "sticks" in w]
+
+
+def encoder(reference: float, proportional: float = 0.0, unit: float = 1.0, **more: object) -> LureSystem:
+    """A motor's position, or with no proportional action its speed, under integral action, read by an encoder."""
+    if proportional:
+        A = [[0.0, 1.0, 0.0], [0.0, -1.0, 2.0], [0.0, 0.0, 0.0]]
+        B, C, constant = [[0.0], [-proportional], [-1.0]], [[1.0, 0.0, 0.0]], [0.0, proportional * reference, reference]
+    else:
+        A, B, C, constant = [[-1.0, 1.0], [0.0, 0.0]], [[0.0], [-1.0]], [[1.0, 0.0]], [0.0, reference]
+    return LureSystem.build(A, B, C, [Quantiser(unit, 20)], constant_state=np.array(constant) * unit, **more)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("proportional", [0.0, 1.0])
+def test_a_reference_between_the_levels_of_an_encoder_is_said_to_hunt(proportional, unit):
+    """Integral action comes to rest only where the encoder gives just the reference, which no level does."""
+    for level in (-2.0, 0.0, 3.0):
+        assert predict_limit_cycles(encoder(level, proportional, unit)).warnings == ()
+        between = predict_limit_cycles(encoder(level + 0.3, proportional, unit))
+        assert len(between) == 0
+        (warning,) = between.warnings
+        assert "no state of rest" in warning and f"passes {(level + 0.5) * unit:.4g};" in warning
+
+
+def test_what_is_said_to_hunt_does():
+    """Dead time makes the cycle of the encoder's loop visible; at a level the same loop rests."""
+    run = epp.simulate(encoder(0.3, 1.0, delays=[0.05]), t_end=60.0, max_events=4000)
+    assert run.status is not Status.SETTLED
+    assert epp.simulate(encoder(0.0, 1.0, delays=[0.05]), t_end=60.0, max_events=4000).status is Status.SETTLED
+
+
+def test_a_stable_predicted_cycle_is_no_surprise_and_a_sliding_relay_rests():
+    A = [[-1.0, 1.0, 0.0], [0.0, -1.0, 0.5], [0.0, 0.0, 0.0]]
+    loop = LureSystem.build(A, [[0], [0], [-1]], [[1, 0, 0]], [Quantiser(1.0, 20)], constant_state=[0, 0, 0.3])
+    prediction = predict_limit_cycles(loop)
+    assert [c.stable for c in prediction] == [True] and prediction.warnings == ()
+    sliding = LureSystem.build([[0.0]], [[-1.0]], [[1.0]], [Quantiser(1.0, 20)], constant_state=[0.3])
+    assert predict_limit_cycles(sliding).warnings == ()
 
 
 @pytest.mark.parametrize("gain", [3.3, 3.38])

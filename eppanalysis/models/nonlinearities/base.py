@@ -96,6 +96,10 @@ class Nonlinearity(ABC):
         Unit of the first input where it is always the same [SI]; empty where it is the loop's.
     breakpoints : array, shape (k,)
         Inputs at which a static map that is linear between them bends or jumps; empty for all other elements.
+    slopes, intercepts : array, shape (k + 1,)
+        Of such a map's pieces.
+    jumps : array, shape (k,)
+        Of such a map at its breakpoints.
     sticks_and_slips : bool
         Whether it resists more at rest than in motion.
     own_states : OwnStates or None
@@ -112,6 +116,9 @@ class Nonlinearity(ABC):
     input_unit: ClassVar[str] = ""
 
     breakpoints: Array = np.zeros(0)
+    slopes: Array = np.zeros(0)
+    intercepts: Array = np.zeros(0)
+    jumps: Array = np.zeros(0)
     own_states: OwnStates | None = None
 
     def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
