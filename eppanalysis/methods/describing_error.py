@@ -2,10 +2,10 @@
 
 Harmonics up to 25 are let into the balance, a few more at each step. What they make of a predicted cycle in the end is
 its error, up to the part that the highest of them has left; a cycle that they take away is said to be one that may not
-exist. It has been taken away where no balance is found on the way, neither by Newton's method from order to order nor along
-the curve on which all harmonics are let in (``harmonic_path``), and where the one that is found is the neighbour's: a
-cycle that harmonics are let into slowly keeps the sign of its Jacobian's determinant until it meets another one, of the
-other sign, and vanishes with it (a fold; Kuznetsov 2004, section 4.2). And nothing is certain of
+exist. It has been taken away where no balance is found on the way, neither by Newton's method from order to order nor
+along the curve on which all harmonics are let in (``harmonic_path``), and where the one that is found is the
+neighbour's: a cycle that harmonics are let into slowly keeps the sign of its Jacobian's determinant until it meets
+another one, of the other sign, and vanishes with it (a fold; Kuznetsov 2004, section 4.2). And nothing is certain of
 one that passes a threshold by less than the harmonics that are still neglected.
 """
 

@@ -177,20 +177,55 @@ def _pivot_nodes(balance: Balance) -> Array:
 
 def _foreign_scales(balance: Balance) -> Array:
     """Amplitudes for a pivot without thresholds: where its gain brings the thresholds of the others into play."""
-    scales = frequency_scales(balance.system)
-    middle = np.array([float(np.exp(np.log(scales).mean())) if scales.size else 1.0])
+    middle = _middle(balance)
     response = np.abs(balance.linear(middle)[0])
     own = balance.owner == balance.pivot
-    a = np.geomspace(1e-40, 1e40, 801)
-    zero = np.zeros((801, balance.m))
-    gains = np.abs(balance.evaluate(a[:, None] + zero, zero, np.full(801, middle[0]))[1][:, own]).max(-1)
+    a, every = _gains(balance, middle)
+    gains = every[:, own].max(-1)
     out = []
     for i in balance.others:
         reach = response[i, own].max()
         for threshold in np.abs(np.asarray(balance.system.elements[i].thresholds(), float)).ravel():
             if threshold > 0 and reach > 0:
                 out.append(a[int(np.argmin(np.abs(np.log(gains * a * reach / threshold))))])
-    return np.unique(out) if out else np.array([1.0])
+    return np.unique(out) if out else usual_amplitudes(balance)[[balance.pivot]]
+
+
+def _middle(balance: Balance) -> Array:
+    """A frequency [rad/s], shape (1,), amid the poles and zeros of the linear part."""
+    scales = frequency_scales(balance.system)
+    return np.array([float(np.exp(np.log(scales).mean())) if scales.size else 1.0])
+
+
+def _gains(balance: Balance, omega: Array) -> tuple[Array, Array]:
+    """Amplitudes (na,) of any size, and sizes (na, nw) of all gains there without a mean."""
+    a = np.geomspace(1e-40, 1e40, 801)
+    zero = np.zeros((a.size, balance.m))
+    return a, np.abs(balance.evaluate(a[:, None] + zero, zero, np.full(a.size, omega[0]))[1])
+
+
+def usual_amplitudes(balance: Balance) -> Array:
+    """An amplitude for the input of each element, shape (m,), that goes with the units of the loop.
+
+    It is the element's largest threshold or its load; where it has neither (a relay, a cube), what the steps of all
+    elements make of it through the linear part, or where its gain makes up for that of the linear part.
+    """
+    middle = _middle(balance)
+    response = np.abs(balance.linear(middle)[0])
+    a, gains = _gains(balance, middle)
+    outputs = np.nan_to_num(a[:, None] * gains)
+    # The output of an element that steps does not fall with its input.
+    steps = response @ np.where(outputs[20] < 2.0 * outputs[0], outputs[0], 0.0)
+    out = np.zeros(balance.m)
+    for i, e in enumerate(balance.system.elements):
+        thresholds = np.abs(np.asarray(e.thresholds(), float)).ravel()
+        out[i] = thresholds.max(initial=0.0) or abs(balance.operating_bias[i]) or steps[i]
+        if not out[i]:
+            own = balance.owner == i
+            loop = gains[:, own].max(-1) * response[:, own].max()
+            crosses = np.flatnonzero((loop[1:] > 1.0) != (loop[:-1] > 1.0))
+            out[i] = a[crosses[0]] if crosses.size else 1.0
+    return out
 
 
 def _omega_nodes(balance: Balance) -> Array:
@@ -289,11 +324,7 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
 def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: float) -> Array:
     """Amplitudes and phases of the others for given biases, by repeated linear solution."""
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
-    a: Array = np.zeros((n, m))
-    for i, e in enumerate(balance.system.elements):
-        thresholds = np.abs(np.asarray(e.thresholds(), float)).ravel()
-        usual = thresholds[thresholds > 0].max(initial=0.0) or abs(bias[i]) or 1.0
-        a[:, i] = level * usual
+    a: Array = np.tile(level * usual_amplitudes(balance), (n, 1))
     a[:, p] = np.exp(grid[:, 0])
     b = np.broadcast_to(bias, (n, m))
     Z = a.astype(complex)

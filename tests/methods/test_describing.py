@@ -30,6 +30,7 @@ from eppanalysis.models.nonlinearities import (
     NordinShaft,
     PiecewiseLinear,
     Play,
+    Preload,
     Quantiser,
     Relay,
     RelayDeadZone,
@@ -573,3 +574,25 @@ def test_staircase_on_which_the_loop_may_stand_anywhere_is_said_to_be_covered_in
     loop = from_tf(([6.0, -0.98], [1, 3, 3, 1]), Quantiser(1.0, 40))
     found = predict_limit_cycles(loop)
     assert found.status is Status.INCOMPLETE and "may be missing" in found.search
+
+
+def coupled(seed: int, size: float, other: str) -> LureSystem:
+    """Two elements without thresholds, each in the other's way, levels in any unit."""
+    draw = np.random.default_rng(seed)
+    A = -np.diag(draw.uniform(0.3, 2.0, 4)) + np.triu(draw.normal(size=(4, 4)), 1)
+    A -= np.tril(draw.normal(size=(4, 4)), -1)
+    A -= (max(0.0, np.linalg.eigvals(A).real.max()) + 0.1) * np.eye(4)
+    B, C = 3.0 * draw.normal(size=(4, 2)), draw.normal(size=(2, 4))
+    second = Relay(-2.0 * size, 2.0 * size) if other == "relay" else Preload(level=size, slope=0.5)
+    return LureSystem.build(A, B, C, [Relay(-size, size), second])
+
+
+@pytest.mark.parametrize("seed, other, size", [(0, "relay", 1e6), (3, "preload", 1e-6)])
+def test_elements_without_thresholds_have_the_same_cycles_in_any_unit_of_amplitude(seed, other, size):
+    """Levels times a number: amplitudes times the same number, frequencies and stability as they were."""
+    here, there = (predict_limit_cycles(coupled(seed, s, other)) for s in (1.0, size))
+    assert len(here) == len(there) == 2
+    for one, two in zip(here, there, strict=True):
+        assert two.omega == pytest.approx(one.omega, rel=1e-6) and two.stable == one.stable
+        for name, swing in one.peak_to_peak.items():
+            assert two.peak_to_peak[name] == pytest.approx(size * swing, rel=1e-6)
