@@ -131,3 +131,18 @@ def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(ele
         mode, held = element.start(automaton, memory)
         x = np.array([memory.reached if isinstance(memory, Slip) else 0.1])
         assert element.memory_at(mode, held, x, np.array([20.0 * held[0], 0.0])) == pytest.approx(memory)
+
+
+@pytest.mark.parametrize("element", [Play(2.0), JumpAndFollow(1.5, 0.4), JumpAndFollow(0.4, 0.7, slope=2.0)])
+@pytest.mark.parametrize("start", [-3.0, -0.6, 0.0, 0.3, 0.9, 2.5])
+def test_an_element_without_memory_begins_alike_in_continuous_and_discrete_time(element: Any, start: float) -> None:
+    """What holds starts from zero, or as near to it as the input lets it, however the time runs."""
+    first = []
+    for step in (None, 0.1):
+        A, B = ([[-1.0]], [[0.0]]) if step is None else ([[0.9]], [[0.0]])
+        loop = epp.LureSystem.build(A, B, [[1.0]], [element], x0=[start], time_step=step, element_names=["held"])
+        run = epp.simulate(loop, t_end=1.0, **({"t_eval": np.array([1e-9, 1.0])} if step is None else {}))
+        first.append(float(run.signals["held_output"][0]))
+    assert first[0] == pytest.approx(first[1], abs=1e-8)
+    at_zero = element.output(start, 0.0)[0]
+    assert first[1] == pytest.approx(float(at_zero), abs=1e-12)

@@ -190,9 +190,7 @@ def _sampled(element: Callable[[Rng], Nonlinearity]) -> Callable[[Rng], LureSyst
         period = float(rng.choice([0.05, 0.1, 0.2]))
         n = loop.A.shape[0]
         whole = scipy.linalg.expm(period * np.block([[loop.A, loop.B], [np.zeros((1, n + 1))]]))
-        # What a play holds is given: left to itself it begins in the middle of its gap, in continuous time at zero.
-        memory = (0.0,) if isinstance(loop.elements[0], Play) else (None,)
-        return replace(loop, A=whole[:n, :n], B=whole[:n, n:], time_step=period, memory=memory)
+        return replace(loop, A=whole[:n, :n], B=whole[:n, n:], time_step=period)
 
     return make
 

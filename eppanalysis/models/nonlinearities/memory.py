@@ -223,6 +223,8 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
 class Play(Nonlinearity, kind="play"):
     """Friction-driven backlash of total width `gap`: the output rests until the input pushes it from either side.
 
+    Without a memory it begins at zero, or as near to zero as the gap lets it, in continuous and in discrete time.
+
     Parameters
     ----------
     gap : float
@@ -251,9 +253,10 @@ class Play(Nonlinearity, kind="play"):
         require(self, "gap", self.gap >= 0, "zero or more")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
-        """Output, which is also the memory; without memory the output starts in the middle of the gap."""
+        """Output, which is also the memory; without memory it starts from zero, or as near to it as the gap lets it."""
         x = floats(x, "output: x")
-        y = x if memory is None else np.clip(floats(memory, "output: memory"), x - self.gap / 2, x + self.gap / 2)
+        held = floats(0.0 if memory is None else memory, "output: memory")
+        y = np.clip(held, x - self.gap / 2, x + self.gap / 2)
         return np.asarray(y), np.asarray(y)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
@@ -326,10 +329,10 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         require(self, "slope", self.slope > 0, "a positive number")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
-        """Output and memory; a plain number as memory is the value stuck at, none is ``slope*x``."""
+        """Output and memory; a plain number as memory is the value stuck at, none is zero."""
         x = floats(x, "output: x")
         offset, reach = (self.stick_band - self.slip_jump) / 2, (self.stick_band + self.slip_jump) / 2
-        before = memory if isinstance(memory, Slip) else Slip(self.slope * x if memory is None else memory)
+        before = memory if isinstance(memory, Slip) else Slip(0.0 if memory is None else memory)
         strain = x - np.asarray(before.value, float) / self.slope
         up = ((np.asarray(before.direction) > 0) & (x >= before.reached)) | (strain > reach)
         down = ((np.asarray(before.direction) < 0) & (x <= before.reached)) | (strain < -reach)
