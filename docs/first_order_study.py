@@ -127,7 +127,7 @@ def rows_of(element: str, number: int) -> Iterator[Row]:
         yield Row(
             element, number, *plant, guess.amplitude("x"), bool(guess.stable),
             "" if exact is None else str(exact.stable), guess.omega, guess.error_estimate,
-            guess.provenance["harmonic_content"], *errors,
+            guess.harmonic_content, *errors,
         )  # fmt: skip
 
 

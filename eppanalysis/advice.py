@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.cases import require_case
 from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.knock import NoRest, knock
+from eppanalysis.results import PlainData
 
 if TYPE_CHECKING:
     import pandas
@@ -46,7 +47,7 @@ _NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class AdviceRow:
+class AdviceRow(PlainData):
     """One piece of advice at one operating point; elasticities have the sign of the advice: positive where it helps.
 
     Attributes
@@ -84,10 +85,6 @@ class AdviceRow:
     blow_gained: float
     verdict: str
     knock_verdict: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return asdict(self)
 
 
 def design_advice(

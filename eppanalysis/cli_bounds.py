@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +17,7 @@ from eppanalysis.cli_common import (
     heading,
     load_case,
     print_json,
+    print_table,
     progress,
 )
 from eppanalysis.errors import EppError
@@ -131,13 +131,11 @@ def range_of(text: str | None) -> tuple[str, str] | None:
 
 
 def _show(case: Case, result: DesignBounds) -> None:
-    from rich.console import Console
-
     from eppanalysis.screen import bounds_table
 
     if result.own:
         typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
-    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 200).print(bounds_table(result))
+    print_table(bounds_table(result))
     for sentence in sentences(case, result):
         typer.echo(sentence)
 
@@ -147,7 +145,7 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     n_good = sum(c.verified for c in result)
     n_bounds = sum(c.finding == "bound" for c in result)
     if n_bounds:
-        margin = result.provenance["settings"]["margin"]
+        margin = result.margin
         yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:

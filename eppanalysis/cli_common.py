@@ -6,16 +6,19 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from eppanalysis.errors import EppError
+from eppanalysis.progress import Report, progress_bar
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from eppanalysis.case import Case
 
 #: Default of options that may be repeated.
@@ -111,8 +114,8 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[..., None] | None]:
-    """A bar on the terminal that is told (done, of all) and, if need be, what is being done; nothing elsewhere.
+def progress(what: str) -> Iterator[Report | None]:
+    """A bar on the terminal; nothing elsewhere.
 
     Yields
     ------
@@ -124,7 +127,7 @@ def progress(what: str) -> Iterator[Callable[..., None] | None]:
         If the numbers of what is computed inside grow beyond all range.
     """
     try:
-        with _bar(what) if sys.stderr.isatty() else nullcontext() as tell:
+        with progress_bar(what) as tell:
             yield tell
     except (OverflowError, FloatingPointError, ValueError) as error:
         if not _out_of_range(error):
@@ -136,21 +139,6 @@ def _out_of_range(error: ArithmeticError | ValueError) -> bool:
     from numpy.linalg import LinAlgError
 
     return isinstance(error, ArithmeticError | LinAlgError)
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[..., None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-
-        def tell(done: int, total: int | None, doing: str = "") -> None:
-            bar.update(task, completed=done, total=total, description=doing or what)
-
-        yield tell
 
 
 def heading(text: str, settings: Sequence[str]) -> None:
@@ -190,6 +178,13 @@ def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: 
         if found not in known:
             raise EppError(f"{path}: {found} stands for nothing; expected {' or '.join(known) or 'a name without it'}.")
     check_target(path, PICTURES + TABLES if suffixes is None else suffixes)
+
+
+def print_table(table: Table) -> None:
+    """A table on the standard output; in a file or a pipe it is not folded at the width of a screen."""
+    from rich.console import Console
+
+    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(table)
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:

@@ -73,10 +73,10 @@ def title(guide: Guide) -> str:
 def facts(guide: Guide) -> str:
     """Where the table comes from, in one line."""
     p = guide.provenance
-    case = p["case"]
+    case = p.case
     return (
         f"eppanalysis {case['version']}, case {case['case']} (sha256 {case['sha256'][:16]}), "
-        f"settings {json.dumps(p['settings'], sort_keys=True)}"
+        f"settings {json.dumps(p.settings, sort_keys=True)}"
     )
 
 

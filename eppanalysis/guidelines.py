@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +25,10 @@ from eppanalysis.methods.bounds_regions import smallest_knock, starts_from_rest
 from eppanalysis.methods.bounds_result import BoundCell
 from eppanalysis.methods.bounds_tolerance import ToleranceBound, check_tolerances, tolerance_bound
 from eppanalysis.methods.cases import require_case
-from eppanalysis.provenance import provenance
-from eppanalysis.readable import cut, cut_text
-from eppanalysis.results import Brief
+from eppanalysis.progress import Report
+from eppanalysis.provenance import Provenance
+from eppanalysis.readable import cut, cut_text, with_unit
+from eppanalysis.results import PlainData, Result
 
 if TYPE_CHECKING:
     import pandas
@@ -38,12 +39,11 @@ if TYPE_CHECKING:
 __all__ = ["Guide", "GuideRow", "design_guide"]
 
 GAIN, LIMIT = "bands.range", "lock_pin.backlash"
-Report = Callable[[int, int], None]
 _NAN = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
-class GuideRow:
+class GuideRow(PlainData):
     """The guideline at one gain of one variant, in SI units.
 
     Attributes
@@ -81,24 +81,11 @@ class GuideRow:
     knock: float
     missing: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {
-            "values": dict(self.values),
-            "bound": self.cell.to_dict(),
-            "allowed": self.allowed,
-            "pulley": self.pulley,
-            "force": self.force,
-            "tolerance": None if self.tolerance is None else self.tolerance.to_dict(),
-            "from_rest": self.from_rest,
-            "own": self.own,
-            "knock": self.knock,
-            "missing": self.missing,
-        }
+    in_json = "values bound=cell allowed pulley force tolerance from_rest own knock missing"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Guide(Brief):
+class Guide(Result):
     """Guidelines of a case; see :func:`design_guide`.
 
     Attributes
@@ -108,24 +95,14 @@ class Guide(Brief):
         The parameters that make the variants.
     rows : tuple of GuideRow
     margins : dict of str to float
-    provenance : dict
     """
 
     case: Case
     varied: tuple[str, ...]
     rows: tuple[GuideRow, ...]
     margins: dict[str, float]
-    provenance: dict[str, Any] = field(default_factory=dict)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "varied": list(self.varied),
-            "margins": dict(self.margins),
-            "rows": [r.to_dict() for r in self.rows],
-            "sentences": self.sentences(),
-            "provenance": dict(self.provenance),
-        }
+    in_json = "varied margins rows sentences provenance"
 
     def to_frame(self) -> pandas.DataFrame:
         """The table, in the units that people use, with the unit of every column in its name."""
@@ -263,7 +240,7 @@ def design_guide(
         the test in place of a bound that harmonic balance finds, in a fraction of the time and without the value of
         first order. Where the branch has no end, the bound is sought as without it. For the case's own gain only.
     progress : callable, optional
-        Is told the number of rows done and of all rows.
+        Told the number of rows done, of all rows, and nothing in words.
 
     Returns
     -------
@@ -300,9 +277,9 @@ def design_guide(
     for combination in combinations:
         done = len(rows)
 
-        def tell(count: int, _: int, done: int = done) -> None:
+        def tell(count: int, of: int | None, doing: str, done: int = done) -> None:
             if progress is not None:
-                progress(done + count, total)
+                progress(done + count, total, doing)
 
         rows += work.rows(case.with_values(combination) if combination else case, tuple(combination), tell)
     settings: dict[str, Any] = {
@@ -310,7 +287,8 @@ def design_guide(
         "variants": {k: [str(v) for v in vs] for k, vs in (variants or {}).items()},
     }
     settings |= {"margins": given, "samples": samples, "starts": starts, "seed": seed}
-    return Guide(case, names, tuple(rows), given, provenance("design guide", settings) | {"case": case.provenance()})
+    made_by = Provenance("design guide", settings, case=case.provenance())
+    return Guide(case, names, tuple(rows), given, provenance=made_by)
 
 
 def _check_branch(case: Case, gains: Sequence[object], branch: Branch | None, *, by_own_gain: bool) -> None:
@@ -356,7 +334,7 @@ class _Work:
         if known is not None:
             question, cell = known
             row = self._row(case, varied, cell.value, cell, (question.low, question.high), HarmonicSweep(question))
-            tell(1, 1)
+            tell(1, 1, "")
             return [row]
         # A margin on the gain asks for the bound of a loop whose gain is larger by it.
         worse = [gain / self.margins.get(GAIN, 1.0) for gain in self.ranges]
@@ -438,8 +416,7 @@ class _Work:
 
 
 def _column(name: str, unit: str) -> str:
-    words = _words(f".{name}")
-    return f"{words} [{unit}]" if unit else words
+    return with_unit(_words(f".{name}"), unit)
 
 
 def _words(name: str) -> str:

@@ -15,15 +15,16 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, shown
-from eppanalysis.readable import count, readable
+from eppanalysis.readable import count, readable, with_unit, words
 from eppanalysis.results import Status
 
 if TYPE_CHECKING:
     from eppanalysis.methods.continuation import Branch
     from eppanalysis.methods.ladder import Ladder
-    from eppanalysis.results import LimitCycle, Prediction, Trajectory
+from eppanalysis.results import LimitCycle, Prediction, Trajectory
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 #: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
 BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
@@ -48,13 +49,10 @@ _UNNAMED = "loop"
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
 
-def with_name(text: str, provenance: Mapping[str, Any]) -> str:
-    """A title with the case or the system in front that a result is of, where its provenance tells."""
-    settings, case = provenance.get("settings"), provenance.get("case")
-    case = case.get("case") if isinstance(case, Mapping) else case
-    system = provenance.get("system") or (settings.get("system") if isinstance(settings, Mapping) else None)
+def with_name(text: str, subject: str) -> str:
+    """A title with the case or the system in front that a result is of, where it has a name."""
     # A loop that nobody named has no name to show; a dollar would begin a formula.
-    name = str(case or ("" if system in (None, _UNNAMED) else system)).replace("$", r"\$")
+    name = "" if subject == _UNNAMED else subject.replace("$", r"\$")
     return f"{name}: {text}" if name and text else name or text
 
 
@@ -101,7 +99,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
             ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)
     _label_time(panels, "time [s]")
     _legend_below(figure, panels[0])
-    figure.suptitle(with_name(trajectory.status.value, trajectory.provenance), fontsize=10)
+    figure.suptitle(with_name(trajectory.status.value, trajectory.provenance.subject), fontsize=10)
     return figure
 
 
@@ -136,7 +134,7 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) ->
     _label_time(panels, "time within the period [s]")
     _legend_below(figure, panels[0])
     text = f"{cycle.method}, {cycle.frequency:.4g} Hz, {_STABILITY[cycle.stable]}"
-    figure.suptitle(with_name(text, cycle.provenance), fontsize=10)
+    figure.suptitle(with_name(text, cycle.provenance.subject), fontsize=10)
     return figure
 
 
@@ -165,7 +163,7 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     else:
         _draw_loop_gain(ax, prediction)
     text = f"{count(len(prediction), 'limit cycle')} predicted"
-    ax.set_title(with_name(text, prediction.provenance if own else {}), fontsize=10)
+    ax.set_title(with_name(text, prediction.provenance.subject if own else ""), fontsize=10)
     return figure
 
 
@@ -201,7 +199,7 @@ def plot_ladder(ladder: Ladder) -> Figure:
         ax.spines[["top", "right"]].set_visible(False)
     close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
     _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
-    text = with_name(ladder.verdict, ladder.provenance)
+    text = with_name(ladder.verdict, ladder.provenance.subject)
     figure.suptitle(textwrap.fill(text, 108), fontsize=9, x=0.01, ha="left")
     return figure
 
@@ -286,7 +284,13 @@ def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
     response = np.asarray(curves["response"], complex)
     locus = np.asarray(curves["locus"], complex)
     meets = [complex(point["value"]) for point in curves["intersections"]]
-    box = _window(response, locus, meets)
+    draw_nyquist(ax, response, locus, meets)
+    _mark_cycles(ax, meets, prediction.cycles)
+
+
+def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]) -> None:
+    """G(j omega) and -1/N(A) with their directions, in a window that shows where they meet."""
+    box = nyquist_window(response, locus, meets)
     ax.axhline(0.0, color=GREY, linewidth=0.5)
     ax.axvline(0.0, color=GREY, linewidth=0.5)
     ax.plot(response.real, response.imag, color=BLUE, linewidth=1.3, label=r"$G(j\omega)$, growing frequency")
@@ -297,14 +301,13 @@ def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
     _arrows(ax, locus, box, VERMILLION)
     ax.set_xlim(box[0], box[1])
     ax.set_ylim(box[2], box[3])
-    _mark_cycles(ax, meets, prediction.cycles)
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
 
 
 def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     curves = prediction.curves
-    element = str(curves.get("element", "the element")).replace("_", " ")
+    element = words(str(curves.get("element", "the element")))
     unit, factor = readable(curves.get("unit", ""))
     ax.axhline(1.0, color=GREY, linewidth=0.8)
     for branch in curves.get("branches", ()):
@@ -315,7 +318,7 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     if not curves.get("branches"):
         ax.text(0.5, 0.5, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
     _mark_cycles(ax, points, prediction.cycles)
-    ax.set_xlabel(f"amplitude at the input of {element}" + (f" [{unit}]" if unit else ""))
+    ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")
 
 
@@ -356,18 +359,21 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         ax.legend(fontsize=7, loc="best", framealpha=0.9)
 
 
-def _window(
-    response: NDArray[np.complex128], locus: NDArray[np.complex128], meets: Sequence[complex]
+def nyquist_window(
+    response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]
 ) -> tuple[float, float, float, float]:
-    """Limits that show the origin and every cycle; curves that run to infinity are cut."""
+    """Limits that show the origin and every cycle (where there is none, -1 and the locus's nearest point).
+
+    Curves that run to infinity are cut.
+    """
     finite = locus[np.isfinite(locus)]
-    points = [0j, *meets] if meets else [0j, -1.0 + 0j, *finite[np.argsort(np.abs(finite))[:1]]]
+    points = [0j, *meets] if len(meets) else [0j, -1.0 + 0j, *finite[np.argsort(np.abs(finite))[:1]]]
     reach = 1.3 * max([abs(p) for p in points])
     reals, imags = [p.real for p in points], [p.imag for p in points]
     return min(reals) - 0.8 * reach, max(reals) + 0.5 * reach, min(imags) - 0.65 * reach, max(imags) + 0.65 * reach
 
 
-def _arrows(ax: Axes, curve: NDArray[np.complex128], box: tuple[float, float, float, float], colour: str) -> None:
+def _arrows(ax: Axes, curve: ComplexArray, box: tuple[float, float, float, float], colour: str) -> None:
     """Two arrow heads along the part of a curve that is inside the picture."""
     with np.errstate(invalid="ignore"):
         inside = (curve.real > box[0]) & (curve.real < box[1]) & (curve.imag > box[2]) & (curve.imag < box[3])
@@ -435,8 +441,7 @@ def _label_time(panels: Sequence[Axes], text: str) -> None:
 def _shown(name: str, units: Mapping[str, str]) -> tuple[str, float]:
     """A signal's name with the unit that people read it in, and the factor to it from SI."""
     unit, factor = readable(units.get(name, ""))
-    words = name.replace("_", " ")
-    return (f"{words} [{unit}]" if unit else words), factor
+    return with_unit(words(name), unit), factor
 
 
 def _legend_below(figure: Figure, ax: Axes) -> None:
@@ -477,7 +482,7 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     x_unit, x_factor = readable(branch.unit)
     label, factor = _shown(name, branch.units)
     figure, panels = _panels(2, height=2.4)
-    figure.suptitle(with_name("", branch.provenance), fontsize=10)
+    figure.suptitle(with_name("", branch.provenance.subject), fontsize=10)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
@@ -494,8 +499,7 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
-        words = branch.parameter.replace("_", " ").replace(".", " ")
-        ax.set_xlabel(f"{words} [{x_unit}]" if x_unit else words)
+        ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
     panels[0].legend(handles.values(), [textwrap.fill(text, 48) for text in handles], fontsize=8)
     return figure

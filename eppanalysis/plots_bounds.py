@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, with_name
+from eppanalysis.readable import with_unit, words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,12 +29,6 @@ _REGIONS = (
     ("guarded by an unstable cycle", ORANGE, "//"),
     ("oscillates from rest", VERMILLION, "xx"),
 )
-
-
-def label(name: str, unit: str) -> str:
-    """A parameter's name with its unit."""
-    words = name.replace(".", " ").replace("_", " ")
-    return f"{words} [{unit}]" if unit else words
 
 
 def plot_bounds(bounds: DesignBounds) -> Figure:
@@ -80,11 +75,11 @@ def plot_bounds(bounds: DesignBounds) -> Figure:
     best = y_factor * bounds.array("bound")
     edge = ax.get_ylim()[0 if sign > 0 else 1]
     ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label="free of limit cycles")
-    ax.set_xlabel(label(bounds.over, x_unit))
-    ax.set_ylabel(label(bounds.limit, y_unit))
+    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
+    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7, framealpha=0.9)
-    ax.set_title(f"{bounds.case}: bound on {label(bounds.limit, '')}", fontsize=10)
+    ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}", fontsize=10)
     return figure
 
 
@@ -107,7 +102,7 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0) -> Figure:
     if not known:
         raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
     unit, factor = bounds.readable[bounds.over]
-    where = f"{label(bounds.over, '')} {factor * chosen.value:.3g} {unit}"
+    where = f"{words(bounds.over)} {factor * chosen.value:.3g} {unit}"
     return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where)
 
 
@@ -132,9 +127,9 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
     for (method, values), colour, i in zip(elasticities.items(), (BLUE, SKY, ORANGE), range(3), strict=False):
         places = np.arange(len(names)) + (0.5 * (len(elasticities) - 1) - i) * height
         ax.barh(places, [values.get(n, 0.0) for n in names], height, color=colour, label=method)
-    ax.set_yticks(np.arange(len(names)), [n.replace(".", " ").replace("_", " ") for n in names], fontsize=8)
+    ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=8)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.set_xlabel(f"elasticity of the bound on {label(limit, '')} [% for 1 %]")
+    ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]")
     ax.set_title(where, fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7, loc="lower right")
@@ -166,11 +161,11 @@ def plot_regions(guide: Guide) -> Figure:
     axes = figure.subplots(count, columns, squeeze=False, sharex=True, sharey=True)
     for ax, (variant, rows) in zip(axes.flat, groups.items(), strict=False):
         _draw_regions(ax, guide, rows)
-        parts = [f"{label(n, '')} {guide.case.text(n, v, 4)}" for n, v in zip(guide.varied, variant, strict=True)]
+        parts = [f"{words(n)} {guide.case.text(n, v, 4)}" for n, v in zip(guide.varied, variant, strict=True)]
         ax.set_title(", ".join(parts), fontsize=8)
     for ax in list(axes.flat)[len(groups) :]:
         ax.set_axis_off()
-    figure.suptitle(with_name("backlash over gain", {"case": guide.case.name}), fontsize=10)
+    figure.suptitle(with_name("backlash over gain", guide.case.name), fontsize=10)
     handles, texts = axes.flat[0].get_legend_handles_labels()
     # Three columns are wider than a single panel.
     wide = 2 if columns == 1 else 3
@@ -205,5 +200,5 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
     ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label="this elbow")
     ax.set_ylim(0.0, top)
     ax.set_xlabel(f"profile range [{gain_unit}] (small: high gain)", fontsize=8)
-    ax.set_ylabel(label(_LIMIT, unit), fontsize=8)
+    ax.set_ylabel(with_unit(words(_LIMIT), unit), fontsize=8)
     ax.spines[["top", "right"]].set_visible(False)

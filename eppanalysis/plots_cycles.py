@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, with_name
-from eppanalysis.readable import readable
+from eppanalysis.readable import readable, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.cycles import CycleSearch
@@ -41,7 +41,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
     """
     figure = Figure(figsize=(8.4, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    figure.suptitle(with_name(_title(search), search.provenance), fontsize=10)
+    figure.suptitle(with_name(_title(search), search.provenance.subject), fontsize=10)
     for ax in (left, right):
         ax.spines[["top", "right"]].set_visible(False)
     if not len(search):
@@ -64,11 +64,10 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
             **style,
         )
         right.plot(factor * wave, factor * np.gradient(wave, time), **style)
-    words = name.replace("_", " ")
     left.set_xlabel("time over period")
-    left.set_ylabel(f"{words} [{unit}]" if unit else words)
-    right.set_xlabel(f"{words} [{unit}]" if unit else words)
-    right.set_ylabel(f"rate of {words} [{unit or '1'}/s]")
+    left.set_ylabel(with_unit(words(name), unit))
+    right.set_xlabel(with_unit(words(name), unit))
+    right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
     left.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure
 

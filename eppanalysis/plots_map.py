@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, show_constant, with_name
-from eppanalysis.readable import readable
+from eppanalysis.readable import readable, with_unit, words
 
 if TYPE_CHECKING:
     import xarray
@@ -118,7 +118,7 @@ def plot_design_map(
 
 def _name(dataset: xarray.Dataset) -> str:
     """The case that was swept, as a title."""
-    return with_name("", {"case": dataset.attrs.get("case")})
+    return with_name("", str(dataset.attrs.get("case", "")))
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -159,7 +159,7 @@ def _unit(dataset: xarray.Dataset, name: str) -> str:
 
 
 def _readable(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
-    return dataset[name].values * _factor(dataset, name), _with_unit(name, _unit(dataset, name))
+    return dataset[name].values * _factor(dataset, name), with_unit(words(name), _unit(dataset, name).replace("*", "·"))
 
 
 def _place(dataset: xarray.Dataset, name: str, i: int) -> str:
@@ -272,7 +272,7 @@ def plot_slices(
     across, label = _readable(plane, x)
     for ax, names, variable in zip(panels, shown, variables, strict=True):
         _slices(ax, plane, across, by, names)
-        ax.set_ylabel(_with_unit(variable, readable(str(plane[names[0]].attrs.get("units", "")))[0]))
+        ax.set_ylabel(with_unit(words(variable), readable(str(plane[names[0]].attrs.get("units", "")))[0]))
         ax.spines[["top", "right"]].set_visible(False)
     panels[-1].set_xlabel(label)
     _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
@@ -325,9 +325,8 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
     places = _chosen_places(plane, by)
     handles = []
     if by is not None:
-        words = by.replace("_", " ").replace(".", " ")
         for colour, place in zip(_slice_colours(len(places)), places, strict=True):
-            handles.append(Line2D([], [], color=colour, label=f"{words} {_place(plane, by, place)}"))
+            handles.append(Line2D([], [], color=colour, label=f"{words(by)} {_place(plane, by, place)}"))
     methods = list(dict.fromkeys(map(_method, names)))
     if len(methods) > 1:
         style: dict[str, Any] = {"color": GREY, "markersize": 5}
@@ -412,7 +411,7 @@ def _flat(
     for name in variables:
         unit, factor = readable(str(dataset[name].attrs.get("units", "")))
         columns.append(factor * dataset[name].values.ravel()[chosen])
-        labels.append(_with_unit(name, unit).replace(" [", "\n["))
+        labels.append(with_unit(words(name), unit).replace(" [", "\n["))
     return dataset[outcome].values.ravel()[chosen], np.column_stack(columns).astype(float), labels
 
 
@@ -443,11 +442,6 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
     ax.set_yticks([])
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
     ax.tick_params(axis="x", length=0)
-
-
-def _with_unit(name: str, unit: str) -> str:
-    words = name.replace("_", " ").replace(".", " ")
-    return f"{words} [{unit.replace('*', '·')}]" if unit else words
 
 
 def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figure:

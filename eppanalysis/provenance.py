@@ -1,12 +1,15 @@
-"""Where a result comes from: method, settings, versions."""
+"""Where a result comes from, for people: method, settings, tolerances, counts, versions. No algorithm reads it."""
 
 from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+_PACKAGES = ("eppanalysis", "numpy", "scipy", "numba")
 
 
 @cache
@@ -17,13 +20,49 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def provenance(method: str, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Method, its settings and the versions that made a result.
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What made a result.
+
+    What an algorithm needs is a field of the result: nothing computes with its provenance.
+
+    Attributes
+    ----------
+    method : str
+    settings : mapping
+        What was asked for: arguments in SI units, the name of the ``system``.
+    tolerances : mapping of str to float
+        Within which the method's equations hold, or its verdicts are given.
+    statistics : mapping
+        What was counted on the way: runs, events, iterations.
+    case : mapping
+        File, checksum, version and parameters of the case; empty for a loop made in Python.
+    versions : mapping of str to str
+        Of Python and the packages that compute.
 
     Examples
     --------
-    >>> provenance("simulation", {"t_end": 6.0})["settings"]
+    >>> Provenance("simulation", {"t_end": 6.0}).to_dict()["settings"]
     {'t_end': 6.0}
     """
-    packages = {name: _version(name) for name in ("eppanalysis", "numpy", "scipy", "numba")}
-    return {"method": method, "settings": dict(settings), "versions": {"python": platform.python_version(), **packages}}
+
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+    case: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=_versions)
+
+    @property
+    def subject(self) -> str:
+        """Name of the case or the system that the result is of; empty where none was given."""
+        return str(self.case.get("case") or self.settings.get("system") or "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; parts that hold nothing are left out."""
+        parts = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: part if name == "method" else dict(part) for name, part in parts.items() if part}

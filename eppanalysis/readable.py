@@ -44,6 +44,28 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{value * factor:.{digits}g} {shown}".rstrip()
 
 
+def words(name: str) -> str:
+    """A dotted name of a parameter, or a signal's, in words.
+
+    Examples
+    --------
+    >>> words("lock_pin.backlash")
+    'lock pin backlash'
+    """
+    return name.replace("_", " ").replace(".", " ")
+
+
+def with_unit(text: str, unit: str) -> str:
+    """What is shown, with its unit in brackets where it has one.
+
+    Examples
+    --------
+    >>> with_unit("time", "s"), with_unit("gain", "")
+    ('time [s]', 'gain')
+    """
+    return f"{text} [{unit}]" if unit else text
+
+
 def cut(value: float, digits: int) -> float:
     """A number cut to significant digits: what may be had, rounded to the safe side."""
     if not (value > 0 and math.isfinite(value)):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sized
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, NotConverged, shown
 from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.provenance import Provenance
 
 if TYPE_CHECKING:
     import xarray
@@ -49,12 +51,46 @@ def require_converged(status: Status, what: str) -> None:
         raise NotConverged(f"{what}: {status.value}")
 
 
-def point_to_dict(point: OperatingPoint | None) -> dict[str, Any] | None:
-    """An operating point as plain data; None where a result has none."""
-    return None if point is None else point.to_dict()
+def plain(value: Any) -> Any:
+    """A value as plain data: arrays as lists, complex numbers as pairs, members of enumerations by their names.
+
+    Examples
+    --------
+    >>> plain({"status": Status.CONVERGED, "values": np.array([1.0, 2.0j])})
+    {'status': 'converged', 'values': [[1.0, 0.0], [0.0, 2.0]]}
+    """
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, Enum):
+        return value.name.lower()
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if isinstance(value, Mapping):
+        return {name: plain(inner) for name, inner in value.items()}
+    if is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-class Brief:
+class PlainData:
+    """A dataclass that people get as plain data."""
+
+    #: What its plain data hold, in order: fields, properties and methods by name, with ``name=place`` for one that goes
+    #: by another name there; all fields where nothing is said.
+    in_json: ClassVar[str] = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data in SI units, as ``--json`` prints it."""
+        names = self.in_json.split() or [f.name for f in fields(self)]  # type: ignore[arg-type]  # a dataclass
+        parts = ((name, attrgetter(place or name)(self)) for name, _, place in (item.partition("=") for item in names))
+        return {name: plain(part() if callable(part) else part) for name, part in parts}
+
+
+class Brief(PlainData):
     """A dataclass whose repr fits the screen: its plain values, and how much there is of the others."""
 
     def __repr__(self) -> str:
@@ -76,6 +112,22 @@ def _brief(value: object) -> str:
     if isinstance(value, Sized):
         return f"<{type(value).__name__} of {len(value)}>" if len(value) else ""
     return f"<{type(value).__name__}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Brief):
+    """What an analysis returns.
+
+    Attributes
+    ----------
+    provenance : Provenance
+        What made it; nothing is computed with it.
+    operating_point : OperatingPoint or None
+        Where the external inputs are held, or why they stand nowhere; None where a result is of no single one.
+    """
+
+    provenance: Provenance = field(default_factory=Provenance, kw_only=True, compare=False, repr=False)
+    operating_point: OperatingPoint | None = field(default=None, kw_only=True, compare=False)
 
 
 class Event(NamedTuple):
@@ -100,7 +152,7 @@ class Event(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LimitCycle(Brief):
+class LimitCycle(Result):
     """A periodic motion as one method sees it.
 
     Attributes
@@ -128,9 +180,16 @@ class LimitCycle(Brief):
         State of the loop at the begin of the period, and what each element remembers there (as its ``output`` takes it:
         a number, a ``Slip``, a pair; None for nothing): what `x0` and `memory` of a system are, from which a run goes
         on. Empty when unknown. What is on its way through a dead time is not part of it.
-    provenance : dict
-    operating_point : OperatingPoint or None
-        Where the external inputs are held.
+    mean_state : array, shape (n,)
+        Mean of the state over a period, about which starts of other sizes are made. Empty when unknown.
+    event_states : array, shape (events, n)
+        State at each event of a period, events of no consequence included. Empty when unknown.
+    elements : dict of str to dict of str to float
+        First order only: "amplitude", "bias" and "phase" [rad] at the (first) input of every element.
+    harmonic_content : float
+        First order only: size of the neglected harmonics relative to the fundamental; nan when unknown.
+    note : str
+        What else there is to say: why the error cannot be told, or what was found instead of what was asked for.
     """
 
     method: str
@@ -150,8 +209,17 @@ class LimitCycle(Brief):
     state: Array = field(default_factory=lambda: np.zeros(0))
     memory: tuple[Any, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+    mean_state: Array = field(default_factory=lambda: np.zeros(0))
+    event_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    elements: dict[str, dict[str, float]] = field(default_factory=dict)
+    harmonic_content: float = float("nan")
+    note: str = ""
+
+    in_json = (
+        "method status message=status.value period frequency mean peak_to_peak amplitude=amplitudes stable "
+        "stability_criterion multipliers residual error_estimate may_not_exist harmonic_content elements events note "
+        "operating_point provenance"
+    )
 
     @property
     def frequency(self) -> float:
@@ -162,6 +230,16 @@ class LimitCycle(Brief):
     def omega(self) -> float:
         """Angular frequency [rad/s]."""
         return 2.0 * np.pi / self.period
+
+    @property
+    def may_not_exist(self) -> bool:
+        """Whether the harmonics that were neglected may take the cycle away."""
+        return bool(np.isinf(self.error_estimate))
+
+    @property
+    def amplitudes(self) -> dict[str, float]:
+        """Amplitude of the fundamental of every signal, in its SI unit."""
+        return {name: float(abs(c[1])) for name, c in self.harmonics.items() if len(c) > 1}
 
     @checked
     def amplitude(self, signal: str) -> float:
@@ -181,28 +259,14 @@ class LimitCycle(Brief):
         require_converged(self.status, self.method)
         return self
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "method": self.method,
-            "status": self.status.name.lower(),
-            "message": self.status.value,
-            "period": self.period,
-            "frequency": self.frequency,
-            "mean": dict(self.mean),
-            "peak_to_peak": dict(self.peak_to_peak),
-            "amplitude": {k: float(abs(c[1])) for k, c in self.harmonics.items() if len(c) > 1},
-            "stable": self.stable,
-            "stability_criterion": self.stability_criterion,
-            "multipliers": None
-            if self.multipliers is None
-            else [[float(m.real), float(m.imag)] for m in np.atleast_1d(self.multipliers)],
-            "residual": self.residual,
-            "error_estimate": self.error_estimate,
-            "operating_point": point_to_dict(self.operating_point),
-            "events": [{"time": e.time, "element": e.element, "name": e.name, "mode": e.mode} for e in self.events],
-            "provenance": dict(self.provenance),
-        }
+    def require_state(self, n: int) -> LimitCycle:
+        """The cycle itself, or EppError unless it tells the `n` states of a loop at its begin."""
+        if self.state.size != n:
+            raise EppError(
+                f"A limit cycle by {self.method} has {self.state.size} states at its begin; expected {n}, as a "
+                "prediction, an exact orbit or a run of this loop has them."
+            )
+        return self
 
     @checked
     def plot(self, signals: list[str] | None = None) -> Figure:
@@ -213,7 +277,7 @@ class LimitCycle(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Brief):
+class Trajectory(Result):
     """A run in time.
 
     Attributes
@@ -232,8 +296,8 @@ class Trajectory(Brief):
         Where the signals rest, when they do.
     settled_since : float
         Since when the run is at rest or on the cycle [s]; nan when it is neither.
-    operating_point : OperatingPoint or None
-        Where the external inputs stand at the end of the run, or why they do not.
+    n_events : int
+        Switches in all, those included that `events` no longer holds.
     """
 
     t: Array
@@ -244,27 +308,16 @@ class Trajectory(Brief):
     settled_at: dict[str, float] = field(default_factory=dict)
     settled_since: float = float("nan")
     units: dict[str, str] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+    n_events: int = 0
+
+    in_json = (
+        "status message=status.value settled_at settled_since limit_cycle n_events operating_point end_time provenance"
+    )
 
     @property
-    def n_events(self) -> int:
-        """Switches in all, those included that `events` no longer holds."""
-        return int(self.provenance.get("statistics", {}).get("events", len(self.events)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Verdict and cycle as plain data in SI units, as ``--json`` prints it (the signals go to files)."""
-        return {
-            "status": self.status.name.lower(),
-            "message": self.status.value,
-            "settled_at": dict(self.settled_at),
-            "settled_since": self.settled_since,
-            "limit_cycle": None if self.limit_cycle is None else self.limit_cycle.to_dict(),
-            "n_events": self.n_events,
-            "operating_point": point_to_dict(self.operating_point),
-            "end_time": float(self.t[-1]) if self.t.size else float("nan"),
-            "provenance": dict(self.provenance),
-        }
+    def end_time(self) -> float:
+        """Time of the last sample [s]; nan where there is none."""
+        return float(self.t[-1]) if self.t.size else float("nan")
 
     def to_dataset(self) -> xarray.Dataset:
         """The signals as an xarray Dataset over time, with units and provenance as attributes."""
@@ -273,7 +326,10 @@ class Trajectory(Brief):
         import xarray
 
         data = {k: ("time", v, {"units": self.units.get(k, "")}) for k, v in self.signals.items()}
-        attributes = {"status": self.status.name.lower(), "provenance": json.dumps(self.provenance, default=str)}
+        attributes = {
+            "status": self.status.name.lower(),
+            "provenance": json.dumps(self.provenance.to_dict(), default=str),
+        }
         return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attributes)
 
     @checked
@@ -285,7 +341,7 @@ class Trajectory(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction(Brief):
+class Prediction(Result):
     """All limit cycles that first-order harmonic balance with bias has.
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
@@ -299,9 +355,9 @@ class Prediction(Brief):
     search: str
     curves: Mapping[str, Any] = field(default_factory=dict)
     margins: Mapping[str, float] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    operating_point: OperatingPoint | None = None
+
+    in_json = "status message=status.value search warnings margins operating_point cycles provenance"
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -311,19 +367,6 @@ class Prediction(Brief):
 
     def __iter__(self):
         return iter(self.cycles)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "status": self.status.name.lower(),
-            "message": self.status.value,
-            "search": self.search,
-            "warnings": list(self.warnings),
-            "margins": dict(self.margins),
-            "operating_point": point_to_dict(self.operating_point),
-            "cycles": [c.to_dict() for c in self.cycles],
-            "provenance": dict(self.provenance),
-        }
 
     def plot(self, ax: Axes | None = None) -> Figure:
         """Nyquist picture with the -1/N locus, its intersections and arrows of stability."""

@@ -14,6 +14,7 @@ from eppanalysis.errors import EppError, shown
 from eppanalysis.methods.bounds_result import DesignBounds
 from eppanalysis.methods.knock import Knock
 from eppanalysis.methods.ladder import Ladder
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import LimitCycle, Trajectory
 
 if TYPE_CHECKING:
@@ -115,9 +116,14 @@ def table(what: Any) -> ShownTable:
 def _mapping(values: Mapping[str, Any]) -> Table:
     if not all(isinstance(name, str) for name in values):
         raise EppError(f"table: the mapping has names such as {shown(next(iter(values)))}; expected texts.")
-    if "sha256" in values or "versions" in values:
+    if "sha256" in values:
         return screen.provenance_table(values)
     return screen.margins_table(values)
+
+
+def _made_by(facts: Provenance) -> Table:
+    """Of a case there is a table of its own."""
+    return screen.provenance_table({name: part for name, part in facts.to_dict().items() if name != "case"})
 
 
 def _run(run: Trajectory) -> Table:
@@ -136,6 +142,7 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (Ladder, screen.ladder_table),
     (Trajectory, _run),
     (DesignBounds, screen.bounds_table),
+    (Provenance, _made_by),
     (Mapping, _mapping),
 )
 _OF_SEQUENCES: tuple[tuple[type, Any], ...] = (

@@ -43,7 +43,7 @@ def entries(name: str, orders: Sequence[int]) -> list[Entry]:
     exact = [place(o) for o in (epp.exact_orbit(system, s) for s in starts) if o.status.ok]
     return [
         Entry(
-            order=b.provenance["order"],
+            order=b.provenance.statistics["order"],
             estimate=b.error_estimate,
             error=min((float(np.abs(place(b) / e - 1.0).max()) for e in exact), default=np.inf),
         )

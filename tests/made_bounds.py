@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds_result import BoundCell
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 
 #: The fold in gain of the wheelchair with a gap of 12 mm, from a branch of exact orbits.
 GAIN = 0.8462572
@@ -20,5 +20,5 @@ def bounds_of(case: epp.Case, over: str, limit: str, *cells: BoundCell) -> epp.D
     names = (over, limit)
     return epp.DesignBounds(
         case.name, over, limit, {n: case.unit(n)[0] for n in names}, {n: case.readable(n) for n in names},
-        {n: case.value(n) for n in names}, (0.001, 0.1), cells, provenance("bounds", {"margin": 0.01}),
+        {n: case.value(n) for n in names}, (0.001, 0.1), cells, 0.01, provenance=Provenance("bounds"),
     )  # fmt: skip

@@ -23,7 +23,7 @@ from eppanalysis.methods.bounds import Settings, bound_of_branch
 from eppanalysis.methods.bounds_harmonic import Question
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_tolerance import half_widths_of
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.readable import cut
 from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
@@ -51,8 +51,8 @@ def guide() -> Guide:
                 1.2 * allowed, 2.5 * DEGREE, 2.5e-4 if gain < 2 else math.nan,
             )
         )  # fmt: skip
-    facts = provenance("design guide", {"gains": [1.5, 2.5]}) | {"case": case.provenance()}
-    return Guide(case, (), tuple(rows), {}, facts)
+    facts = Provenance("design guide", {"gains": [1.5, 2.5]}, case=case.provenance())
+    return Guide(case, (), tuple(rows), {}, provenance=facts)
 
 
 def test_equations_one_and_two_of_the_paper() -> None:

@@ -13,6 +13,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation import Branch
 from eppanalysis.plots import plot_branch, plot_ladder, plot_limit_cycle, plot_nyquist, plot_trajectory
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import Status
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
@@ -136,7 +137,7 @@ def test_ladder_without_prediction_says_so():
     assert [text.get_text() for text in figure.axes[-1].texts] == ["no describing function"]
 
 
-NAMED = [{"system": "my_loop"}, {"settings": {"system": "my_loop"}}, {"case": "my_loop"}, {"case": {"case": "my_loop"}}]
+NAMED = [Provenance(settings={"system": "my_loop"}), Provenance(case={"case": "my_loop"})]
 
 
 @pytest.mark.parametrize("facts", NAMED)
@@ -150,7 +151,7 @@ def test_titles_name_the_case_or_the_system(facts):
 
 
 def test_a_name_is_no_formula():
-    figure = plot_trajectory(replace(trajectory(), provenance={"case": r"a $\frac{$ case"}))
+    figure = plot_trajectory(replace(trajectory(), provenance=Provenance(case={"case": r"a $\frac{$ case"})))
     figure.draw_without_rendering()
     assert figure.get_suptitle().startswith(r"a \$\frac{\$ case: ")
 
@@ -160,7 +161,14 @@ def branch_of(gap: tuple[float, float], frequency: tuple[float, float], unit: st
     columns = {"value": gap, "period": (4.0, 4.0), "x": (2.0, 4.0), "frequency": frequency}
     points = {name: np.array(values) for name, values in columns.items()} | {"stable": np.array([True, True])}
     return Branch(
-        "play.gap", unit, points, (), Status.CONVERGED, "", signals=("x",), provenance={"case": "backlash_servo"}
+        "play.gap",
+        unit,
+        points,
+        (),
+        Status.CONVERGED,
+        "",
+        signals=("x",),
+        provenance=Provenance(case={"case": "backlash_servo"}),
     )
 
 

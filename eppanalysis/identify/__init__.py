@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from eppanalysis.case import Case, Parameter
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual
-from eppanalysis.identify.reading import Progress, Recording, read_recording
-from eppanalysis.results import Brief
+from eppanalysis.identify.reading import Recording, read_recording
+from eppanalysis.progress import Report
+from eppanalysis.results import Result
 
 __all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
 
@@ -24,7 +24,7 @@ Choices = Mapping[str, tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(Brief):
+class Identification(Result):
     """What bench tests told of an elbow.
 
     Attributes
@@ -37,7 +37,8 @@ class Identification(Brief):
 
     case: Case
     fits: tuple[BenchFit, ...]
-    provenance: dict[str, Any] = field(default_factory=dict)
+
+    in_json = "limited_by fits provenance"
 
     def __getitem__(self, name: str) -> Estimate:
         """The last estimate of a parameter."""
@@ -61,14 +62,6 @@ class Identification(Brief):
         """The case as a file."""
         return self.case.to_toml()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "limited_by": self.limited_by,
-            "fits": [fit.to_dict() for fit in self.fits],
-            "provenance": dict(self.provenance),
-        }
-
 
 def identify(
     case: Case,
@@ -81,7 +74,7 @@ def identify(
     press: float = 0.0,
     fit: Sequence[str] | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> Identification:
     """Identify an elbow from bench tests.
 
@@ -106,7 +99,7 @@ def identify(
     seed : int
         Of the starts of the step response's fit.
     progress : callable, optional
-        Called with what is done and what there is to do.
+        Told what is done, of how much, and in words what is being done.
 
     Raises
     ------
@@ -149,7 +142,7 @@ def identify(
         recording = read_recording(step, ("time", "angle"), ("force", "harness"), columns, progress=progress)
         fits.append(fit_step(recording, found, fit, seed=seed, progress=progress))
         found = with_estimates(found, fits[-1])
-    return Identification(_titled(found, fits), tuple(fits), fits[-1].provenance)
+    return Identification(_titled(found, fits), tuple(fits), provenance=fits[-1].provenance)
 
 
 def with_estimates(case: Case, fit: BenchFit) -> Case:

@@ -27,7 +27,7 @@ from eppanalysis.identify.plausible import mistaken
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
 from eppanalysis.models.nonlinearities.memory import StictionPulley
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 
 Array = NDArray[np.float64]
 
@@ -401,7 +401,7 @@ def _result(
     return BenchFit(
         "backlash cycling", recording.source, estimates, residuals, tuple(notes), recording.n_rows, stays.side.size,
         curves=_curves(recording, stays, angle, force, share),
-        provenance=provenance("backlash cycling", {"press": press, "rows": recording.n_rows}),
+        provenance=Provenance("backlash cycling", {"press": press, "rows": recording.n_rows}),
     )  # fmt: skip
 
 

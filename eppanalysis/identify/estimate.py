@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.results import Status
+from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.units import format_si
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(PlainData):
     """A parameter from measured data.
 
     Attributes
@@ -55,6 +55,8 @@ class Estimate:
     note: str = ""
     kept: bool = False
 
+    in_json = "value low high unit identified note"
+
     @property
     def tolerance(self) -> float:
         """Half width of an interval about the value that holds the estimate's own interval."""
@@ -73,17 +75,6 @@ class Estimate:
     def __str__(self) -> str:
         interval = f"{self.text(self.low)} to {self.text(self.high)}"
         return f"{self.name} = {self.text(self.value)}, {LEVEL:.0%} interval {interval}".replace("95%", "95 %")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "unit": self.unit,
-            "identified": self.identified,
-            "note": self.note,
-        }
 
 
 @dataclass(frozen=True)
@@ -107,7 +98,7 @@ class Residual:
 
 
 @dataclass(frozen=True, eq=False)
-class BenchFit:
+class BenchFit(Result):
     """Result of one bench test.
 
     Attributes
@@ -126,7 +117,6 @@ class BenchFit:
     status : Status
     curves : mapping
         What the picture needs: ``panels`` of measured points and fit, by role.
-    provenance : dict
     """
 
     bench: str
@@ -138,7 +128,11 @@ class BenchFit:
     n_used: int = 0
     status: Status = Status.CONVERGED
     curves: Mapping[str, Any] = field(default_factory=dict)
-    provenance: dict[str, Any] = field(default_factory=dict)
+
+    in_json = (
+        "bench source status message=status.value estimates=_by_name unidentified=_unidentified_names "
+        "limited_by residuals notes n_rows n_used provenance"
+    )
 
     def __getitem__(self, name: str) -> Estimate:
         for estimate in self.estimates:
@@ -156,6 +150,12 @@ class BenchFit:
         """The parameter that the data tell least, relative to its size."""
         return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name if self.estimates else ""
 
+    def _by_name(self) -> dict[str, Estimate]:
+        return {e.name: e for e in self.estimates}
+
+    def _unidentified_names(self) -> list[str]:
+        return [e.name for e in self.unidentified]
+
     def limit_sentence(self) -> str:
         """Which parameter limits the identification, and how well it is known."""
         if not self.estimates:
@@ -166,23 +166,6 @@ class BenchFit:
         width = worst.relative_width
         known = f"known to ±{100 * width:.2g} %" if width < 1 else "not known better than its own size"
         return f"Limited by {worst.name}, {known}."
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "bench": self.bench,
-            "source": self.source,
-            "status": self.status.name.lower(),
-            "message": self.status.value,
-            "estimates": {e.name: e.to_dict() for e in self.estimates},
-            "unidentified": [e.name for e in self.unidentified],
-            "limited_by": self.limited_by,
-            "residuals": {k: vars(r) | {} for k, r in self.residuals.items()},
-            "notes": list(self.notes),
-            "n_rows": self.n_rows,
-            "n_used": self.n_used,
-            "provenance": dict(self.provenance),
-        }
 
     def plot(self) -> Figure:
         """Data with the fit, residuals, and the intervals."""

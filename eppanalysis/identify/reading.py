@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from eppanalysis.case.files import Missing
 from eppanalysis.errors import CaseError
 from eppanalysis.identify.columns import Column, find_columns
+from eppanalysis.progress import Report
 
 Array = NDArray[np.float64]
 #: Called with the bytes read so far and the size of the file.
-Progress = Callable[[int, int], None]
 
 #: Rows that are kept at least, once blocks are averaged; bytes read at a time; longest line; largest magnitude (SI).
 KEPT, PIECE, LONGEST_LINE, LARGEST = 16_384, 4_000_000, 100_000, 1e9
@@ -87,7 +87,7 @@ def read_recording(
     columns: Mapping[str, tuple[str, str]] | None = None,
     *,
     fewest: int = 8,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> Recording:
     """Read the columns of a CSV file that a bench needs.
 
@@ -128,7 +128,7 @@ def _read(
     optional: Sequence[str],
     choices: Mapping[str, tuple[str, str]],
     fewest: int,
-    progress: Progress | None,
+    progress: Report | None,
     size: int,
 ) -> Recording:
     header, separator, line = _header(stream, source)
@@ -139,7 +139,7 @@ def _read(
         blocks.add(table.numbers(piece, line))
         line += piece.count(b"\n")
         if progress is not None:
-            progress(stream.tell(), size)
+            progress(stream.tell(), size, "")
     complete = table.n_rows - table.n_holes
     if complete < fewest or complete < table.n_rows / 2:
         shown = f"{table.n_rows} rows long" + (f", {table.n_holes} of them with empty cells" if table.n_holes else "")

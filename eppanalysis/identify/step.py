@@ -21,11 +21,12 @@ from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
-from eppanalysis.identify.reading import Progress, Recording
+from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import Cloud, draw_cloud
 from eppanalysis.identify.surface import explore
-from eppanalysis.provenance import provenance
+from eppanalysis.progress import Report
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import Status
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ def fit_step(
     fit: Sequence[str] | None = None,
     *,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> BenchFit:
     """Drive and timing from a recorded step response, with or without limit cycle.
 
@@ -143,10 +144,10 @@ def _deaf(response: Response, candidates: Sequence[dict[str, Array]]) -> bool:
     )
 
 
-def _search(response: Response, seed: int, progress: Progress | None) -> Array:
+def _search(response: Response, seed: int, progress: Report | None) -> Array:
     """Best place over all starts; further rounds of them while the residuals are clearly more than noise."""
     best, least = np.zeros(0), math.inf
-    tell: Progress = progress or (lambda done, total: None)
+    tell: Report = progress or (lambda done, total, doing: None)
     for k in range(ROUNDS):
         q = _round(response, seed + k, tell)
         cost = float(np.sum(response.residual(q) ** 2))
@@ -163,7 +164,7 @@ def _misfit(response: Response, q: Array) -> float:
     return max(float(np.std(c.residual(found[c.role]))) for c in response.channels)
 
 
-def _round(response: Response, seed: int, progress: Progress) -> Array:
+def _round(response: Response, seed: int, progress: Report) -> Array:
     """Best place over one set of starts, the record growing."""
     end = float(response.time[-1])
     starts = _starts(response.unknowns, seed)
@@ -171,7 +172,7 @@ def _round(response: Response, seed: int, progress: Progress) -> Array:
     costs = []
     for i, q in enumerate(starts):
         costs.append(float(np.sum(response.residual(q, windows[0]) ** 2)))
-        progress(i, 2 * len(starts))
+        progress(i, 2 * len(starts), "")
     places = [starts[i] for i in np.argsort(costs)]
     for k, (until, kept) in enumerate(zip(windows, KEPT_STARTS, strict=True)):
         found = []
@@ -179,7 +180,7 @@ def _round(response: Response, seed: int, progress: Progress) -> Array:
             found.append(_fit(response, q, until, robust=k < 2))
         found.sort(key=lambda f: f[0])
         places = [f[1] for f in found]
-        progress(len(starts) + (k + 1) * len(starts) // len(windows), 2 * len(starts))
+        progress(len(starts) + (k + 1) * len(starts) // len(windows), 2 * len(starts), "")
     return places[0]
 
 
@@ -463,8 +464,9 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
     ]
     told = solution.converged and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
     status = Status.CONVERGED if told else Status.NOT_CONVERGED
+    settings = {"seed": seed, "starts": STARTS, "fit": list(names), "rows": recording.n_rows}
     return BenchFit(
         "step response", recording.source, _estimates(solution, names), residuals, tuple(notes), recording.n_rows,
         len(response.time), status, {"panels": panels, "x": "time", "line": True},
-        provenance("step response", {"seed": seed, "starts": STARTS, "fit": list(names), "rows": recording.n_rows}),
+        provenance=Provenance("step response", settings),
     )  # fmt: skip

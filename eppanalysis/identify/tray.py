@@ -19,7 +19,7 @@ from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, Stroke, sensor_force, strokes
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 
 Array = NDArray[np.float64]
 
@@ -361,5 +361,5 @@ def _result(
     settings = {"kinetic_ratios": list(KINETIC_RATIOS), "rows": recording.n_rows}
     return BenchFit(
         "weight tray", recording.source, estimates, {"voltage": found}, tuple(notes), recording.n_rows, data.force.size,
-        curves=curves, provenance=provenance("weight tray", settings),
+        curves=curves, provenance=Provenance("weight tray", settings),
     )  # fmt: skip

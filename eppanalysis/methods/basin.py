@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from eppanalysis.methods.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.cycles import CycleSearch, fades
-from eppanalysis.methods.exact import steady_hybrid
+from eppanalysis.methods.exact import steady_hybrid, swing_of
 from eppanalysis.methods.simulate import run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.linear import poles
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.results import Brief, Status
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import Result, Status
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ _LONGER = (1.0, 4.0, 16.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Basin(Brief):
+class Basin(Result):
     """What became of each start.
 
     Attributes
@@ -102,11 +103,14 @@ def basin(
         systems = [steady_hybrid(replace(system, x0=starts[i]), at) for i in left]
         result = simulate_batch(HybridStack.of(systems, system.signals.names), factor * horizon, threads=threads)
         ends[left] = [_end(cycles, result, i) for i in range(left.size)]
-    size = np.max([np.ptp(starts, axis=0), *(np.ptp(c.provenance["corners"], axis=0) for c in cycles)], axis=0)
+    hybrid = steady_hybrid(system, at)
+    swings = (swing_of(hybrid, c) for c in cycles)
+    size = np.max([np.ptp(starts, axis=0), *swings], axis=0)
     for i in np.flatnonzero(ends == UNDECIDED):
         if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
             ends[i] = REST
-    return Basin(starts, ends)
+    made_by = Provenance("runs from many starts", {"system": system.name}, statistics={"starts": len(starts)})
+    return Basin(starts, ends, provenance=made_by)
 
 
 def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulate import announce_compilation
 from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.results import Brief, Status
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import Result, Status
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -164,7 +165,7 @@ def _separable(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchResult(Brief):
+class BatchResult(Result):
     """Verdict and cycle of every cell.
 
     Attributes
@@ -270,4 +271,5 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         events=out.events,
         last_event=out.since,
         change=out.change[:, 1],
+        provenance=Provenance("event-exact simulation", {"t_end": t_end, "max_events": max_events}),
     )

@@ -9,7 +9,7 @@ and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,15 +24,15 @@ from eppanalysis.methods.bounds_fold import Cycle
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
-from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.continuation import Branch
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.provenance import provenance
+from eppanalysis.progress import Report
+from eppanalysis.provenance import Provenance
 from eppanalysis.workers import workers as worker_processes
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
 
-Report = Callable[[int, int], None]
 
 #: Where a bound is sought, relative to the case's own value; how far the other parameter runs.
 _WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
@@ -100,7 +100,7 @@ def design_bounds(
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
     progress : callable, optional
-        Is told the number of cells done and of all cells.
+        Told the number of cells done, of all cells, and nothing in words.
 
     Returns
     -------
@@ -139,7 +139,6 @@ def design_bounds(
     settings = Settings(exact, verify and exact, margin, starts, seed)
     cells = _cells(question, values, settings, workers, progress)
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
-    own = getattr(case, "provenance", None)
     known = {name: value_of(case, name) for name in (over, limit)}
     return DesignBounds(
         case=case.name,
@@ -150,7 +149,8 @@ def design_bounds(
         own={name: value for name, value in known.items() if value is not None},
         within=(low, high),
         cells=tuple(cells),
-        provenance=provenance("design bounds", facts) | ({"case": own()} if own is not None else {}),
+        margin=margin,
+        provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
 
@@ -234,7 +234,7 @@ def _cells(
         cells[i] = cell if checked is None else _joined(cell, checked)
         done += 1
         if report is not None:
-            report(done, len(values))
+            report(done, len(values), "")
 
     # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
     with worker_processes(workers) as pool:

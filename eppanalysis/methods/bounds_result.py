@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
+from eppanalysis.results import Brief, LimitCycle, Result, Status
 
 if TYPE_CHECKING:
     import xarray
@@ -78,6 +77,13 @@ class BoundCell(Brief):
     harmonic_elasticities: dict[str, float] = field(default_factory=dict)
     message: str = ""
 
+    in_json = (
+        "value finding sign first_order harmonic order error_estimate exact kind frequency bound "
+        "first_order_error harmonic_error first_order_unsafe safe_value other_value n_runs n_settled n_cycles "
+        "verified elasticities harmonic_elasticities message orbit=_orbit "
+        "other_orbit=_other_orbit"
+    )
+
     @property
     def bound(self) -> float:
         """The best value that is known: exact, else by harmonic balance; nan where there is none."""
@@ -100,31 +106,20 @@ class BoundCell(Brief):
         """Whether first order calls designs free of limit cycles that are not."""
         return bool(self.sign * self.first_order_error > 0)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        names = (
-            "value finding sign first_order harmonic order error_estimate exact kind frequency bound first_order_error "
-            "harmonic_error first_order_unsafe safe_value other_value n_runs n_settled n_cycles verified elasticities "
-            "harmonic_elasticities message"
-        )
-        found = {name: getattr(self, name) for name in names.split()}
-        for name in ("orbit", "other_orbit"):
-            cycle = getattr(self, name)
-            found[name] = None if cycle is None else _orbit(cycle)
-        return found
+    def _orbit(self) -> dict[str, Any] | None:
+        return _summary(self.orbit)
+
+    def _other_orbit(self) -> dict[str, Any] | None:
+        return _summary(self.other_orbit)
 
 
-def _orbit(cycle: LimitCycle) -> dict[str, Any]:
-    return {
-        "period": cycle.period,
-        "stable": cycle.stable,
-        "residual": cycle.residual,
-        "peak_to_peak": dict(cycle.peak_to_peak),
-    }
+def _summary(cycle: LimitCycle | None) -> dict[str, Any] | None:
+    names = ("period", "stable", "residual", "peak_to_peak")
+    return None if cycle is None else {name: getattr(cycle, name) for name in names}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DesignBounds(Brief):
+class DesignBounds(Result):
     """Bounds on one parameter at a row of values of another; behaves as a sequence of cells.
 
     Attributes
@@ -141,7 +136,8 @@ class DesignBounds(Brief):
     within : (float, float)
         Range in which bounds were sought [SI].
     cells : tuple of BoundCell
-    provenance : dict
+    margin : float
+        How far from each bound it was tested, relative to it.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
@@ -154,8 +150,9 @@ class DesignBounds(Brief):
     own: dict[str, float]
     within: tuple[float, float]
     cells: tuple[BoundCell, ...]
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+    margin: float = _NAN
+
+    in_json = "over limit units within status cells operating_point provenance"
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -176,19 +173,6 @@ class DesignBounds(Brief):
     def array(self, name: str) -> Array:
         """A number of every cell."""
         return np.array([getattr(c, name) for c in self.cells], float)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "over": self.over,
-            "limit": self.limit,
-            "units": dict(self.units),
-            "within": list(self.within),
-            "status": self.status.name.lower(),
-            "cells": [c.to_dict() for c in self.cells],
-            "operating_point": point_to_dict(self.operating_point),
-            "provenance": dict(self.provenance),
-        }
 
     def to_dataset(self) -> xarray.Dataset:
         """An xarray Dataset over the parameter that runs, with units, and the status of every cell."""
@@ -220,7 +204,11 @@ class DesignBounds(Brief):
                 self.over: (self.over, self.array("value"), {"units": self.units[self.over]}),
                 **({"parameter": names} if names else {}),
             },
-            attrs={"limit": self.limit, "case": self.case, "provenance": json.dumps(self.provenance, default=str)},
+            attrs={
+                "limit": self.limit,
+                "case": self.case,
+                "provenance": json.dumps(self.provenance.to_dict(), default=str),
+            },
         )
 
     def plot(self) -> Figure:

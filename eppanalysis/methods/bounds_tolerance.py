@@ -15,8 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +27,12 @@ from eppanalysis.methods.bounds_elasticity import exact_elasticities, parameters
 from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question
-from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.cycles import steady_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.provenance import provenance
-from eppanalysis.results import Brief, LimitCycle, Status
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import LimitCycle, Result, Status
 
 Array = NDArray[np.float64]
 
@@ -66,7 +65,7 @@ class Quantile:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ToleranceBound(Brief):
+class ToleranceBound(Result):
     """The bound of a case whose parameters carry tolerances.
 
     Attributes
@@ -103,30 +102,16 @@ class ToleranceBound(Brief):
     draws: Array
     engine_offset: float
     message: str = ""
-    provenance: dict[str, Any] = field(default_factory=dict)
+
+    in_json = (
+        "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
+        "engine_offset message provenance"
+    )
 
     @property
     def status(self) -> Status:
         """CONVERGED where nothing is missing."""
         return Status.UNDECIDED if self.message else Status.CONVERGED
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {
-            "limit": self.limit,
-            "unit": self.unit,
-            "sign": self.sign,
-            "half_widths": dict(self.half_widths),
-            "nominal": self.nominal,
-            "worst_case": self.worst_case,
-            "worst_values": dict(self.worst_values),
-            "n_corners": self.n_corners,
-            "quantiles": [vars(q) for q in self.quantiles],
-            "samples": int(self.draws.size),
-            "engine_offset": self.engine_offset,
-            "message": self.message,
-            "provenance": dict(self.provenance),
-        }
 
 
 def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[str, float]:
@@ -269,7 +254,7 @@ def tolerance_bound(
         draws=draws,
         engine_offset=offset,
         message=message,
-        provenance=provenance("bound under tolerances", settings),
+        provenance=Provenance("bound under tolerances", settings, case=facts_of(case)),
     )
 
 
@@ -468,7 +453,7 @@ class _Box:
     def _starts(self, base: HybridSystem) -> list[HybridSystem]:
         """The system on and around the orbit at the nominal bound."""
         n = base.n_plant
-        corners = np.array(self.orbit.provenance["corners"])
+        corners = self.orbit.event_states
         centre = corners.mean(axis=0)
         chosen = corners[:: max(1, len(corners) // _POINTS)][:_POINTS]
         out = []

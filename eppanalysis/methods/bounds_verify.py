@@ -172,7 +172,7 @@ def _known(orbit: Orbit, periods: Sequence[float]) -> bool:
 
 def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:
     """How far each state moves on the orbit; of states between whose corners nothing is seen, its own size."""
-    corners = np.array(orbit.provenance["corners"]) if "corners" in orbit.provenance else orbit.state[None]
+    corners = orbit.event_states if orbit.event_states.size else orbit.state[None]
     swing = np.zeros(hybrid.x0.size)
     span = np.ptp(corners, axis=0)
     swing[: hybrid.n_plant] = np.where(span > 0, span, np.abs(corners).max(axis=0))

@@ -49,6 +49,12 @@ class CaseLike(Protocol):
         """The unit people use, and the factor from SI to it."""
 
 
+def facts_of(case: CaseLike) -> Mapping[str, Any]:
+    """What provenance says of a case: all that it tells of itself, at least its name."""
+    own = getattr(case, "provenance", None)
+    return {"case": case.name} if own is None else own()
+
+
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
 Held = OperatingPoint | Mapping[str, float]
 C = TypeVar("C", bound=CaseLike)

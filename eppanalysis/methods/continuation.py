@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.continuation_borders import across, borders, corner
 from eppanalysis.methods.continuation_cover import Gap, gaps
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
@@ -42,8 +42,8 @@ from eppanalysis.methods.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import Brief, LimitCycle, Result, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,9 +80,11 @@ class SpecialPoint(Brief):
     index: int
     point: Point = field(repr=False)
 
+    in_json = "kind value note index cycle"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Branch(Brief):
+class Branch(Result):
     """Exact orbits along a branch, in its own order.
 
     Attributes
@@ -119,8 +121,8 @@ class Branch(Brief):
     ends: tuple[str, str] = ("", "")
     missing: tuple[Gap, ...] = ()
     others: tuple[Branch, ...] = ()
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+
+    in_json = "parameter unit status message points special simulated missing others operating_point provenance"
 
     def __len__(self) -> int:
         return int(self.points["value"].size)
@@ -129,25 +131,6 @@ class Branch(Brief):
     def folds(self) -> tuple[SpecialPoint, ...]:
         """Where the branch turns back: a stable and an unstable cycle meet."""
         return tuple(s for s in self.special if s.kind == "fold")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "parameter": self.parameter,
-            "unit": self.unit,
-            "status": self.status.name.lower(),
-            "message": self.message,
-            "points": {k: v.tolist() for k, v in self.points.items()},
-            "special": [
-                {"kind": s.kind, "value": s.value, "note": s.note, "index": s.index, "cycle": s.cycle.to_dict()}
-                for s in self.special
-            ],
-            "simulated": {k: v.tolist() for k, v in self.simulated.items()},
-            "missing": [gap.to_dict() for gap in self.missing],
-            "others": [branch.to_dict() for branch in self.others],
-            "operating_point": point_to_dict(self.operating_point),
-            "provenance": dict(self.provenance),
-        }
 
     def plot(self, signal: str | None = None, at: float | None = None) -> Figure:
         """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
@@ -472,7 +455,7 @@ class Walk:
             ends=ends,
             signals=tuple(names),
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
-            provenance={"case": self.case.name, "limits": self.limits},
+            provenance=Provenance("pseudo-arclength continuation", {"limits": self.limits}, case=facts_of(self.case)),
             operating_point=self.case.operating_point,
         )
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from eppanalysis.results import PlainData
 
 Array = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ TURNS = "the branch turns back there (cycles of other branches were not sought)"
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(PlainData):
     """A part of the range asked for in which no branch has an orbit.
 
     Attributes
@@ -35,9 +36,7 @@ class Gap:
     why: str
     turns: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {"low": self.low, "high": self.high, "why": self.why}
+    in_json = "low high why"
 
 
 def gaps(limits: tuple[float, float], branches: Sequence[tuple[Array, tuple[str, str]]]) -> tuple[Gap, ...]:

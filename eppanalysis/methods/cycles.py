@@ -7,10 +7,10 @@ enough to close the orbit from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,29 +20,28 @@ from eppanalysis.methods.asked import Asked
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.describing import predict_limit_cycles
 from eppanalysis.methods.effort import Spent, Work, allotted, left
-from eppanalysis.methods.exact import Found, asked_for, orbits_of, start_of, steady_hybrid
+from eppanalysis.methods.exact import Found, asked_for, centre_of, orbits_of, start_of, steady_hybrid
 from eppanalysis.methods.mirrored import mirror
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.orbit_guess import recurrences
 from eppanalysis.methods.reach import reach_of_elements
 from eppanalysis.methods.sampled import search_sampled
-from eppanalysis.methods.shooting import Orbit, close_orbit, middle, orbit_of, orbits_near, same_orbit
+from eppanalysis.methods.shooting import CONVERGED, Orbit, close_orbit, middle, orbit_of, orbits_near, same_orbit
 from eppanalysis.methods.simulate import Run, cycle_of_run, judge, run_hybrid
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.linear import poles
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.provenance import provenance
-from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
+from eppanalysis.progress import Report
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import LimitCycle, Result, Status
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Told the runs made, of how many (not known before the end), and how far the search is in words.
-Report = Callable[[int, int | None, str], None]
 
 #: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
 SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
@@ -82,7 +81,7 @@ UNCLOSED = "on a cycle that could not be closed"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CycleSearch(Brief):
+class CycleSearch(Result):
     """All limit cycles found, smallest first; behaves as a sequence of LimitCycle.
 
     Attributes
@@ -108,8 +107,8 @@ class CycleSearch(Brief):
         alone leave nothing open.
     left_open : tuple of str
         What keeps the search from being complete, unclosed predictions aside, each in words.
-    operating_point : OperatingPoint or None
-        Where the external inputs are held.
+    n_runs : int
+        Runs that were made.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -120,8 +119,9 @@ class CycleSearch(Brief):
     rest_state: Array = field(default_factory=lambda: np.zeros(0))
     unclosed: tuple[LimitCycle, ...] = ()
     left_open: tuple[str, ...] = ()
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+    n_runs: int = 0
+
+    in_json = "status message rests diverges search operating_point cycles unclosed provenance"
 
     @property
     def message(self) -> str:
@@ -152,20 +152,6 @@ class CycleSearch(Brief):
     def unstable(self) -> tuple[LimitCycle, ...]:
         """The unstable cycles: what separates one outcome from another."""
         return tuple(c for c in self.cycles if not c.stable)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "status": self.status.name.lower(),
-            "message": self.message,
-            "rests": self.rests,
-            "diverges": self.diverges,
-            "search": self.search,
-            "operating_point": point_to_dict(self.operating_point),
-            "cycles": [c.to_dict() for c in self.cycles],
-            "unclosed": [c.to_dict() for c in self.unclosed],
-            "provenance": dict(self.provenance),
-        }
 
     def plot(self, signal: str | None = None) -> Figure:
         """Waveform of every cycle, and the rate of the signal over it."""
@@ -223,6 +209,8 @@ def find_limit_cycles(
         return _in_discrete_time(system, at, predicted)
     hybrid = steady_hybrid(system, at)
     seeds = _predictions(system, at) if predicted is None else predicted
+    for cycle in seeds:
+        cycle.require_state(hybrid.n_plant)
     if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
@@ -239,7 +227,8 @@ def find_limit_cycles(
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
-        provenance={"system": system.name, "runs": search.n_runs, "edges": search.n_edges, "work": search.work.used},
+        n_runs=search.n_runs,
+        provenance=_made_by(system, {"runs": search.n_runs, "edges": search.n_edges, "work": search.work.used}),
         operating_point=at,
     )
 
@@ -255,9 +244,14 @@ def _in_discrete_time(system: LureSystem, at: OperatingPoint, predicted: Sequenc
         search=found.search,
         rest_state=np.zeros(0) if found.rest is None else found.rest,
         left_open=(_undecided(found.undecided),) if found.undecided else (),
-        provenance={"system": system.name, "runs": found.runs, "edges": 0},
+        n_runs=found.runs,
+        provenance=_made_by(system, {"runs": found.runs}),
         operating_point=at,
     )
+
+
+def _made_by(system: LureSystem, counts: dict[str, float]) -> Provenance:
+    return Provenance("search for limit cycles", {"system": system.name}, {"residual": CONVERGED}, counts)
 
 
 def _predictions(system: LureSystem, at: OperatingPoint) -> Sequence[LimitCycle]:
@@ -306,12 +300,11 @@ class _Reached:
     @classmethod
     def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> _Reached:
         """From the end of a run, and what the verdict says of it."""
-        events, period, n = run.order[-int(facts[0]) - 1 : -1], float(facts[1]), start.n_plant
+        events, period = run.order[-int(facts[0]) - 1 : -1], float(facts[1])
         states = run.state[events]
         size = np.ptp(states, axis=0) + np.abs(run.rate[events]).max(axis=0) * period / (2.0 * np.pi)
         size = np.where(size > 0, size, np.inf)
-        told = provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
-        told |= {"corners": states[:, :n].tolist()}
+        told = Provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
         cycle = cycle_of_run(system, start, run, facts, told)
         return cls(cycle, (run.guard[events], states, size))
 
@@ -686,7 +679,7 @@ class _Search:
         for cycle in self.predicted:
             x, H = start_of(self.hybrid, cycle)
             centre = x.copy()
-            centre[: self.hybrid.n_plant] = cycle.provenance["mean_state"]
+            centre[: self.hybrid.n_plant] = centre_of(self.hybrid, cycle)
             rays.append((centre, x - centre, H))
         x0 = self.hybrid.x0
         centre = np.zeros_like(x0)

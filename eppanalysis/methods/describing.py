@@ -25,10 +25,13 @@ from eppanalysis.methods.describing_quality import Point, point, stability
 from eppanalysis.methods.describing_search import search_one
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import LimitCycle, Prediction, Status
 
 __all__ = ["linear_margins", "predict_limit_cycles"]
 
+#: Relative residual of the balance up to which a cycle is one.
+_RESIDUAL = 1e-9
 _METHOD = "describing function"
 
 
@@ -99,7 +102,7 @@ def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: Held | 
         balance = make_balance(system, 0 if single else choose_pivot(system), value)
         found = search_one(balance) if single else search_several(balance)
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
-        points = [p for p in points if p.residual < 1e-9 and np.all(p.amplitude > 0)]
+        points = [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
         estimates = [error_estimate(balance, p) for p in points]
         cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
         warnings = blind_spots(balance, points, estimates, found)
@@ -114,7 +117,7 @@ def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: Held | 
         warnings=warnings,
         curves=curves,
         margins=Deferred(partial(linear_margins, system)),
-        provenance={"system": system.name},
+        provenance=_made_by(system, at),
         operating_point=at,
     )
 
@@ -153,14 +156,16 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
             e.held_at((p.mean + W.imag)[ws]) for e, ws in zip(system.elements, system.output_slices, strict=True)
         ),
         units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
-        provenance={
-            "elements": {
-                n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
-                for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
-            },
-            "harmonic_content": estimate.content,
-            "may_not_exist": bool(np.isinf(estimate.error)),
-            "mean_state": (coordinates @ x).tolist(),
+        mean_state=coordinates @ x,
+        elements={
+            n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
+            for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
         },
+        harmonic_content=estimate.content,
+        provenance=_made_by(system, at),
         operating_point=at,
     )
+
+
+def _made_by(system: LureSystem, at: OperatingPoint) -> Provenance:
+    return Provenance(_METHOD, {"system": system.name, "input": dict(at.inputs)}, {"residual": _RESIDUAL})

@@ -20,7 +20,8 @@ from eppanalysis.methods.describing_balance import Array, ComplexArray, describe
 from eppanalysis.methods.describing_search import frequency_scales
 from eppanalysis.methods.harmonic_loop import Loop, inputs_of
 from eppanalysis.models.lure import LureSystem, SignalMap
-from eppanalysis.results import LimitCycle
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import LimitCycle, Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,8 +32,8 @@ _ITERATIONS = 15
 _FAR = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class FrozenLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class FrozenLoop(Result):
     """The loop cut at one element.
 
     Attributes
@@ -224,7 +225,8 @@ def frozen_loop(
     if not used.any():
         return None
     point = _point(system, cut, amplitude[names[cut]], bias[names[cut]], omega) if omega else None
-    return FrozenLoop(names[cut], nodes, -response, sizes[used], locus[used], point)
+    made_by = Provenance("describing function, other elements frozen", {"system": system.name, "omega": omega})
+    return FrozenLoop(names[cut], nodes, -response, sizes[used], locus[used], point, provenance=made_by)
 
 
 def _point(system: LureSystem, cut: int, amplitude: float, bias: float, omega: float) -> complex | None:

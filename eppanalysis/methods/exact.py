@@ -20,6 +20,7 @@ from eppanalysis.methods.mirrored import mirrored_orbits
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.sampled import sampled_orbit
 from eppanalysis.methods.shooting import Orbit, orbits_near, same_orbit
+from eppanalysis.methods.simulate import Run, run_hybrid
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
@@ -35,6 +36,8 @@ _TRUSTED = 0.05
 _REFUTES = 5e-3
 #: Steps of the engine, and what is worth as many, after which an orbit that has not been closed will not be.
 _MOST_WORK = 1e7
+#: Steps of a run once round a cycle, whose extrema they miss by a thousandth of the motion.
+_STEPS = 64
 
 
 def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed: bool = False) -> HybridSystem:
@@ -78,7 +81,7 @@ def exact_orbit(system: LureSystem | CaseLike, start: LimitCycle, operating_poin
     -------
     LimitCycle
         With status NOT_CONVERGED, and otherwise as given, where the orbit that is asked for was not closed;
-        ``provenance["instead"]`` then says what was found instead, if anything.
+        its `note` then says what was found instead, if anything.
 
     Raises
     ------
@@ -97,16 +100,13 @@ def exact_orbit(system: LureSystem | CaseLike, start: LimitCycle, operating_poin
     orbit = asked_for(found)
     if orbit is not None:
         return replace(to_limit_cycle(system, orbit), operating_point=at)
-    facts = dict(start.provenance)
-    if found:
-        facts["instead"] = f"the orbit that was found {found[-1].difference}"
     return replace(
         start,
         method="exact orbit",
         status=Status.NOT_CONVERGED,
         stable=None,
         residual=float("nan"),
-        provenance=facts,
+        note=f"the orbit that was found {found[-1].difference}" if found else start.note,
         operating_point=at,
     )
 
@@ -180,9 +180,9 @@ def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
     x, held = start_of(hybrid, cycle)
     if asked.image is not None:
         yield from mirrored_orbits(hybrid, asked.image, x, held, cycle.period)
-    if cycle.stable is False and "mean_state" in cycle.provenance:
+    if cycle.stable is False and cycle.mean_state.size:
         centre = x.copy()
-        centre[: hybrid.n_plant] = cycle.provenance["mean_state"]
+        centre[: hybrid.n_plant] = cycle.mean_state
         yield from islice(orbits_on_edge(hybrid, x, centre, held, cycle.period), 1)
     yield from islice(orbits_near(hybrid, x, held, cycle.period), 2)
 
@@ -209,6 +209,28 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
                     return
     except ModelError:  # an element that harmonic balance does not cover
         return
+
+
+def centre_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
+    """Mean of the state on a cycle (n,); where its method does not tell, the middle of a run once round."""
+    if cycle.mean_state.size == hybrid.n_plant:
+        return cycle.mean_state
+    run = _once_round(hybrid, cycle)
+    return 0.5 * (run.low + run.high)[: hybrid.n_plant]
+
+
+def swing_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
+    """How far each state moves on a cycle (n,): between its events where those are known, else in a run once round."""
+    if cycle.event_states.size:
+        return np.ptp(cycle.event_states, axis=0)
+    run = _once_round(hybrid, cycle)
+    return (run.high - run.low)[: hybrid.n_plant]
+
+
+def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
+    x, held = start_of(hybrid, cycle.require_state(hybrid.n_plant))
+    step = cycle.period / _STEPS  # the range of a run is that of its steps
+    return run_hybrid(replace(hybrid, x0=x, H0=held), cycle.period, np.zeros(0), step, 60_000, 1)
 
 
 def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:

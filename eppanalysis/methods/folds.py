@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.methods.cases import CaseLike, require_case
+from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.continuation import Walk, continue_branch, steady_case
 from eppanalysis.methods.continuation_steps import Point, admissible, make_point, other_sequence, point_across, step
 from eppanalysis.methods.families import Family
 from eppanalysis.methods.orbit_cycle import to_limit_cycle
 from eppanalysis.methods.stability import is_stable
 from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.results import Brief, LimitCycle, Status, point_to_dict
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import LimitCycle, Result, Status
 
 Array = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ _MOST_ASIDE = 60
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoldCurve(Brief):
+class FoldCurve(Result):
     """Folds over two parameters.
 
     Attributes
@@ -56,21 +55,8 @@ class FoldCurve(Brief):
     multiplier: Array
     status: Status
     message: str
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {
-            "parameters": list(self.parameters),
-            "values": self.values.tolist(),
-            "period": self.period.tolist(),
-            "multiplier": self.multiplier.tolist(),
-            "status": self.status.name.lower(),
-            "message": self.message,
-            "operating_point": point_to_dict(self.operating_point),
-            "provenance": dict(self.provenance),
-        }
+    in_json = "parameters values period multiplier status message operating_point provenance"
 
 
 def continue_folds(
@@ -133,7 +119,7 @@ def continue_folds(
         multiplier=np.array([float(np.max(np.abs(p.multipliers))) for p in found]),
         status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
         message=message,
-        provenance={"case": case.name, "limits": (low, high)},
+        provenance=Provenance("fold curve", {"limits": (low, high), "over": rows.tolist()}, case=facts_of(case)),
         operating_point=case.operating_point,
     )
 

@@ -25,6 +25,7 @@ from eppanalysis.methods.harmonic_loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic_series import TURN, Array, ComplexArray, extrema, orders, sampled
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import Event, LimitCycle, Status
 
 __all__ = ["harmonic_balance"]
@@ -73,9 +74,9 @@ def harmonic_balance(
         Of the given order, or of the one that the neglected harmonics change least. Status NOT_CONVERGED where Newton's
         iteration fails at the given order (the last iterate is returned), or without one where they change each by more
         than 5 % or higher orders do not settle. ``error_estimate`` is the relative error of frequency and fundamentals,
-        from balances of higher orders; it is not-a-number where those do not settle, and ``provenance["error_note"]``
-        says why: an exact orbit need not be near then. ``provenance["orders"]`` lists the orders tried, with the change
-        that the neglected harmonics cause to first order.
+        from balances of higher orders; it is not-a-number where those do not settle, and `note` says why: an exact
+        orbit need not be near then. ``provenance.statistics["orders"]`` lists the orders tried, with the change that
+        the neglected harmonics cause to first order.
 
     Raises
     ------
@@ -459,14 +460,13 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
         state=x + states,
         memory=tuple(float(r.held_at_zero[0]) if r.held.size else None for r in regimes),
         units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
-        provenance={
-            "system": system.name,
-            "input": dict(zip(system.input_names, loop.value.tolist(), strict=True)),
-            "order": n,
-            "iterations": point.iterations,
-            "error_note": point.note,
-            "orders": [_entry(p) for p in log],
-        },
+        mean_state=x,
+        note=point.note,
+        provenance=Provenance(
+            "harmonic balance",
+            {"system": system.name, "input": dict(zip(system.input_names, loop.value.tolist(), strict=True))},
+            statistics={"order": n, "iterations": point.iterations, "orders": [_entry(p) for p in log]},
+        ),
     )
 
 

@@ -13,7 +13,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities.memory import Slip
 from eppanalysis.models.signals import Motion, motions_by_name
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import LimitCycle, Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -61,11 +61,11 @@ def iterate(
     Y = X @ s.C.T + W @ s.D.T + v @ s.D_input.T + s.constant
     signals = dict(zip(s.names, Y.T.copy(), strict=True))
     status, period, change = _verdict(X, Y)
-    facts = provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
+    facts = Provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = cycle_of_samples(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     if cycle is not None and not np.any(lag):
         # What is on its way through a dead time would be missing. A whole number of periods lies behind the begin.
-        cycle = replace(cycle, state=x, memory=tuple(map(_plain, memory)))
+        cycle = replace(cycle, state=x, memory=tuple(map(_plain, memory)), mean_state=X[-period:].mean(axis=0))
     return Trajectory(
         t=t[shown],
         signals={k: y[shown] for k, y in signals.items()},
@@ -154,7 +154,9 @@ def _verdict(X: Array, Y: Array) -> tuple[Status, int, float]:
     return Status.UNDECIDED, 0, float("nan")
 
 
-def cycle_of_samples(signals: dict[str, Array], period: int, step: float, change: float, facts: dict) -> LimitCycle:
+def cycle_of_samples(
+    signals: dict[str, Array], period: int, step: float, change: float, facts: Provenance
+) -> LimitCycle:
     """The cycle that signals are on over their last `period` samples."""
     last = {k: y[-period:] for k, y in signals.items()}
     harmonics = {}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +11,13 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.cases import CaseLike, Held, standing
 from eppanalysis.methods.cycles import CycleSearch, fades, find_limit_cycles
-from eppanalysis.methods.exact import steady_hybrid
+from eppanalysis.methods.exact import steady_hybrid, swing_of
 from eppanalysis.methods.simulate import Run, judge, run_hybrid
 from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.results import Status, point_to_dict
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import Result, Status
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class NoRest(EppError):
 
 
 @dataclass(frozen=True)
-class Knock:
+class Knock(Result):
     """A disturbance of the resting loop that just starts a limit cycle.
 
     Attributes
@@ -57,11 +57,8 @@ class Knock:
     settles: float
     starts: float
     tried: float
-    operating_point: OperatingPoint | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {**asdict(self), "operating_point": point_to_dict(self.operating_point)}
+    in_json = "name size settles starts tried operating_point provenance"
 
 
 def knock(
@@ -106,16 +103,16 @@ def knock(
     if not found.stable:
         return ()
     hybrid = steady_hybrid(system, at)
-    swing = np.max([np.ptp(c.provenance["corners"], axis=0) for c in found], axis=0)
+    swing = np.max([swing_of(hybrid, c) for c in found], axis=0)
     size = np.concatenate([swing, np.zeros(hybrid.x0.size - swing.size)])
     to = Judge(40.0 * max(c.period for c in found), size)
     rest = _rest(hybrid, system, at, to)
     out: list[Knock] = []
     for name, apply, scale in _directions(system, hybrid, rest, swing, states):
         both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
-        both = [replace(k, operating_point=at) for k in both]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
-    return tuple(out)
+    made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
+    return tuple(replace(k, provenance=made_by, operating_point=at) for k in out)
 
 
 @dataclass(frozen=True, eq=False)

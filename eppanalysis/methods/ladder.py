@@ -9,7 +9,7 @@ guards, and one that only the approximation has.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -24,9 +24,9 @@ from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Constant, Motion
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.readable import count
-from eppanalysis.results import Brief, LimitCycle, Prediction, Status, Trajectory, point_to_dict
+from eppanalysis.results import LimitCycle, Prediction, Result, Status, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +85,7 @@ class Probe:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ladder(Brief):
+class Ladder(Result):
     """All methods side by side.
 
     Attributes
@@ -135,8 +135,11 @@ class Ladder(Brief):
     probe_seconds: float = 0.0
     search: CycleSearch | None = None
     search_seconds: float = 0.0
-    provenance: dict[str, Any] = field(default_factory=dict)
-    operating_point: OperatingPoint | None = None
+
+    in_json = (
+        "outcome agreement verdict signal matched missed swings errors prediction simulation=run probes "
+        "exact=search rows operating_point provenance"
+    )
 
     @property
     def outcome(self) -> str:
@@ -149,39 +152,6 @@ class Ladder(Brief):
         here = self.rows[-1].exact
         found = (r.cycle for r in self.rows if r.method.startswith("harmonic balance") and r.exact == here)
         return next(found, None) if here is not None else None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        return {
-            "outcome": self.outcome,
-            "agreement": self.agreement.name.lower(),
-            "verdict": self.verdict,
-            "signal": self.signal,
-            "matched": self.matched,
-            "missed": list(self.missed),
-            "swings": self.swings,
-            "errors": {k: dict(v) for k, v in self.errors.items()},
-            "prediction": None if self.prediction is None else self.prediction.to_dict(),
-            "simulation": self.run.to_dict(),
-            "probes": [
-                {"cycle": p.cycle, "scale": p.scale, "status": p.status.name.lower(), "peak_to_peak": p.peak_to_peak}
-                for p in self.probes
-            ],
-            "exact": None if self.search is None else self.search.to_dict(),
-            "rows": [
-                {
-                    "method": r.method,
-                    "quantities": dict(r.quantities),
-                    "seconds": r.seconds,
-                    "note": r.note,
-                    "exact": r.exact,
-                    "errors": dict(r.errors),
-                }
-                for r in self.rows
-            ],
-            "operating_point": point_to_dict(self.operating_point),
-            "provenance": dict(self.provenance),
-        }
 
     def plot(self) -> Figure:
         """The run, its cycle beside the predicted one, and the verdict."""
@@ -263,7 +233,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
         search=found.search,
         search_seconds=found.search_seconds,
         units={"frequency": "Hz", "peak-to-peak": run.units.get(signal, ""), "mean": run.units.get(signal, "")},
-        provenance=provenance("ladder", {"t_end": case.t_end}) | {"case": case.provenance()},
+        provenance=Provenance("ladder", {"t_end": case.t_end}, case=case.provenance()),
         operating_point=at,
     )
 
@@ -290,11 +260,11 @@ def _probes(
     """Runs from the predicted cycles: stable ones from on, below and above; unstable ones from below and above."""
     out = []
     for i, cycle in enumerate(cycles):
-        middle = cycle.provenance.get("mean_state")
-        if middle is None or cycle.state.size != system.A.shape[0]:
+        middle = cycle.mean_state
+        if not middle.size or cycle.state.size != system.A.shape[0]:
             continue
         for scale in (0.8, 1.0, 1.25) if cycle.stable else (0.5, 2.0):
-            x0 = np.asarray(middle) + scale * (cycle.state - np.asarray(middle))
+            x0 = middle + scale * (cycle.state - middle)
             start = replace(system, x0=x0, memory=cycle.memory)
             run = simulate(start, held, max(t_end, 60 * cycle.period), t_eval=[0.0])
             size = {Status.SETTLED: 0.0}.get(run.status, float("nan"))

@@ -11,7 +11,7 @@ from eppanalysis.methods.simulate import named_events, run_hybrid
 from eppanalysis.methods.stability import describe, is_stable
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.starts import remembered
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import Event, LimitCycle, Status
 
 Array = NDArray[np.float64]
@@ -33,9 +33,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     names = system.signals.names
     n = orbit.hybrid.n_plant
     y = orbit.y
-    facts = provenance(METHOD, {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()})
-    facts |= {"modes": orbit.arcs.itinerary.modes[0].tolist(), "held": y[orbit.arcs.held].tolist()}
-    facts["corners"] = orbit.starts[:-1, :n].tolist()
+    settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
     return LimitCycle(
         method=METHOD,
         status=Status.CONVERGED if orbit.residual < CONVERGED else Status.NOT_CONVERGED,
@@ -54,7 +52,8 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         state=y[:n].copy(),
         memory=remembered(orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.held], orbit.arcs.itinerary.modes[0]),
         units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
-        provenance=facts,
+        event_states=orbit.starts[:-1, :n].copy(),
+        provenance=Provenance(METHOD, settings, {"residual": CONVERGED}),
     )
 
 

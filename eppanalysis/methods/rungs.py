@@ -24,7 +24,7 @@ from eppanalysis.methods.simulate import simulate
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities import Relay
 from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.results import LimitCycle, Prediction, Trajectory
+from eppanalysis.results import LimitCycle, PlainData, Prediction, Trajectory
 
 #: Factor in frequency and in size within which two cycles may belong together.
 FACTOR = 2.0
@@ -32,7 +32,7 @@ _STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 
 
 @dataclass(frozen=True)
-class Rung:
+class Rung(PlainData):
     """One rung: a method and what it gives (None where it gives nothing).
 
     Attributes
@@ -59,6 +59,8 @@ class Rung:
     cycle: LimitCycle | None = None
     exact: int | None = None
     errors: dict[str, float] = field(default_factory=dict)
+
+    in_json = "method quantities seconds note exact errors"
 
 
 class Clock:
@@ -182,7 +184,7 @@ def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> s
     if not len(search) and search.left_open:
         return f"No exact limit cycle was found. {search.message}"
     if not len(search):
-        ends = f"all {search.provenance['runs']} runs of the search {'rest' if search.rests else 'grow without bound'}"
+        ends = f"all {search.n_runs} runs of the search {'rest' if search.rests else 'grow without bound'}"
         if search.unclosed:
             return f"No exact limit cycle was found: {ends}, and no prediction leads to an orbit."
         return f"There is no exact limit cycle: {ends}."

@@ -25,7 +25,7 @@ from eppanalysis.methods.stability import describe, is_stable, multipliers
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities.memory import Slip
 from eppanalysis.models.operating import OperatingPoint
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import LimitCycle, Status
 
 __all__ = ["SampledSearch", "sampled_orbit", "search_sampled"]
@@ -322,8 +322,9 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     inverse = np.linalg.pinv((J[0] - np.eye(step.size)) / scale[:, None] * scale, rcond=1e-12)
     values = multipliers(J[0], scale, step.size)
     many = bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+    made_by = Provenance(METHOD, {"system": system.name, "samples": orbit.n, "time_step": system.time_step})
     cycle = cycle_of_samples(
-        dict(zip(s.names, Y.T.copy(), strict=True)), orbit.n, float(system.time_step or 1.0), residual, {}
+        dict(zip(s.names, Y.T.copy(), strict=True)), orbit.n, float(system.time_step or 1.0), residual, made_by
     )
     held = dict(zip(step.remembers, orbit.states[0, n:], strict=False))
     return replace(
@@ -335,9 +336,9 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
         residual=residual,
         error_estimate=float(np.abs(inverse).sum(1).max() * noise),
         state=orbit.states[0, :n].copy(),
+        mean_state=orbit.states[:, :n].mean(axis=0),
         memory=tuple(float(held[i]) if i in held else None for i in range(len(system.elements))),
         units=dict(zip(s.names, s.units or [""] * len(s.names), strict=True)),
-        provenance=provenance(METHOD, {"system": system.name, "samples": orbit.n, "time_step": system.time_step}),
     )
 
 
@@ -416,7 +417,7 @@ def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> 
     x = start.state if start.state.size == system.A.shape[0] else system.x0
     memory = start.memory if len(start.memory) == len(system.elements) else system.memory
     length = start.period / float(system.time_step or 1.0)
-    middle = np.asarray(start.provenance.get("mean_state", np.zeros(x.size)), float)
+    middle = _middle(start, x.size)
     starts = middle + np.array(_SCALES)[:, None] * (x - middle)
     paths, marks = _runs(step, starts, memory, int(min(12 * length + 50, _MOST_SAMPLES)))
     if abs(length - round(length)) < 1e-9 * length:
@@ -432,6 +433,11 @@ def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> 
     if fit:
         return min(fit, key=lambda c: _away(c, start))
     return replace(start, method=METHOD, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
+
+
+def _middle(cycle: LimitCycle, n: int) -> Array:
+    """Where starts of other sizes are made about: the mean of a cycle, or the origin where that is not known."""
+    return cycle.mean_state if cycle.mean_state.size == n else np.zeros(n)
 
 
 def _away(cycle: LimitCycle, start: LimitCycle) -> float:
@@ -473,7 +479,7 @@ def _starts(system: LureSystem, predicted: Sequence[LimitCycle]) -> Array:
     own = system.x0
     starts, sizes = [own], [np.abs(own)]
     for c in predicted:
-        middle = np.asarray(c.provenance.get("mean_state", np.zeros(own.size)), float)
+        middle = _middle(c.require_state(own.size), own.size)
         starts += [middle + s * (c.state - middle) for s in _SCALES]
         sizes.append(np.abs(c.state - middle))
     size = np.max(sizes, axis=0)

@@ -23,7 +23,7 @@ from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Motion, motions_by_name
 from eppanalysis.models.starts import remembered
-from eppanalysis.provenance import provenance
+from eppanalysis.provenance import Provenance
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def simulate(
     n_written = int(run.stats[2])
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
-    facts = provenance("event-exact simulation", settings) | {"statistics": _statistics(run)}
+    facts = Provenance("event-exact simulation", settings, statistics=_statistics(run))
     cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
     settled = status is Status.SETTLED
     trajectory = Trajectory(
@@ -170,6 +170,7 @@ def simulate(
         limit_cycle=cycle,
         settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
+        n_events=run.count,
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )
@@ -445,7 +446,7 @@ def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSyste
     return replace(hybrid, model=model, x0=x, H0=held, modes0=modes), begin
 
 
-def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: dict[str, Any]) -> LimitCycle:
+def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance) -> LimitCycle:
     """The last period of a run, sampled once more on the arcs between its events.
 
     Parameters
@@ -458,8 +459,7 @@ def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Arra
         With more events in its ring than a period has.
     found : array, shape (4,)
         What `judge` says of the cycle.
-    facts : dict
-        Provenance.
+    facts : Provenance
     """
     p, period = int(found[0]), float(found[1])
     marks = run.time[run.order[-p - 1 :]]
@@ -488,6 +488,7 @@ def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Arra
         time=shape.time,
         waveform=shape.waveform,
         state=run.state[first, : hybrid.n_plant].copy(),
+        event_states=run.state[run.order[-p - 1 : -1], : hybrid.n_plant].copy(),
         memory=remembered(hybrid, run.state[first], run.held_values[first], run.modes[first]),
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True)),
         provenance=facts,

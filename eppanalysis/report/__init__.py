@@ -6,13 +6,14 @@ Jupyter as it is. ``sections`` holds the template, ``notebook`` makes and execut
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.case import as_case
 from eppanalysis.errors import EppError
 from eppanalysis.models.lure import LureSystem
+from eppanalysis.progress import Report
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -51,7 +52,7 @@ def report(
     path: str | Path,
     *,
     full: bool = False,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Report | None = None,
 ) -> Path:
     """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
 

@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Coroutine, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from eppanalysis.models.hybrid import HybridSystem
 from eppanalysis.models.lure import LureSystem
 from eppanalysis.models.nonlinearities.static import Relay
 from eppanalysis.models.signals import Recorded
+from eppanalysis.progress import Report
 from eppanalysis.report.sections import OVERVIEW, SECTIONS, SETUP
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def make_notebook(cases: Sequence[Case], *, full: bool = False) -> NotebookNode:
     return v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "title": title})
 
 
-def execute(notebook: NotebookNode, what: str, progress: Callable[[int, int, str], None] | None = None) -> NotebookNode:
+def execute(notebook: NotebookNode, what: str, progress: Report | None = None) -> NotebookNode:
     """The notebook with its outputs.
 
     Raises

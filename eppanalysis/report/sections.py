@@ -152,8 +152,7 @@ except epp.EppError as reason:
 _PROVENANCE = """\
 from datetime import datetime
 
-method = {name: fact for name, fact in ladder.provenance.items() if name != "case"}
-display(epp.table(case.provenance()), epp.table(method))
+display(epp.table(case.provenance()), epp.table(ladder.provenance))
 print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 
 

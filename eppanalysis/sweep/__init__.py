@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.case import Case, as_case
 from eppanalysis.errors import EppError
+from eppanalysis.progress import progress_bar, steps
 from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
 
 if TYPE_CHECKING:
@@ -93,7 +94,6 @@ def sweep(
     """
     case = as_case(case)
     _require("dask", "zarr")
-    from eppanalysis.sweep.progress import progress as show_progress
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import MemoryStore, ZarrStore, cells_in
     from eppanalysis.sweep.verbs import make_task
@@ -110,9 +110,20 @@ def sweep(
     with closing(kept):
         blocks = kept.pending()
         missing = sum(map(cells_in, blocks))
-        with show_progress(design.n_cells, design.n_cells - missing, progress, kept.told()) as report:
-            run_blocks(task, blocks, kept, scheduler, workers, report)
+        n, done = design.n_cells, design.n_cells - missing
+        if progress and (told := kept.told()):
+            _tell(told)
+        bar = progress_bar("cells", n, done, unit="cells", keep=True) if progress else nullcontext()
+        with bar as report:
+            run_blocks(task, blocks, kept, scheduler, workers, steps(report, n, done))
     return kept.dataset()
+
+
+def _tell(text: str) -> None:
+    """Say what there is to know before a sweep begins, on a terminal, in a notebook and in a file that is written."""
+    from rich.console import Console
+
+    Console(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:
@@ -158,7 +169,7 @@ def _chunk(design: Design, task: Task, chunk: int | None) -> int:
 
 def _attributes(task: Task, design: Design) -> dict[str, Any]:
     """Where the results come from."""
-    from eppanalysis.provenance import provenance
+    from eppanalysis.provenance import Provenance
 
     case = task.case
     names = [name for d in design.dimensions for name in d.values]
@@ -173,7 +184,7 @@ def _attributes(task: Task, design: Design) -> dict[str, Any]:
         "case": case.name,
         "signal": task.main_signal,
         "cells": design.n_cells,
-        "provenance": {**provenance("sweep", settings), "case": case.provenance()},
+        "provenance": Provenance("sweep", settings, case=case.provenance()).to_dict(),
         "case_file": case.to_toml(),
         "units_of_axes": {name: (*case.unit(name), _per_readable(*case.unit(name))) for name in names},
     }

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import check_counts
 from eppanalysis.case import as_case
 from eppanalysis.errors import EppError
-from eppanalysis.results import Status
+from eppanalysis.provenance import Provenance
+from eppanalysis.results import Result, Status
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ _NEAR = (0.15, 0.06)
 _NO_POINT = np.full((1, 2), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Boundary:
+@dataclass(frozen=True, eq=False, repr=False)
+class Boundary(Result):
     """A curve in the plane of two parameters, in one or several pieces.
 
     Attributes
@@ -47,7 +48,6 @@ class Boundary:
         CONVERGED, or NOT_CONVERGED when parts of it were not found.
     message : str
         How it was found.
-    provenance : dict
     """
 
     axes: tuple[str, str]
@@ -55,7 +55,8 @@ class Boundary:
     label: str
     status: Status
     message: str
-    provenance: dict[str, Any] = field(default_factory=dict)
+
+    in_json = "axes points label status message provenance"
 
     def over(self, x: str, y: str) -> tuple[Array, Array]:
         """Values of `x` and of `y` along the curve.
@@ -69,17 +70,6 @@ class Boundary:
             raise EppError(f"The boundary is over {' and '.join(self.axes)}; expected a map of the same axes.")
         first = self.axes.index(x)
         return self.points[:, first], self.points[:, 1 - first]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units."""
-        return {
-            "axes": list(self.axes),
-            "points": self.points.tolist(),
-            "label": self.label,
-            "status": self.status.name.lower(),
-            "message": self.message,
-            "provenance": dict(self.provenance),
-        }
 
 
 def outcome_boundary(
@@ -153,7 +143,7 @@ def outcome_boundary(
         label=_WORDS[run],
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
-        provenance={"case": case.name, "run": run},
+        provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),
     )
 
 
@@ -194,7 +184,7 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
         label="exact fold",
         status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
         message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
-        provenance={"case": case.name, "limits": limits},
+        provenance=Provenance("fold boundary", {"limits": limits}, case=case.provenance()),
     )
 
 

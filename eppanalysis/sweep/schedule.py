@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Store = MemoryStore | ZarrStore
-Report = Callable[[int], None]
+#: Told how many more cells are done, from any thread.
+Advance = Callable[[int], None]
 
 #: Blocks under way for each thread of a cluster, and how often one is tried again whose workers were lost.
 _AHEAD, _TRIES = 2, 20
@@ -30,7 +31,7 @@ _PATIENCE = "10s"
 
 
 def run_blocks(
-    task: Task, blocks: Sequence[Bounds], store: Store, scheduler: str, workers: int | None, report: Report
+    task: Task, blocks: Sequence[Bounds], store: Store, scheduler: str, workers: int | None, advance: Advance
 ) -> None:
     """Compute and keep blocks of cells.
 
@@ -55,23 +56,23 @@ def run_blocks(
     if workers is not None:
         check_counts("sweep", {"workers": (workers, 1)})
     if scheduler == "threads":
-        _on_threads(Work.of(task), blocks, store, workers or _cores(), report)
+        _on_threads(Work.of(task), blocks, store, workers or _cores(), advance)
         return
     with _client(scheduler, workers) as client:
-        _on_cluster(client, task, blocks, store, report)
+        _on_cluster(client, task, blocks, store, advance)
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int, report: Report) -> None:
+def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int, advance: Advance) -> None:
     """All blocks as one Dask graph; a thread keeps what it has computed before it takes the next block."""
     from dask.threaded import get
 
     def compute(bounds: Bounds) -> None:
         store.write(bounds, work.block(bounds))
-        report(cells_in(bounds))
+        advance(cells_in(bounds))
 
     graph = {("block", i): (compute, bounds) for i, bounds in enumerate(blocks)}
     get(graph, list(graph), num_workers=workers)
@@ -157,7 +158,7 @@ class _Window:
                 self.submit(following)
 
 
-def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Store, report: Report) -> None:
+def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Store, advance: Advance) -> None:
     if not blocks:
         return
     threads = sum(client.nthreads().values()) or 1
@@ -167,7 +168,7 @@ def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Sto
         if future.status == "finished":
             store.write(bounds, future.result())
             del window.tries[bounds]
-            report(cells_in(bounds))
+            advance(cells_in(bounds))
         elif not _is_loss(future):
             future.result()  # raises what went wrong
         elif window.tries[bounds] < _TRIES:

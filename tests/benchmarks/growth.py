@@ -61,7 +61,7 @@ def with_states(sizes: Sequence[int] = STATES, t_end: float = 6.0, turns: int = 
     for n in sizes:
         system = chain(n)
         hybrid = HybridSystem.from_lure(system)
-        step = epp.simulate(system, None, t_end, times).provenance["settings"]["step"]
+        step = epp.simulate(system, None, t_end, times).provenance.settings["step"]
         ours = Contender("ours", lambda h=hybrid, s=step: run_hybrid(h, t_end, times, s, 200_000, 100))
         theirs = Contender("scipy", lambda n=n: chain_plain(n, t_end, times))
         timings = alternate(ours, [theirs], turns)
@@ -87,7 +87,7 @@ def with_events(rates: Sequence[float] = RATES, t_end: float = 6.0, turns: int =
         k = wanted * 4.551 / 2.0
         system = epp.LureSystem.from_tf(([k**3], [1.0, 3.0 * k, 2.0 * k**2, 0.0]), epp.Relay())
         hybrid = HybridSystem.from_lure(system)
-        step = epp.simulate(system, None, t_end, times).provenance["settings"]["step"]
+        step = epp.simulate(system, None, t_end, times).provenance.settings["step"]
         ours = Contender("ours", lambda h=hybrid, s=step: run_hybrid(h, t_end, times, s, 2_000_000, 100))
         timings = alternate(ours, [Contender("again", ours.run)], turns)
         run = timings["ours"].result

@@ -52,7 +52,7 @@ def ours(job: Job) -> tuple[Contender, Contender]:
     system, times = case.to_system(), job.times
     first = epp.simulate(system, case.input, job.t_end, times)
     hybrid = HybridSystem.from_lure(system, {system.input_names[0]: case.input})
-    step, place = first.provenance["settings"]["step"], system.signals.names.index("theta")
+    step, place = first.provenance.settings["step"], system.signals.names.index("theta")
 
     def engine() -> Array:
         return run_hybrid(hybrid, job.t_end, times, step, 200_000, 20_000).samples[:, place]

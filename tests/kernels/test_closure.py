@@ -20,7 +20,7 @@ def relay_loop() -> LureSystem:
 
 def statistics(run: epp.Trajectory) -> dict[str, float]:
     """What the kernel counted."""
-    return run.provenance["statistics"]
+    return run.provenance.statistics
 
 
 def test_repeated_periods_are_those_that_would_have_been_computed() -> None:

@@ -38,7 +38,7 @@ def test_torque_barely_above_friction_ends(excess: float) -> None:
     run = epp.simulate(block_on_friction(1.0 + excess, 1.0), Ramp(-1.0), t_end=0.5)
     assert len(run.events) <= 4
     assert run.signals["v"][-1] == 0.0
-    assert run.provenance["statistics"]["forced_leaves"] == 0
+    assert run.provenance.statistics["forced_leaves"] == 0
 
 
 def test_sliding_block_stops_when_it_should() -> None:

@@ -39,7 +39,7 @@ QUICK = ["relay_deadzone", "quantised_sensor_ct", "backlash_servo", "thruster_dz
 def starts_around(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
     """Low-discrepancy points of a box twice as large as all cycles, half of them in one a tenth as large."""
     n = system.A.shape[0]
-    corners = np.concatenate([np.array(c.provenance["corners"]) for c in cycles] or [[system.x0, np.zeros(n)]])
+    corners = np.concatenate([c.event_states for c in cycles] or [[system.x0, np.zeros(n)]])
     middle, half = corners.mean(axis=0), 2.0 * np.maximum(np.ptp(corners, axis=0), 1e-6)
     points = 2.0 * qmc.Sobol(n, seed=3).random(2 ** int(np.ceil(np.log2(count))))[:count] - 1.0
     points[::2] *= 0.1

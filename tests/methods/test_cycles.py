@@ -107,19 +107,19 @@ def test_a_search_tells_how_far_it_is():
     told = []
     found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system(), progress=lambda *state: told.append(state))
     done = [runs for runs, _, _ in told]
-    assert done[0] == 0 and done == sorted(done) and done[-1] < found.provenance["runs"]
+    assert done[0] == 0 and done == sorted(done) and done[-1] < found.n_runs
     assert {total for _, total, _ in told} == {None}
-    assert told[-1][2].endswith(f"{found.provenance['edges']} edges, 2 cycles")
+    assert told[-1][2].endswith(f"{found.provenance.statistics['edges']} edges, 2 cycles")
 
 
 def test_a_search_among_interwoven_basins_ends_and_says_so(monkeypatch):
     case = epp.case("relay_deadzone")
     whole = epp.find_limit_cycles(case.to_system())
-    assert whole.status is Status.CONVERGED and whole.provenance["edges"] > 1
+    assert whole.status is Status.CONVERGED and whole.provenance.statistics["edges"] > 1
     monkeypatch.setattr(cycles, "_MOST_EDGES", 1)
     found = epp.find_limit_cycles(case.to_system())
-    assert found.status is Status.UNDECIDED and found.provenance["edges"] == 1
-    assert f"{whole.provenance['edges'] - 1} more edges were left" in found.search
+    assert found.status is Status.UNDECIDED and found.provenance.statistics["edges"] == 1
+    assert f"{whole.provenance.statistics['edges'] - 1} more edges were left" in found.search
 
 
 def test_cycles_that_cannot_be_closed_are_listed_as_runs_have_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,7 +154,7 @@ def answers(system: LureSystem) -> list[tuple[float, float, float, bool]]:
     first = system.element_names[0]
     found = []
     for cycle in predict_limit_cycles(system):
-        at = cycle.provenance["elements"][first]
+        at = cycle.elements[first]
         assert cycle.residual < 1e-12
         found.append((at["amplitude"], cycle.omega, at["bias"], cycle.stable))
     return found

@@ -44,7 +44,7 @@ def test_harmonics_may_lift_a_cycle_over_a_threshold_that_a_sine_just_passes(ele
     assert guess.amplitude("x") == pytest.approx(1.0 + 1e-4, rel=1e-5)
     error = min(_error(guess, c) for c in find_limit_cycles(loop))
     assert error < guess.error_estimate < 1.3 * error
-    assert not guess.provenance["may_not_exist"]
+    assert not guess.may_not_exist
 
 
 def _error(guess: epp.LimitCycle, exact: epp.LimitCycle) -> float:
@@ -92,7 +92,7 @@ def test_cycles_that_low_orders_do_not_lead_to_are_not_doubted(name):
     for guess in predict_limit_cycles(system):
         error = _error(guess, exact_orbit(system, guess).require_converged())
         assert error < guess.error_estimate < 1.5 * error
-        assert not guess.provenance["may_not_exist"]
+        assert not guess.may_not_exist
 
 
 def test_a_small_cycle_just_above_a_threshold_is_told_from_one_that_is_none():

@@ -17,7 +17,7 @@ def test_frozen_at_a_predicted_cycle_the_curves_meet_there(name):
     cycles = epp.predict_limit_cycles(system, case.operating_point)
     assert len(cycles)
     for cycle in cycles:
-        elements = cycle.provenance["elements"]
+        elements = cycle.elements
         sizes, means = ({n: e[key] for n, e in elements.items()} for key in ("amplitude", "bias"))
         found = frozen_loop(system, sizes, means, cycle.omega)
         at = found.response[np.argmin(np.abs(found.omega - cycle.omega))]
@@ -63,7 +63,7 @@ def test_the_cycle_next_to_the_run_is_the_predicted_one(name):
     value = case.operating_point.vector(system)
     found = nearest_cycle(system, phasors, {n: run.mean[at] for n, at in names.items()}, run.omega, value)
     stable = [c for c in epp.predict_limit_cycles(system, case.operating_point) if c.stable]
-    sizes = {n: e["amplitude"] for n, e in stable[-1].provenance["elements"].items()}
+    sizes = {n: e["amplitude"] for n, e in stable[-1].elements.items()}
     assert found is not None and found[2] == pytest.approx(stable[-1].omega, rel=1e-8)
     assert found[0] == pytest.approx(sizes, rel=1e-7)
 

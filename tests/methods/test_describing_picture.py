@@ -36,7 +36,7 @@ def test_loop_gain_says_which_gain_would_keep_up_an_oscillation():
         rows = np.array([[factor], [1.0]])
         scaled = replace(system, C=system.C * rows, D=system.D * rows)
         found = epp.predict_limit_cycles(scaled)
-        amplitudes = [c.provenance["elements"]["saturation"]["amplitude"] for c in found]
+        amplitudes = [c.elements["saturation"]["amplitude"] for c in found]
         assert min(abs(a / branch["amplitude"][i] - 1.0) for a in amplitudes) < 1e-6
         assert any(c.omega == pytest.approx(branch["omega"][i], rel=1e-6) for c in found)
 

@@ -62,7 +62,7 @@ def test_a_search_ends_where_its_work_is_done_and_says_so(name: str, monkeypatch
     monkeypatch.setattr(cycles, "_MOST_WORK", most)
     found = epp.find_limit_cycles(loop, predicted=predicted)
     # What is counted in one go (a run's set-up, a comparison of all its events) may come on top.
-    assert most <= found.provenance["work"] < 2.0 * most
+    assert most <= found.provenance.statistics["work"] < 2.0 * most
     assert found.status is Status.UNDECIDED
     assert "starts were left" in found.message and "The search ended after" in found.search
 

@@ -178,7 +178,7 @@ def test_order_one_is_the_describing_function(name):
     for guess in epp.predict_limit_cycles(system):
         cycle = harmonic_balance(system, guess, order=1)
         assert cycle.status.ok
-        assert cycle.provenance["iterations"] <= 2
+        assert cycle.provenance.statistics["iterations"] <= 2
         assert cycle.period == pytest.approx(guess.period, rel=1e-10)
         for signal, c in guess.harmonics.items():
             size = abs(c[1])
@@ -249,7 +249,7 @@ def test_automatic_order_ends_when_its_error_is_small():
     assert cycle.residual < 1e-12
     # Exact: the relay loop's period by Tsypkin's locus, 4.55107103...
     assert cycle.period == pytest.approx(4.55107103, rel=1e-4)
-    assert [p["order"] for p in cycle.provenance["orders"]] == [1, 3, 5, 9, 15, 25]
+    assert [p["order"] for p in cycle.provenance.statistics["orders"]] == [1, 3, 5, 9, 15, 25]
 
 
 def test_starts_from_a_simulated_cycle_and_gives_a_state_on_the_orbit():
@@ -342,7 +342,7 @@ def test_without_an_orbit_near_there_is_no_estimate_and_a_reason():
     small = min(epp.predict_limit_cycles(system), key=lambda c: c.peak_to_peak[next(iter(c.mean))])
     balance = harmonic_balance(system, small, 1)
     assert np.isnan(balance.error_estimate)
-    assert "order" in balance.provenance["error_note"]
+    assert "order" in balance.note
 
 
 def test_error_is_measured_up_to_half_the_sample_rate():

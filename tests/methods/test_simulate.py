@@ -520,7 +520,7 @@ def test_a_run_that_has_closed_ends_at_its_event_limit_with_the_signals_until_th
     times = np.linspace(0.0, 1000.0, 1001)
     short, whole = (epp.simulate(loop, t_end=1000.0, t_eval=times, max_events=n) for n in (120, 200_000))
     assert short.status is Status.EVENT_LIMIT and len(short.events) == 120
-    assert short.t[-1] <= short.provenance["statistics"]["time_reached"] < short.t[-1] + 1.0
+    assert short.t[-1] <= short.provenance.statistics["time_reached"] < short.t[-1] + 1.0
     assert short.t[-1] > short.events[-1].time
     np.testing.assert_allclose(short.signals["x"], whole.signals["x"][: short.t.size], rtol=0.0, atol=1e-12)
 
@@ -615,7 +615,7 @@ def test_a_run_that_pauses_is_the_same_to_the_last_bit(case_name, slice_, monkey
     assert paused.events == whole.events and paused.status is whole.status
     for name, values in whole.signals.items():
         np.testing.assert_array_equal(paused.signals[name], values)
-    assert paused.provenance["statistics"] == whole.provenance["statistics"]
+    assert paused.provenance.statistics == whole.provenance.statistics
 
 
 @pytest.mark.parametrize(
@@ -632,7 +632,7 @@ def test_steps_are_bounded_and_the_end_says_so(system, settings):
     run = epp.simulate(system, t_end=10.0, t_eval=[0.0, 10.0], max_steps=100_000, **settings)
     assert time.process_time() - begin < 5.0
     assert run.status is Status.EVENT_LIMIT and "steps" in run.to_dict()["message"]
-    assert run.provenance["statistics"]["time_reached"] < 1.0
+    assert run.provenance.statistics["time_reached"] < 1.0
 
 
 def test_a_compiled_loop_hears_an_interrupt():

@@ -19,6 +19,7 @@ def test_the_prediction_of_a_relay_with_dead_zone_ends_on_a_straight_line() -> N
     found = outcome_boundary(RELAY, AXES, halvings=4, progress=False)
     threshold, gain = found.over("relay_dead_zone.threshold", "loop.gain")
     assert found.status is Status.CONVERGED
+    assert found.provenance.settings["run"] and found.provenance.case["sha256"]
     assert threshold.size > 3
     assert np.all(np.isfinite(threshold))  # one piece
     # An edge of the coarse grid, halved four times.
