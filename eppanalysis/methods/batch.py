@@ -6,10 +6,9 @@ last bit whatever the number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -93,75 +92,6 @@ class HybridStack:
             time_scale=np.array([s.time_scale for s in systems]),
             signal_names=tuple(signal_names),
         )
-
-    @classmethod
-    def grid(
-        cls,
-        make: Callable[[Mapping[str, Any]], HybridSystem],
-        axes: Mapping[str, Sequence[Any]],
-        signal_names: Sequence[str],
-    ) -> HybridStack:
-        """Stack the systems on a grid of parameters, the last axis fastest.
-
-        Where every number of the model depends on one axis alone (as a rule), systems are made along the axes only and
-        put together; the corners of the grid, made in full, confirm it. Otherwise every cell is made.
-
-        Parameters
-        ----------
-        make : callable
-            From values by axis name to a system.
-        axes : mapping of str to sequence
-            Values along each axis.
-        signal_names : sequence of str
-        """
-        return _separable(cls, make, axes, signal_names) or cls.of(
-            [make(dict(zip(axes, values, strict=True))) for values in product(*axes.values())], signal_names
-        )
-
-
-def _separable(
-    cls: type[HybridStack],
-    make: Callable[[Mapping[str, Any]], HybridSystem],
-    axes: Mapping[str, Sequence[Any]],
-    signal_names: Sequence[str],
-) -> HybridStack | None:
-    """The grid put together from systems along its axes; None where a number depends on several axes."""
-    names, sizes = list(axes), [len(v) for v in axes.values()]
-    if int(np.prod(sizes)) <= sum(sizes) + 4:
-        return None
-    first = {k: v[0] for k, v in axes.items()}
-    lines = [[make({**first, name: value}) for value in axes[name]] for name in names]
-    base = cls.of([lines[0][0]], signal_names)
-    try:
-        stacks = [cls.of(line, signal_names) for line in lines]
-    except EppError:
-        return None
-    index = np.indices(sizes).reshape(len(sizes), -1)
-
-    def combine(start: NDArray[Any], along: list[NDArray[Any]]) -> NDArray[Any] | None:
-        changed = [np.any(a != start, axis=0) for a in along]
-        if np.any(np.sum(changed, axis=0) > 1):
-            return None
-        out = np.repeat(start, index.shape[1], axis=0)
-        for a, where, i in zip(along, changed, index, strict=True):
-            if np.any(where):
-                out[:, where] = a[i][:, where]
-        return out
-
-    parts = [combine(b, list(a)) for b, a in zip(base.model, zip(*(s.model for s in stacks), strict=True), strict=True)]
-    states = [combine(getattr(base, k), [getattr(s, k) for s in stacks]) for k in ("x0", "modes0", "H0")]
-    x0, modes0, H0 = states
-    if x0 is None or modes0 is None or H0 is None or any(p is None for p in parts):
-        return None
-    scale = np.min([s.time_scale[i] for s, i in zip(stacks, index, strict=True)], axis=0)
-    out = cls(type(base.model)(*parts), x0, modes0, H0, base.compared, scale, tuple(signal_names))
-    for corner in product(*((0, n - 1) for n in sizes)):
-        cell = int(np.ravel_multi_index(corner, sizes))
-        full = make({k: axes[k][j] for k, j in zip(names, corner, strict=True)})
-        same = all(np.array_equal(a[cell], b) for a, b in zip(out.model, full.model, strict=True))
-        if not (same and np.array_equal(out.x0[cell], full.x0) and np.array_equal(out.H0[cell], full.H0)):
-            return None
-    return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)

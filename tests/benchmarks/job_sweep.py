@@ -14,7 +14,7 @@ import numpy as np
 
 import eppanalysis as epp
 from eppanalysis.methods.batch import simulate_batch
-from tests.benchmarks.maps import BACKLASHES, RANGES, T_END, make_stack
+from tests.benchmarks.maps import T_END, make_stack, map_axes
 from tests.benchmarks.start import fresh
 from tests.benchmarks.timing import CLOCKS, Contender, alternate
 
@@ -24,7 +24,7 @@ CHUNKS = (25, 100, 250, 1000, 10_000)
 MILLION = """
 import json, resource, tempfile, time
 import eppanalysis as epp
-from tests.benchmarks.job_sweep import map_axes
+from tests.benchmarks.maps import map_axes
 case = epp.case("fig8a_original").with_values({{"run.t_end": {t_end}}})
 epp.sweep(case, map_axes(3), progress=False)
 before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
@@ -34,14 +34,6 @@ with tempfile.TemporaryDirectory() as folder:
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(json.dumps({{"cells": done, "seconds": time.perf_counter() - begin, "before": before / 1e3, "peak": peak / 1e3}}))
 """
-
-
-def map_axes(side: int) -> dict[str, str]:
-    """Axes of the map, side x side."""
-    return {
-        "bands.range": f"{RANGES[0]}:{RANGES[1]}:{side}:lbf",
-        "lock_pin.backlash": f"{BACKLASHES[0]}:{BACKLASHES[1]}:{side}:deg",
-    }
 
 
 class _Sweeps:

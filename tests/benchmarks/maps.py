@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import eppanalysis as epp
 from eppanalysis.methods.batch import BatchResult, HybridStack, simulate_batch
-from eppanalysis.models.hybrid import HybridSystem
+from eppanalysis.sweep.axes import make_design
+from eppanalysis.sweep.cells import make_builder
 
 Array = NDArray[np.float64]
 
@@ -24,20 +24,21 @@ def axes(side: int) -> tuple[Array, Array]:
     return np.linspace(*RANGES, side), np.linspace(*BACKLASHES, side)
 
 
+def map_axes(side: int) -> dict[str, str]:
+    """The same as a sweep takes them."""
+    return {
+        "bands.range": f"{RANGES[0]}:{RANGES[1]}:{side}:lbf",
+        "lock_pin.backlash": f"{BACKLASHES[0]}:{BACKLASHES[1]}:{side}:deg",
+    }
+
+
 def make_stack(side: int) -> HybridStack:
-    """The map's cells, from the case file on."""
+    """The map's cells, from the case file on, as a sweep makes them."""
     case = epp.case("fig8a_original")
-    ranges, backlashes = axes(side)
-    names = case.to_system().signals.names
-
-    def make(values: Any) -> HybridSystem:
-        changed = case.with_values(
-            {"bands.range": f"{values['range']} lbf", "lock_pin.backlash": f"{values['backlash']} deg"}
-        )
-        system = changed.to_system()
-        return HybridSystem.from_lure(system, {system.input_names[0]: changed.input})
-
-    return HybridStack.grid(make, {"range": ranges, "backlash": backlashes}, names)
+    design = make_design(case, map_axes(side))
+    ((_, stack),), wrong = make_builder(case, design).stacks(np.indices((side, side)).reshape(2, -1).T)
+    assert not wrong
+    return stack
 
 
 def solve_map(side: int, threads: int) -> BatchResult:
