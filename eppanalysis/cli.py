@@ -29,6 +29,7 @@ from eppanalysis.cli_common import (
     heading,
     load_case,
     print_json,
+    print_table,
     progress,
 )
 from eppanalysis.cli_cycles import branch, cycles
@@ -41,8 +42,6 @@ from eppanalysis.errors import EppError
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
     from eppanalysis.case import Case
     from eppanalysis.export import Table
     from eppanalysis.methods.ladder import Ladder
@@ -152,7 +151,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings)
             if len(texts) == 1:
-                _print(parameters_table(case))
+                print_table(parameters_table(case))
     if len(valid) < len(texts):
         raise typer.Exit(2)
 
@@ -207,7 +206,7 @@ def list_cases(as_json: Json = False) -> None:
         return
     from eppanalysis.screen import cases_table
 
-    _print(cases_table(found))
+    print_table(cases_table(found))
 
 
 app.command("cycles", cls=_Command)(cycles)
@@ -303,7 +302,7 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     for warning in prediction.warnings:
         typer.echo(f"Caution: {warning}")
     if n:
-        _print(cycles_table(list(prediction)))
+        print_table(cycles_table(list(prediction)))
     if prediction.margins:
         typer.echo(f"margins of the linearised loop: {margins_text(prediction.margins)}")
 
@@ -314,9 +313,9 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
     typer.echo(f"{run.status.value}{since} {count(run.n_events, 'event')}.")
     if run.limit_cycle is not None:
-        _print(cycles_table([run.limit_cycle]))
+        print_table(cycles_table([run.limit_cycle]))
     elif run.settled_at:
-        _print(rest_table(run))
+        print_table(rest_table(run))
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
@@ -327,10 +326,10 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if expected.finding:
         must = f" (must {expected.outcome}: {as_found(case, ladder)})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
-    _print(ladder_table(ladder))
+    print_table(ladder_table(ladder))
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
-    _print(rungs_table(ladder))
+    print_table(rungs_table(ladder))
     typer.echo("errors against the exact cycle; a cycle without a number has no exact counterpart.")
     parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
     if ladder.probes:
@@ -346,7 +345,7 @@ def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
     table = TruthTable()
     for case, ladder in zip(cases, ladders, strict=True):
         table.add(case, ladder)
-    _print(table.table)
+    print_table(table.table)
     typer.echo(table.sentence())
 
 
@@ -357,13 +356,6 @@ def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
     expected, found = case.expected, as_found(case, ladder)
     known = {"paper": expected.paper, "finding": expected.finding, "must": expected.outcome}
     return {**known, "as_found": (found == "ok") if found else None}
-
-
-def _print(table: RichTable) -> None:
-    from rich.console import Console
-
-    # Output that goes to a file or a pipe is not folded at the width of a screen.
-    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(table)
 
 
 def main() -> None:

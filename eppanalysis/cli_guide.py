@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +18,7 @@ from eppanalysis.cli_common import (
     heading,
     load_case,
     print_json,
+    print_table,
     progress,
     split_pair,
 )
@@ -128,14 +128,10 @@ def _factor(name: str, text: str) -> float:
 
 
 def _show(result: Guide) -> None:
-    from rich.console import Console
-
     from eppanalysis.guide_files import facts
     from eppanalysis.screen import frame_table
 
-    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(
-        frame_table(result.rounded())
-    )
+    print_table(frame_table(result.rounded()))
     for sentence in result.sentences():
         typer.echo(sentence)
     typer.echo(facts(result))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from eppanalysis.errors import EppError
+from eppanalysis.readable import with_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -49,7 +50,7 @@ class Table:
 
     def header(self) -> list[str]:
         """Names of the columns with their units in brackets."""
-        return [f"{name} [{self.units[name]}]" if self.units.get(name) else name for name in self.columns]
+        return [with_unit(name, self.units.get(name, "")) for name in self.columns]
 
     def to_dataset(self) -> xarray.Dataset:
         """The table as an xarray Dataset over ``row``; truth values become 1 and 0, what is missing becomes nan."""

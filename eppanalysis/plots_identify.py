@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.plots import BLUE, GREY, ORANGE, VERMILLION
-from eppanalysis.readable import readable
+from eppanalysis.readable import readable, with_unit
 
 if TYPE_CHECKING:
     from eppanalysis.identify.estimate import BenchFit, Estimate
@@ -55,9 +55,9 @@ def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abs
     top.plot(x, factor * np.asarray(panel["fit"]), color=VERMILLION, markersize=4, label="fit", **marks)
     below.axhline(0.0, color=GREY, linewidth=0.6)
     below.plot(x, factor * np.asarray(panel["residual"]), ".", **style)
-    top.set_ylabel(f"{role} [{unit}]")
+    top.set_ylabel(with_unit(role, unit))
     below.set_ylabel("residual", fontsize=8)
-    below.set_xlabel(f"{abscissa} [{x_unit}]" if x_unit else abscissa)
+    below.set_xlabel(with_unit(abscissa, x_unit))
     top.tick_params(labelbottom=False)
     for ax in (top, below):
         ax.spines[["top", "right"]].set_visible(False)

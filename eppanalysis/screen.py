@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from eppanalysis.readable import readable
+from eppanalysis.readable import readable, with_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -44,7 +44,7 @@ def rest_table(run: Trajectory) -> Table:
     table = _table("signal", "rests at")
     for name, value in run.settled_at.items():
         unit, factor = readable(run.units.get(name, ""))
-        table.add_row(_with_unit(name, unit), _number(value * factor))
+        table.add_row(with_unit(name, unit), _number(value * factor))
     return table
 
 
@@ -77,7 +77,7 @@ def knocks_table(knocks: Sequence[Knock]) -> Table:
         unit, factor = readable(_KNOCKED.get(knock.name, ""))
         none = math.isnan(knock.size)
         size = "nothing tried starts one" if none else _number(knock.size * factor)
-        table.add_row(_with_unit(knock.name, unit), size, _number(knock.tried * factor))
+        table.add_row(with_unit(knock.name, unit), size, _number(knock.tried * factor))
     return table
 
 
@@ -129,7 +129,7 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         cells = []
         for c in cycles:
             cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
-        table.add_row(_with_unit(name, unit), *cells)
+        table.add_row(with_unit(name, unit), *cells)
     if any(c.error_estimate > 1.0 for c in cycles):
         table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
     return table
@@ -154,7 +154,7 @@ def ladder_table(ladder: Ladder) -> Table:
         cycles = [row.cycle for row in rungs if row.cycle is not None]
         errors = ladder.errors.get(name, {})
         spans = [_number(c.peak_to_peak.get(name, math.nan) * factor) for c in cycles]
-        add(f"{_with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
+        add(f"{with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
         means = [_mean(c, name, factor) for c in cycles]
         rest = at_rest.get(name, math.nan)
         add("   mean", means, _number(rest * factor if abs(rest) > 1e-12 else 0.0), errors.get("mean"))
@@ -164,7 +164,7 @@ def ladder_table(ladder: Ladder) -> Table:
 def rungs_table(ladder: Ladder) -> Table:
     """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
     unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
-    size = _with_unit(ladder.signal, unit) + " peak to peak"
+    size = with_unit(ladder.signal, unit) + " peak to peak"
     table = _table("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
     table.columns[1].justify = table.columns[-1].justify = "left"
     numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
@@ -248,13 +248,13 @@ def bounds_table(bounds: DesignBounds) -> Table:
     """Bounds by every method, over the parameter that runs."""
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
     table = _table(
-        _with_unit(bounds.over, x_unit),
-        _with_unit("first order", y_unit),
+        with_unit(bounds.over, x_unit),
+        with_unit("first order", y_unit),
         "",
-        _with_unit("harmonic balance", y_unit),
+        with_unit("harmonic balance", y_unit),
         "",
         "order",
-        _with_unit("exact", y_unit),
+        with_unit("exact", y_unit),
         "frequency [Hz]",
         "verified",
     )
@@ -313,10 +313,6 @@ def _table(*columns: str, numbers: bool = True) -> Table:
     for i, name in enumerate(columns):
         table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
     return table
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
 
 
 def _percent(share: float) -> str:

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from eppanalysis.case.model import Case
 from eppanalysis.errors import CaseError
+from eppanalysis.readable import with_unit, words
 
 _MASS = "forearm.prehensor_mass"
 #: Of an elbow: field, words, unit, lowest, highest, step; most telling first.
@@ -46,7 +47,7 @@ class Slider:
 
     def label(self) -> str:
         """Title with unit."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
+        return with_unit(self.title, self.unit)
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,7 @@ class LoopVariation(Variation):
             per_unit = case.si(name, f"1 {parameter.friendly}".strip())
             shown = value / per_unit
             step = 10.0 ** math.floor(math.log10(shown) - 1.5)
-            title = name.replace("_", " ").replace(".", " ")
-            yield Slider(name, title, parameter.friendly, per_unit, shown / 10.0, 3.0 * shown, step, shown)
+            yield Slider(name, words(name), parameter.friendly, per_unit, shown / 10.0, 3.0 * shown, step, shown)
 
     def over(self) -> list[str]:
         """The gain, what is positive, and the delay last."""

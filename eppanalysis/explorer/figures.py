@@ -12,8 +12,9 @@ from bokeh.models.annotations import Span, Title
 from bokeh.plotting import figure
 
 from eppanalysis.explorer.quick import Quick
-from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, VERMILLION, nyquist_window
 from eppanalysis.plots_map import OUTCOME_COLOURS
+from eppanalysis.readable import with_unit, words
 
 _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360
@@ -55,9 +56,8 @@ class StepPicture:
     """The run in time."""
 
     def __init__(self, signal: str, unit: str) -> None:
-        words = signal.replace("_", " ")
         self.source = ColumnDataSource(data=_NOTHING)
-        self.figure = _figure("Step response", "time [s]", f"{words} [{unit}]" if unit else words, name="step")
+        self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
         self.figure.line("x", "y", source=self.source, color=BLUE, line_width=1.3)
 
     def show(self, quick: Quick) -> None:
@@ -88,33 +88,23 @@ class NyquistPicture:
             self.response.data = self.locus.data = self.first.data = self.run.data = _NOTHING
             self.figure.title.text = "Nyquist: an element has no gain to draw"
             return
-        reach = _reach(loop.response, loop.locus, loop.point)
-        self.response.data = _curve(loop.response, reach)
-        self.locus.data = _curve(loop.locus, reach)
+        box = nyquist_window(loop.response, loop.locus, [] if loop.point is None else [loop.point])
+        self.response.data = _curve(loop.response, box)
+        self.locus.data = _curve(loop.locus, box)
         self.first.data = _mark(loop.point if quick.first_order else None)
         self.run.data = _mark(quick.of_run)
-        self.figure.x_range.update(start=-2.0 * reach, end=0.8 * reach)
-        self.figure.y_range.update(start=-1.3 * reach, end=1.3 * reach)
-        self.figure.title.text = f"Nyquist, cut at {loop.element.replace('_', ' ')}"
+        self.figure.x_range.update(start=box[0], end=box[1])
+        self.figure.y_range.update(start=box[2], end=box[3])
+        self.figure.title.text = f"Nyquist, cut at {words(loop.element)}"
 
 
 def _mark(point: complex | None) -> dict[str, list[float]]:
     return {"x": [], "y": []} if point is None else {"x": [point.real], "y": [point.imag]}
 
 
-def _reach(response: Any, locus: Any, point: complex | None) -> float:
-    """Half height of the window."""
-    if point is not None:
-        return 1.3 * abs(point)
-    crossing = response[np.flatnonzero(np.diff(np.sign(response.imag)) != 0)]
-    crossing = np.abs(crossing[crossing.real < 0])
-    nearest = float(np.abs(locus).min())
-    return 1.2 * max(nearest, min(float(crossing.max(initial=0.0)), 3.0 * nearest))
-
-
-def _curve(values: Any, reach: float) -> dict[str, Any]:
-    """The part of a curve that may be seen; far away it is cut."""
-    cut = np.where(np.abs(values) < 8.0 * reach, values, complex(math.nan, math.nan))
+def _curve(values: Any, box: tuple[float, float, float, float]) -> dict[str, Any]:
+    """The part of a curve that may be seen; far away from the window it is cut."""
+    cut = np.where(np.abs(values) < 6.0 * max(map(abs, box)), values, complex(math.nan, math.nan))
     return {"x": cut.real.astype(np.float32), "y": cut.imag.astype(np.float32)}
 
 
@@ -122,8 +112,7 @@ class BranchPicture:
     """All limit cycles over one parameter, with those of the case on it."""
 
     def __init__(self, signal: str, unit: str) -> None:
-        words = signal.replace("_", " ")
-        label = f"{words} [{unit}], peak to peak" if unit else f"{words}, peak to peak"
+        label = f"{with_unit(words(signal), unit)}, peak to peak"
         made = self.figure = _figure("Limit cycles", "", label, name="branch")
         self.stable, self.unstable = (ColumnDataSource(data={"xs": [], "ys": []}) for _ in range(2))
         self.folds, self.exact_stable, self.exact_unstable, self.run = (
