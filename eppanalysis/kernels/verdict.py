@@ -106,7 +106,7 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
 
 @njit(cache=True, nogil=True)
 def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
-    """The period among p and its parts: a part whose change is still fading is the whole.
+    """The period among p and its parts: a part whose change is still fading, or has come to rounding, is the whole.
 
     Where what fades also turns, changes from period to period do not fall evenly, and only after several periods is
     the contraction seen.
@@ -115,7 +115,7 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
         if p % part == 0 and _repeats(ev_guard, count, keep, part):
             now = _change(ev_t, ev_x, count, 0, keep, part, local, size, compared)
             before = _change(ev_t, ev_x, count, p, keep, part, local, size, compared)
-            if now < 0.02 and now < 0.5 * before:
+            if now < 0.02 and (now < 0.5 * before or now <= STANDING):
                 return part
     return p
 
