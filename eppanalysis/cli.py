@@ -13,8 +13,9 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -81,14 +82,31 @@ def _place(error: OSError) -> str:
 
 
 class _Command(TyperCommand):
-    """Refuses an option that is given twice but holds one value: the first would be dropped without a word."""
+    """Refuses in one sentence a word that is no choice of its option, and an option that is given twice but holds one
+    value: the first would be dropped without a word.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        given = [option for option in self.make_parser(ctx).parse_args(args=list(args))[2] if _holds_one(option)]
+        values, _, options = self.make_parser(ctx).parse_args(args=list(args))
+        hints = get_type_hints(self.callback)
+        for option in options:
+            _check_choice(option, hints.get(option.name), values.get(option.name))
+        given = [option for option in options if _holds_one(option)]
         twice = next((option for option in given if given.count(option) > 1), None)
         if twice is not None:
             raise EppError(f"{'/'.join(twice.opts)}: is given {given.count(twice)} times; expected it once.")
         return super().parse_args(ctx, args)
+
+
+def _check_choice(option: Any, hint: Any, given: Any) -> None:
+    """Refuse a word that is no member of the enumeration that an option takes, where it takes one."""
+    words = next((t for t in (hint, *get_args(hint)) if isinstance(t, type) and issubclass(t, StrEnum)), None)
+    if words is None:
+        return
+    for word in given if option.multiple else [given]:
+        if word not in list(words):
+            how_many = "one or several of" if option.multiple else "one of"
+            raise EppError(f"{option.opts[0]} {word}: is not known; expected {how_many} {', '.join(words)}.")
 
 
 def _holds_one(option: Any) -> bool:
@@ -319,12 +337,12 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
-    from eppanalysis.screen import as_found, ladder_table, rungs_table
+    from eppanalysis.screen import AS_FOUND, as_found, ladder_table, rungs_table
 
     typer.echo(ladder.verdict)
     expected = case.expected
     if expected.finding:
-        must = f" (must {expected.outcome}: {as_found(case, ladder)})" if expected.outcome else ""
+        must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
     print_table(ladder_table(ladder))
     if ladder.errors:
@@ -353,9 +371,9 @@ def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
     """What is known of the case, for JSON."""
     from eppanalysis.screen import as_found
 
-    expected, found = case.expected, as_found(case, ladder)
+    expected = case.expected
     known = {"paper": expected.paper, "finding": expected.finding, "must": expected.outcome}
-    return {**known, "as_found": (found == "ok") if found else None}
+    return {**known, "as_found": as_found(case, ladder)}
 
 
 def main() -> None:

@@ -142,8 +142,10 @@ def _show(case: Case, result: DesignBounds) -> None:
 
 def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     """What the table says in words, and what is missing in it."""
+    from eppanalysis.methods.bounds_result import Finding
+
     n_good = sum(c.verified for c in result)
-    n_bounds = sum(c.finding == "bound" for c in result)
+    n_bounds = sum(c.finding is Finding.BOUND for c in result)
     if n_bounds:
         margin = result.margin
         yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
@@ -157,5 +159,5 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     elif n_bounds:
         yield "First order is on the safe side in all of them."
     for cell in result:
-        if cell.message and not (cell.finding == "bound" and cell.verified):
+        if cell.message and not (cell.finding is Finding.BOUND and cell.verified):
             yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,12 +32,45 @@ if TYPE_CHECKING:
     from eppanalysis.sweep.boundary import Boundary
 
 _PICTURES = (".png", ".svg", ".pdf")
-_BOUNDARIES = ("folds", "predict", "cycles", "simulate")
+_THREADS, _PROCESSES = "threads", "processes"
 #: Cells of a sample; a power of two, as a Sobol sample takes it.
 _CELLS = 1024
 #: Values along each axis of the grid from which a boundary is refined.
 _COARSE = 11
 
+
+class Run(StrEnum):
+    """What is carried out in every cell."""
+
+    SIMULATE = "simulate"
+    PREDICT = "predict"
+    CYCLES = "cycles"
+    KNOCK = "knock"
+    ALL = "all"
+
+
+class Design(StrEnum):
+    """Which cells there are."""
+
+    GRID = "grid"
+    ZIP = "zip"
+    LATIN = "latin"
+    SOBOL = "sobol"
+    TOLERANCES = "tolerances"
+
+
+class Kind(StrEnum):
+    """What a boundary on a map is of."""
+
+    FOLDS = "folds"
+    PREDICT = "predict"
+    CYCLES = "cycles"
+    SIMULATE = "simulate"
+
+
+#: Defaults of options that may be repeated.
+NO_RUNS: list[Run] = []
+NO_KINDS: list[Kind] = []
 AxesOption = Annotated[
     list[str],
     typer.Option(
@@ -47,18 +81,23 @@ AxesOption = Annotated[
     ),
 ]
 RunOption = Annotated[
-    list[str],
-    typer.Option("--run", metavar="VERB", help="simulate, predict, cycles, knock, or all; repeatable. [simulate]"),
+    list[Run],
+    typer.Option("--run", help="What to carry out; repeatable. [simulate]"),
 ]
 SignalsOption = Annotated[
     list[str], typer.Option("--signal", metavar="NAME", help="Signals to report; repeatable; all for every one.")
 ]
-Design = Annotated[
-    str,
-    typer.Option("--design", metavar="DESIGN", help="grid, zip, latin (hypercube), sobol or tolerances."),
+DesignOption = Annotated[
+    Design,
+    typer.Option("--design", help="Which cells: latin is a hypercube."),
 ]
 Scheduler = Annotated[
-    str, typer.Option(metavar="WHERE", help="threads, processes, or a Dask scheduler's address (tcp://host:8786).")
+    str,
+    typer.Option(
+        metavar="WHERE",
+        help="threads, processes, or a Dask scheduler's address (tcp://host:8786).",
+        autocompletion=lambda: [_THREADS, _PROCESSES],
+    ),
 ]
 Target = Annotated[
     Path | None,
@@ -75,10 +114,9 @@ Picture = Annotated[
     typer.Option("--picture", metavar="FILE", help="Also a picture (.png, .svg, .pdf).", show_default=False),
 ]
 Boundaries = Annotated[
-    list[str],
+    list[Kind],
     typer.Option(
         "--boundary",
-        metavar="KIND",
         help="Draw a boundary on the map: folds (exact), predict (describing functions), cycles (exact orbits) or "
         "simulate; takes minutes. Repeatable.",
     ),
@@ -89,19 +127,19 @@ def sweep(
     case: CaseName,
     axes: AxesOption = NOTHING,
     settings: Settings = NOTHING,
-    run: RunOption = NOTHING,
+    run: RunOption = NO_RUNS,
     signals: SignalsOption = NOTHING,
-    design: Design = "grid",
+    design: DesignOption = Design.GRID,
     n: Annotated[int | None, typer.Option("--n", help="Cells of a sample. [1024]", show_default=False)] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of a sample.")] = 0,
-    scheduler: Scheduler = "threads",
+    scheduler: Scheduler = _THREADS,
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with a store that is there.")] = True,
     as_json: Json = False,
     output: Target = None,
     picture: Picture = None,
-    boundaries: Boundaries = NOTHING,
+    boundaries: Boundaries = NO_KINDS,
 ) -> None:
     """Sweep a grid or a sample of a case: outcome, amplitude and frequency of every cell.
 
@@ -119,7 +157,7 @@ def sweep(
         dataset = run_sweep(
             found,
             over,
-            _one_or_more(run) or "simulate",
+            _one_or_more(run) or Run.SIMULATE,
             signals=_one_or_more(signals),
             scheduler=scheduler,
             workers=workers,
@@ -127,11 +165,11 @@ def sweep(
             store=store,
             resume=resume,
         )
-        curves = [_boundary(found, over, name, scheduler, workers) for name in boundaries]
+        curves = [_boundary(found, over, kind, scheduler, workers) for kind in boundaries]
     except KeyboardInterrupt:
         where = "what is done is kept; the same command goes on." if store else "nothing is kept without -o FILE.zarr."
         typer.echo(f"Interrupted: {where}", err=True)
-        if scheduler == "threads":  # which would first finish their blocks, for a minute if need be; a store bears it
+        if scheduler == _THREADS:  # which would first finish their blocks, for a minute if need be; a store bears it
             sys.stdout.flush()
             os._exit(130)
         raise typer.Exit(130) from None
@@ -146,7 +184,7 @@ def sweep(
     _report(dataset, counts, curves)
 
 
-def _axes(texts: Sequence[str], design: str, n: int | None, seed: int) -> Axes:
+def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axes:
     """Axes of the command line: "start:stop:count:unit" and "low:high:unit" as they are, lists at their commas."""
     from eppanalysis.sweep import LatinHypercube, Sobol, Tolerances, Zipped
 
@@ -155,20 +193,18 @@ def _axes(texts: Sequence[str], design: str, n: int | None, seed: int) -> Axes:
         raise EppError("--axis: a field is given twice; expected each once.")
     ranges = dict(pairs)
     lists: dict[str, Any] = {k: v if ":" in v else [x.strip() for x in v.split(",") if x.strip()] for k, v in pairs}
-    if design in ("grid", "zip"):
+    if design in (Design.GRID, Design.ZIP):
         if n is not None:
             raise EppError(f"--n {n}: is of a sample; expected --design latin, sobol or tolerances beside it.")
-        return lists if design == "grid" else Zipped(lists)
+        return lists if design is Design.GRID else Zipped(lists)
     n = _CELLS if n is None else n
-    if design == "latin":
+    if design is Design.LATIN:
         return LatinHypercube(ranges, n, seed)
-    if design == "sobol":
+    if design is Design.SOBOL:
         return Sobol(ranges, n, seed)
-    if design == "tolerances":
-        if ranges:
-            raise EppError("--axis: has no place in a sample of tolerances; expected the tolerances in the case file.")
-        return Tolerances(n, seed)
-    raise EppError(f"--design {design}: is not known; expected grid, zip, latin, sobol or tolerances.")
+    if ranges:
+        raise EppError("--axis: has no place in a sample of tolerances; expected the tolerances in the case file.")
+    return Tolerances(n, seed)
 
 
 def _one_or_more(names: Sequence[str]) -> Any:
@@ -186,15 +222,12 @@ def _check_output(output: Path | None, picture: Path | None) -> None:
         check_output(picture, _PICTURES)
 
 
-def _check_boundaries(names: Sequence[str], axes: Axes, picture: Path | None) -> None:
-    for name in names:
-        if name not in _BOUNDARIES:
-            raise EppError(f"--boundary {name}: is not known; expected one of {', '.join(_BOUNDARIES)}.")
-    if names and not (isinstance(axes, dict) and len(axes) == 2 and picture is not None):
+def _check_boundaries(kinds: Sequence[Kind], axes: Axes, picture: Path | None) -> None:
+    if kinds and not (isinstance(axes, dict) and len(axes) == 2 and picture is not None):
         raise EppError("--boundary: is drawn on a map of a grid of two axes; expected two --axis and a picture.")
 
 
-def _boundary(case: Case, axes: Axes, name: str, scheduler: str, workers: int | None) -> Boundary:
+def _boundary(case: Case, axes: Axes, kind: Kind, scheduler: str, workers: int | None) -> Boundary:
     """A boundary over the map's axes, from a grid of its own that is coarse."""
     import numpy as np
 
@@ -203,9 +236,9 @@ def _boundary(case: Case, axes: Axes, name: str, scheduler: str, workers: int | 
 
     given = {k: v for d in make_design(case, axes).dimensions for k, v in d.values.items()}
     coarse = {k: np.linspace(v.min(), v.max(), _COARSE).tolist() for k, v in given.items()}
-    if name == "folds":
+    if kind is Kind.FOLDS:
         return fold_boundary(case, coarse)
-    return outcome_boundary(case, coarse, name, scheduler=scheduler, workers=workers)
+    return outcome_boundary(case, coarse, kind, scheduler=scheduler, workers=workers)
 
 
 def _write(dataset: xarray.Dataset, table: Path | None, picture: Path | None, curves: Sequence[Boundary]) -> None:

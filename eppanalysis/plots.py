@@ -521,9 +521,11 @@ def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, s
 
 def _mark_special(ax: Axes, kind: str, x: float, y: float) -> None:
     """A filled diamond for a fold, a filled triangle for a period doubling, an open square for the rest."""
-    if kind == "fold":
+    from eppanalysis.methods.continuation_labels import Change
+
+    if kind == Change.FOLD:
         ax.plot(x, y, "D", color=ORANGE, markersize=5, label="fold")
-    elif kind == "period doubling":
+    elif kind == Change.PERIOD_DOUBLING:
         ax.plot(x, y, "^", color="black", markersize=6, label="period doubling")
     else:
         ax.plot(x, y, "s", color=GREY, markerfacecolor="none", markersize=5, label="other special point")

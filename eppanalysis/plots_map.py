@@ -17,6 +17,7 @@ from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, show_constant, with_name
 from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.sweep.verbs import Outcome
 
 if TYPE_CHECKING:
     import xarray
@@ -200,7 +201,7 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:
     """Dashed line round the cells with a stable cycle."""
-    inside = np.asarray(outcome.values == 2, float)
+    inside = np.asarray(outcome.values == Outcome.OSCILLATES, float)
     if min(inside.shape) < 2 or inside.min() == inside.max():
         return []
     ax.contour(x, y, inside, levels=[0.5], colors=[colour], linestyles="--", linewidths=1.6)
@@ -379,7 +380,7 @@ def plot_parallel(
     ax = figure.add_subplot()
     words = str(dataset[outcome].attrs["flag_meanings"]).split()
     handles = []
-    for code in sorted(np.unique(cells).tolist(), key=lambda c: words[c] == "oscillates"):
+    for code in sorted(np.unique(cells).tolist(), key=lambda c: c == Outcome.OSCILLATES):
         rows = shares[cells == code]
         lines = [np.column_stack([np.arange(row.size), row])[np.isfinite(row)] for row in rows]
         colour, dashes = _PARALLEL_COLOURS[code], _PARALLEL_LINES[code]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field, fields, is_dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -62,7 +62,7 @@ def plain(value: Any) -> Any:
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if isinstance(value, Enum):
-        return value.name.lower()
+        return value.value if isinstance(value, str) else value.name.lower()
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, complex):
@@ -128,6 +128,19 @@ class Result(Brief):
 
     provenance: Provenance = field(default_factory=Provenance, kw_only=True, compare=False, repr=False)
     operating_point: OperatingPoint | None = field(default=None, kw_only=True, compare=False)
+
+
+class Outcome(StrEnum):
+    """What a run does in the end, in the word that case files have for it."""
+
+    OSCILLATE = "oscillate"
+    SETTLE = "settle"
+    UNDECIDED = "undecided"
+
+    @classmethod
+    def of(cls, status: Status) -> Outcome:
+        """The outcome of a run that ended with this status."""
+        return {Status.LIMIT_CYCLE: cls.OSCILLATE, Status.SETTLED: cls.SETTLE}.get(status, cls.UNDECIDED)
 
 
 class Event(NamedTuple):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
+from eppanalysis.methods.bounds_result import Finding
 from eppanalysis.readable import readable, with_unit
 
 if TYPE_CHECKING:
@@ -212,7 +213,7 @@ class TruthTable:
             "first order",
         )
         self.table = _table(*heads, numbers=False)
-        self.found: list[str] = []
+        self.found: list[bool] = []
         self.from_paper = True
 
     def add(self, case: Case, ladder: Ladder) -> None:
@@ -228,20 +229,20 @@ class TruthTable:
             expected.finding or "-",
             expected.outcome or "-",
             ladder.outcome,
-            found,
+            AS_FOUND[found],
             predicted,
             _number(ladder.swings * cycle.frequency) if cycle else "none",
             _exact_cycles(ladder),
             _first_sentences(ladder),
         )
-        if found:
+        if found is not None:
             self.found.append(found)
             self.from_paper &= bool(expected.paper)
 
     def sentence(self) -> str:
         """How many cases came out as they must; empty where none says."""
         whom = "the paper found" if self.from_paper else "their sources say"
-        return f"{self.found.count('ok')} of {len(self.found)} as {whom}." if self.found else ""
+        return f"{sum(self.found)} of {len(self.found)} as {whom}." if self.found else ""
 
 
 def bounds_table(bounds: DesignBounds) -> Table:
@@ -259,7 +260,7 @@ def bounds_table(bounds: DesignBounds) -> Table:
         "verified",
     )
     for c in bounds:
-        if c.finding != "bound":
+        if c.finding is not Finding.BOUND:
             table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding)
             continue
         tested = f"yes, {c.n_settled} runs" if c.verified else "no"
@@ -278,10 +279,14 @@ def bounds_table(bounds: DesignBounds) -> Table:
     return table
 
 
-def as_found(case: Case, ladder: Ladder) -> str:
-    """Whether the run did what the case must do; empty where the case does not say."""
+#: How a table says whether the run did what it must.
+AS_FOUND = {True: "ok", False: "FAIL", None: ""}
+
+
+def as_found(case: Case, ladder: Ladder) -> bool | None:
+    """Whether the run did what the case must do; None where the case does not say."""
     must = case.expected.outcome
-    return "" if must is None else "ok" if ladder.outcome == must else "FAIL"
+    return None if must is None else ladder.outcome is must
 
 
 def _exact_cycles(ladder: Ladder) -> str:

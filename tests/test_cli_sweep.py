@@ -7,11 +7,16 @@ import os
 import subprocess
 import sys
 import time
+from enum import StrEnum
 
 import pytest
 import xarray
+from typer.testing import CliRunner
 
+from eppanalysis.cli import app
+from eppanalysis.cli_sweep import Design, Kind, Run
 from eppanalysis.sweep import open_sweep
+from eppanalysis.sweep.verbs import PREFIX, Verb
 from tests.test_cli import one_sentence, run
 
 ELBOW = ("sweep", "fig8a_original", "--axis", "bands.range=2:3:2:lbf", "--axis", "lock_pin.backlash=0.5:2.5:2:deg")
@@ -103,8 +108,14 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
         (("--axis", "bands.range"), "FIELD=start:stop:count:unit"),
         (("--axis", "bands.range=1 lbf", "--axis", "bands.range=2 lbf"), "given twice"),
         ((), "no axis"),
-        (("--axis", "bands.range=1:2:2:lbf", "--run", "dance"), "one or several of"),
-        (("--axis", "bands.range=1:2:2:lbf", "--design", "magic"), "expected grid, zip"),
+        (
+            ("--axis", "bands.range=1:2:2:lbf", "--run", "dance"),
+            "--run dance: is not known; expected one or several of simulate",
+        ),
+        (
+            ("--axis", "bands.range=1:2:2:lbf", "--design", "magic"),
+            "--design magic: is not known; expected one of grid, zip",
+        ),
         (("--axis", "bands.range=1:2:2:lbf", "--design", "tolerances"), "no place in a sample of tolerances"),
         (("--axis", "bands.range=1:2:lbf", "--design", "latin", "--seed", "-1"), "seed is -1"),
         (("--axis", "bands.range=1:2:3", "--design", "latin"), "expected low:high:unit, without the count"),
@@ -116,7 +127,7 @@ def test_a_failed_cell_is_told_and_the_exit_code_stays() -> None:
         (("--axis", "bands.range=1:2:2:lbf", "-o", "nowhere/map.zarr"), "does not exist"),
         (("--axis", "bands.range=1:2:2:lbf", "--picture", "map.zarr"), ".png"),
         (("--axis", "bands.range=1:2:2:lbf", "--boundary", "folds"), "two --axis and a picture"),
-        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "guess"), "expected one of folds"),
+        (("--axis", "bands.range=1:2:2:lbf", "--boundary", "guess"), "expected one or several of folds"),
         (("--axis", "bands.range=1:2:2:lbf", "--scheduler", "magic"), "address of a Dask scheduler"),
     ],
 )
@@ -157,3 +168,13 @@ def test_a_store_of_another_case_is_refused_and_kept(tmp_path) -> None:
     sentence = one_sentence(run(*SHORT, "--set", "forearm.inertia=0.03", "-o", store))
     assert "holds a sweep with another case" in sentence
     assert run(*SHORT, "-o", store).exit_code == 0
+
+
+@pytest.mark.parametrize("words", [Run, Design, Kind])
+def test_help_lists_every_choice(words: type[StrEnum]) -> None:
+    shown = "".join(CliRunner().invoke(app, ["sweep", "--help"], env={"COLUMNS": "400"}).output.split())
+    assert "|".join(words) in shown
+
+
+def test_choices_are_what_the_verbs_are() -> None:
+    assert list(Run) == [*Verb, "all"] and set(Kind) - {Kind.FOLDS} == set(PREFIX)

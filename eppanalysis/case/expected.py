@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
+
+from eppanalysis.results import Outcome
 
 if TYPE_CHECKING:
     from eppanalysis.case.schema import CycleAnswer, ExpectedSection
@@ -58,7 +60,7 @@ class Expected:
 
     Attributes
     ----------
-    outcome : {"oscillate", "settle"} or None
+    outcome : Outcome or None
         Of the simulated run.
     signal : str or None
         Signal that the amplitudes are of.
@@ -69,7 +71,7 @@ class Expected:
         Figure of the paper, what it shows, where the answers come from, remarks.
     """
 
-    outcome: Literal["oscillate", "settle"] | None = None
+    outcome: Outcome | None = None
     signal: str | None = None
     describing_function: tuple[Cycle, ...] | None = None
     exact: tuple[Cycle, ...] | None = None
@@ -83,7 +85,7 @@ class Expected:
 def make_expected(section: ExpectedSection) -> Expected:
     """The frozen noun of a validated section."""
     return Expected(
-        section.outcome,
+        None if section.outcome is None else Outcome(section.outcome),
         section.signal,
         _cycles(section.describing_function),
         _cycles(section.exact),

@@ -21,8 +21,8 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_elasticity import elasticities, exact_elasticities
 from eppanalysis.methods.bounds_exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds_fold import Cycle
-from eppanalysis.methods.bounds_harmonic import Finding, HarmonicBound, HarmonicSweep, Question, value_of
-from eppanalysis.methods.bounds_result import BoundCell, DesignBounds
+from eppanalysis.methods.bounds_harmonic import HarmonicBound, HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds_result import BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds_verify import Verification, check_verification, verify
 from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.continuation import Branch
@@ -312,7 +312,7 @@ def bound_of_branch(question: Question, value: float, branch: Branch, settings: 
     turn = turn_of(question, branch, question.low, 1.0)
     if turn is None:
         return None
-    cell = BoundCell(value=value, finding=Finding.BOUND.name.lower())
+    cell = BoundCell(value=value, finding=Finding.BOUND)
     try:
         return _joined(cell, _tested(question, turn, 1.0, settings))
     except (EppError, np.linalg.LinAlgError) as error:
@@ -340,7 +340,7 @@ def _tested(question: Question, found: ExactBound, sign: float, settings: Settin
             break
         found = further
     point = found.point
-    located = point is not None and (found.kind == "fold" or point.arc is not None)
+    located = point is not None and (found.kind == Turn.FOLD or point.arc is not None)
     known = exact_elasticities(question, point) if point is not None and located else {}
     return _Checked(replace(found, point=None), tested, known)
 
@@ -351,28 +351,28 @@ def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
     first_beyond = bound.first_fold is not None and bound.first_fold.at_end
     return BoundCell(
         value=value,
-        finding=bound.finding.name.lower(),
+        finding=bound.finding,
         sign=bound.sign,
         first_order=float("nan") if first_beyond else bound.first_order,
         harmonic=float("nan") if beyond else bound.value,
         order=0 if beyond else bound.order,
         error_estimate=float("nan") if beyond else bound.error_estimate,
         frequency=bound.fold.cycle.omega / (2.0 * np.pi) if bound.fold is not None else float("nan"),
-        message=" ".join(t for t in (bound.finding.value, bound.message) if t),
+        message=" ".join(t for t in (bound.finding.sentence, bound.message) if t),
     )
 
 
 def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     """A cell with what correction and tests gave."""
     bound, test = checked.bound, checked.verification
-    if bound.kind == "end":
-        return replace(cell, finding=Finding.BEYOND.name.lower(), message=Finding.BEYOND.value)
+    if bound.kind == Turn.END:
+        return replace(cell, finding=Finding.BEYOND, message=Finding.BEYOND.sentence)
     if bound.cycle is None:
         remark = f"Not corrected: {bound.message.removesuffix('.')}. Not verified."
-        return replace(cell, message=remark if cell.finding == "bound" else f"{cell.message} {remark}")
-    if cell.finding != "bound":
+        return replace(cell, message=remark if cell.finding is Finding.BOUND else f"{cell.message} {remark}")
+    if cell.finding is not Finding.BOUND:
         # Harmonic balance saw the family go on to the end of the range, or saw nothing.
-        cell = replace(cell, finding=Finding.BOUND.name.lower())
+        cell = replace(cell, finding=Finding.BOUND)
     cell = replace(
         cell,
         exact=bound.value,

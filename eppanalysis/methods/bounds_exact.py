@@ -19,7 +19,9 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds_fold import Cycle, balanced
 from eppanalysis.methods.bounds_harmonic import Question, steady_loop
 from eppanalysis.methods.bounds_numbers import Numbers
+from eppanalysis.methods.bounds_result import Turn
 from eppanalysis.methods.continuation import Branch, SpecialPoint, continue_branch
+from eppanalysis.methods.continuation_labels import Change
 from eppanalysis.methods.continuation_steps import Point
 from eppanalysis.methods.cycles import find_limit_cycles
 from eppanalysis.methods.harmonic import cycle_of
@@ -29,7 +31,7 @@ from eppanalysis.results import LimitCycle
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
-_KINDS = {"fold": "fold", "turning change of sequence": "corner"}
+_KINDS = {Change.FOLD: Turn.FOLD, Change.TURNING: Turn.CORNER}
 #: Where an orbit is looked for beyond a corner, relative to its value, and how often.
 _BEYOND, _MOST_CORNERS = (2e-4, 1e-3, 4e-3), 6
 #: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
@@ -48,8 +50,7 @@ class ExactBound:
         Of the orbit at the bound [s].
     cycle : LimitCycle or None
         The orbit there.
-    kind : str
-        "fold" or "corner"; "end" where cycles exist up to the end of the range.
+    kind : Turn
     point : Point or None
         The orbit with the direction of its branch.
     message : str
@@ -59,7 +60,7 @@ class ExactBound:
     value: float = float("nan")
     period: float = float("nan")
     cycle: LimitCycle | None = None
-    kind: str = ""
+    kind: Turn = Turn.UNKNOWN
     point: Point | None = None
     message: str = ""
 
@@ -107,7 +108,7 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
     """
     end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
     if _orbits_at(question, end):
-        return ExactBound(kind="end")
+        return ExactBound(kind=Turn.END)
     spread = np.geomspace if question.low > 0 else np.linspace
     for value in (float(np.clip(v, question.low, question.high)) for v in spread(near, far, _N_SEARCHED)):
         turn = farthest_turn(question, value, _orbits_at(question, value), sign) if value != end else None
@@ -155,7 +156,7 @@ def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> 
     for _ in range(_MOST_CORNERS):
         turns = [s for s in branch.special if s.kind in _KINDS]
         turn = min(turns, key=lambda s: sign * s.value) if turns else None
-        if turn is None or turn.kind == "fold":
+        if turn is None or turn.kind is Change.FOLD:
             return turn
         further = None
         for share in _BEYOND:

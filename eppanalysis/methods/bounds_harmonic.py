@@ -12,7 +12,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import partial
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds_fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds_numbers import Numbers, loop_of
+from eppanalysis.methods.bounds_result import Finding
 from eppanalysis.methods.cases import CaseLike
 from eppanalysis.methods.cycles import find_limit_cycles, steady_hybrid
 from eppanalysis.methods.describing import predict_limit_cycles
@@ -43,38 +43,6 @@ _SCALED = (0.5, 2.0)
 
 
 Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
-
-
-class Finding(Enum):
-    """What is known of a cell; the value is a sentence for people."""
-
-    BOUND = "A bound was found."
-    NONE = (
-        "The exact search finds no limit cycle at either end of the range of the limiting parameter nor at the values "
-        "tried between, so nothing bounds it there."
-    )
-    ALWAYS = (
-        "A limit cycle exists at both ends of the range of the limiting parameter and at all values tried between: "
-        "none of them is free of cycles."
-    )
-    BETWEEN = (
-        "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: ask "
-        "for a narrower range, which begins or ends among these."
-    )
-    UNSURE = (
-        "Whether a limit cycle exists in the range of the limiting parameter is not known: the exact search found none "
-        "at some values, but left runs undecided there."
-    )
-    SCALES = (
-        "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
-        "or smaller in proportion, so no finite bound on it exists."
-    )
-    IDLE = (
-        "The loop of this case does not depend on this parameter (another field may stand in its place), so nothing "
-        "bounds it."
-    )
-    BEYOND = "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
-    FAILED = "The bound could not be computed: no start led to a solution."
 
 
 @dataclass(frozen=True, eq=False)

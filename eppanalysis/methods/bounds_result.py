@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,67 @@ Array = NDArray[np.float64]
 _NAN = float("nan")
 
 
+class Finding(StrEnum):
+    """What is known of a cell; `sentence` says it to people."""
+
+    sentence: str
+
+    def __new__(cls, word: str, sentence: str = "") -> Finding:
+        """A word for files with a sentence."""
+        made = str.__new__(cls, word)
+        made._value_, made.sentence = word, sentence
+        return made
+
+    BOUND = "bound", "A bound was found."
+    NONE = (
+        "none",
+        "The exact search finds no limit cycle at either end of the range of the limiting parameter nor at the values "
+        "tried between, so nothing bounds it there.",
+    )
+    ALWAYS = (
+        "always",
+        "A limit cycle exists at both ends of the range of the limiting parameter and at all values tried between: "
+        "none of them is free of cycles.",
+    )
+    BETWEEN = (
+        "between",
+        "A limit cycle exists at both ends of the range of the limiting parameter, but not at all values between: ask "
+        "for a narrower range, which begins or ends among these.",
+    )
+    UNSURE = (
+        "unsure",
+        "Whether a limit cycle exists in the range of the limiting parameter is not known: the exact search found none "
+        "at some values, but left runs undecided there.",
+    )
+    SCALES = (
+        "scales",
+        "The loop's cycles scale with this parameter alone: a cycle at one value is a cycle at every other one, larger "
+        "or smaller in proportion, so no finite bound on it exists.",
+    )
+    IDLE = (
+        "idle",
+        "The loop of this case does not depend on this parameter (another field may stand in its place), so nothing "
+        "bounds it.",
+    )
+    BEYOND = "beyond", "The bound lies beyond the range of the limiting parameter: cycles exist down to the end of it."
+    FAILED = "failed", "The bound could not be computed: no start led to a solution."
+
+    @property
+    def answers(self) -> bool:
+        """Whether it says why there is no bound, so that none is missing."""
+        return self in (self.NONE, self.ALWAYS, self.BETWEEN, self.SCALES, self.IDLE, self.BEYOND)
+
+
+class Turn(StrEnum):
+    """Where a family of exact orbits ends."""
+
+    UNKNOWN = ""
+    FOLD = "fold"
+    CORNER = "corner"
+    #: Cycles exist up to the end of the range.
+    END = "end"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class BoundCell(Brief):
     """The bound at one value of the parameter that runs.
@@ -27,8 +89,8 @@ class BoundCell(Brief):
     ----------
     value : float
         Of the parameter that runs [SI].
-    finding : str
-        "bound", or why there is none: "none", "always", "between", "unsure", "scales", "idle", "beyond", "failed".
+    finding : Finding
+        That there is a bound, or why there is none.
     sign : float
         1: the design is free of limit cycles below the bound; -1: above it.
     first_order, harmonic, exact : float
@@ -37,8 +99,8 @@ class BoundCell(Brief):
     order : int
     error_estimate : float
         Largest relative difference of the harmonic bound from those of the orders from half of it on.
-    kind : str
-        "fold" or "corner" of the branch of exact orbits.
+    kind : Turn
+        Fold or corner of the branch of exact orbits.
     frequency : float
         Of the cycle at the bound [Hz].
     safe_value, other_value : float
@@ -56,14 +118,14 @@ class BoundCell(Brief):
     """
 
     value: float
-    finding: str
+    finding: Finding
     sign: float = 1.0
     first_order: float = _NAN
     harmonic: float = _NAN
     order: int = 0
     error_estimate: float = _NAN
     exact: float = _NAN
-    kind: str = ""
+    kind: Turn = Turn.UNKNOWN
     frequency: float = _NAN
     safe_value: float = _NAN
     other_value: float = _NAN
@@ -84,10 +146,14 @@ class BoundCell(Brief):
         "other_orbit=_other_orbit"
     )
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "finding", Finding(self.finding))
+        object.__setattr__(self, "kind", Turn(self.kind))
+
     @property
     def bound(self) -> float:
         """The best value that is known: exact, else by harmonic balance; nan where there is none."""
-        if self.finding != "bound":
+        if self.finding is not Finding.BOUND:
             return _NAN
         return self.exact if math.isfinite(self.exact) else self.harmonic
 
@@ -166,8 +232,7 @@ class DesignBounds(Result):
     @property
     def status(self) -> Status:
         """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
-        answers = ("none", "always", "between", "scales", "idle", "beyond")
-        good = all(c.verified or c.finding in answers for c in self.cells)
+        good = all(c.verified or c.finding.answers for c in self.cells)
         return Status.CONVERGED if good else Status.UNDECIDED
 
     def array(self, name: str) -> Array:
@@ -191,7 +256,7 @@ class DesignBounds(Result):
             "verified": (self.over, np.array([c.verified for c in self.cells])),
             "n_runs": (self.over, np.array([c.n_runs for c in self.cells])),
             "n_settled": (self.over, np.array([c.n_settled for c in self.cells])),
-            "finding": (self.over, np.array([c.finding for c in self.cells], object)),
+            "finding": (self.over, np.array([c.finding.value for c in self.cells], object)),
             "message": (self.over, np.array([c.message for c in self.cells], object)),
         }
         names = sorted({name for c in self.cells for name in c.elasticities})

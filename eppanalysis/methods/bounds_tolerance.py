@@ -26,7 +26,8 @@ from eppanalysis.methods.batch import HybridStack, simulate_batch
 from eppanalysis.methods.bounds_elasticity import exact_elasticities, parameters_of
 from eppanalysis.methods.bounds_exact import ExactBound, correct
 from eppanalysis.methods.bounds_fold import Cycle, Programmes, extreme
-from eppanalysis.methods.bounds_harmonic import Finding, HarmonicSweep, Question
+from eppanalysis.methods.bounds_harmonic import HarmonicSweep, Question
+from eppanalysis.methods.bounds_result import Finding
 from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.cycles import steady_hybrid
 from eppanalysis.models.hybrid import HybridSystem
@@ -321,7 +322,7 @@ class _Box:
         sweep = sweep or HarmonicSweep(question)
         bound = sweep.bound_of(question)
         if bound.fold is None or bound.finding is not Finding.BOUND:
-            raise EppError(f"{question.case.name}: {bound.finding.value}")
+            raise EppError(f"{question.case.name}: {bound.finding.sentence}")
         exact = correct(question, bound.fold.cycle, bound.sign)
         if exact.cycle is None or exact.point is None:
             raise EppError(f"{question.case.name}: the bound on {question.limit} was not corrected: {exact.message}.")

@@ -17,7 +17,7 @@ from eppanalysis.methods.cases import CaseLike, facts_of, require_case
 from eppanalysis.methods.continuation_borders import across, borders, corner
 from eppanalysis.methods.continuation_cover import Gap, gaps
 from eppanalysis.methods.continuation_doubling import doubled, half_alike
-from eppanalysis.methods.continuation_labels import crossing, difference
+from eppanalysis.methods.continuation_labels import Change, crossing, difference
 from eppanalysis.methods.continuation_steps import (
     LEAST_STEP,
     Point,
@@ -59,8 +59,7 @@ class SpecialPoint(Brief):
 
     Attributes
     ----------
-    kind : str
-        "fold", "period doubling", "torus", "branch point", "change of sequence", "turning change of sequence", "end".
+    kind : Change
     value : float
         The parameter [SI].
     note : str
@@ -73,7 +72,7 @@ class SpecialPoint(Brief):
         The orbit and the branch's direction, from which others may go on.
     """
 
-    kind: str
+    kind: Change
     value: float
     note: str
     cycle: LimitCycle
@@ -130,7 +129,7 @@ class Branch(Result):
     @property
     def folds(self) -> tuple[SpecialPoint, ...]:
         """Where the branch turns back: a stable and an unstable cycle meet."""
-        return tuple(s for s in self.special if s.kind == "fold")
+        return tuple(s for s in self.special if s.kind is Change.FOLD)
 
     def plot(self, signal: str | None = None, at: float | None = None) -> Figure:
         """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
@@ -315,7 +314,7 @@ class Walk:
     limits: tuple[float, float]
     n_points: int
     max_step: float
-    special: list[tuple[str, Point, str, int]] = field(default_factory=list)
+    special: list[tuple[Change, Point, str, int]] = field(default_factory=list)
 
     def run(self, seed: tuple[float, Orbit]) -> Branch:
         """Both directions from the seed."""
@@ -402,7 +401,7 @@ class Walk:
         note = difference(inside.orbit, None if new is None else new.orbit)
         if new is not None and _same_motion(points, new):
             new = None
-        kind = "end" if new is None else ("turning change of sequence" if back else "change of sequence")
+        kind = Change.END if new is None else (Change.TURNING if back else Change.SEQUENCE)
         self._note(kind, inside, note, len(points))
         return new
 
@@ -411,10 +410,12 @@ class Walk:
         if old.turn * new.turn < 0:
             found = locate(old, new, lambda p: p.turn, 1e-11)
             if found is not None and half_alike(found.orbit):
-                self._note("period doubling", found, "the cycle of half the period, which this branch leaves", index)
+                self._note(
+                    Change.PERIOD_DOUBLING, found, "the cycle of half the period, which this branch leaves", index
+                )
                 return True
             if found is not None:
-                self._note("fold", found, "a stable and an unstable cycle, or two unstable ones, meet", index)
+                self._note(Change.FOLD, found, "a stable and an unstable cycle, or two unstable ones, meet", index)
             return False
         if is_stable(old.multipliers) != is_stable(new.multipliers):
             kind, test = crossing(old, new)
@@ -423,7 +424,7 @@ class Walk:
                 self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
         return False
 
-    def _note(self, kind: str, point: Point, note: str, index: int) -> None:
+    def _note(self, kind: Change, point: Point, note: str, index: int) -> None:
         self.special.append((kind, point, note, index))
 
     def _branch(self, points: list[Point], ends: tuple[str, str]) -> Branch:
@@ -444,7 +445,7 @@ class Walk:
             SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p)
             for kind, p, note, i in self.special
         )
-        failed = any(s.kind == "end" for s in special)
+        failed = any(s.kind is Change.END for s in special)
         return Branch(
             parameter=self.parameter,
             unit=self.case.unit(self.parameter)[0],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +13,28 @@ from eppanalysis.methods.shooting import Orbit
 from eppanalysis.methods.stability import is_stable
 
 
-def crossing(old: Point, new: Point) -> tuple[str, Callable[[Point], float]]:
+class Change(StrEnum):
+    """What happens at a special point of a branch."""
+
+    FOLD = "fold"
+    PERIOD_DOUBLING = "period doubling"
+    TORUS = "torus"
+    BRANCH_POINT = "branch point"
+    SEQUENCE = "change of sequence"
+    TURNING = "turning change of sequence"
+    END = "end"
+
+
+def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
     values = unstable.multipliers
     leading = values[np.abs(values) >= 1.0][-1]
     if abs(leading.imag) > 1e-9:
-        return "torus", lambda p: _nearest(p.multipliers, leading) - 1.0
+        return Change.TORUS, lambda p: _nearest(p.multipliers, leading) - 1.0
     if leading.real < 0:
-        return "period doubling", lambda p: _determinant(p, 1.0)
-    return "branch point", lambda p: _determinant(p, -1.0)
+        return Change.PERIOD_DOUBLING, lambda p: _determinant(p, 1.0)
+    return Change.BRANCH_POINT, lambda p: _determinant(p, -1.0)
 
 
 def _determinant(point: Point, sign: float) -> float:

@@ -26,7 +26,7 @@ from eppanalysis.models.operating import OperatingPoint
 from eppanalysis.models.signals import Constant, Motion
 from eppanalysis.provenance import Provenance
 from eppanalysis.readable import count
-from eppanalysis.results import LimitCycle, Prediction, Result, Status, Trajectory
+from eppanalysis.results import LimitCycle, Outcome, Prediction, Result, Status, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,9 +142,9 @@ class Ladder(Result):
     )
 
     @property
-    def outcome(self) -> str:
-        """What the run did: "oscillate", "settle" or "undecided"."""
-        return {Status.LIMIT_CYCLE: "oscillate", Status.SETTLED: "settle"}.get(self.run.status, "undecided")
+    def outcome(self) -> Outcome:
+        """What the run did."""
+        return Outcome.of(self.run.status)
 
     @property
     def balance(self) -> LimitCycle | None:

@@ -162,8 +162,10 @@ def _chunk(design: Design, task: Task, chunk: int | None) -> int:
         if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
             raise EppError(f"sweep: chunk is {chunk!r}; expected a whole number of cells, 1 or more.")
         return chunk
+    from eppanalysis.sweep.verbs import Verb
+
     n = design.n_cells
-    usual = _QUICK if task.verbs == ("simulate",) else _SLOW
+    usual = _QUICK if task.verbs == (Verb.SIMULATE,) else _SLOW
     return max(1, min(usual, -(-n // _FEWEST_BLOCKS)), -(-n // _MOST_BLOCKS))
 
 

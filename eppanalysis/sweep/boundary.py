@@ -16,6 +16,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.provenance import Provenance
 from eppanalysis.results import Result, Status
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
+from eppanalysis.sweep.verbs import PREFIX, Outcome, Verb
 
 if TYPE_CHECKING:
     from eppanalysis.case import Case
@@ -24,9 +25,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 #: The variable by which each verb says whether a cell oscillates, and what that is called.
-_OUTCOMES = {"simulate": "outcome", "predict": "predicted_outcome", "cycles": "exact_outcome"}
-_WORDS = {"simulate": "run in time", "predict": "describing function", "cycles": "exact orbits"}
-_OSCILLATES = 2
+_OUTCOMES = {verb: f"{prefix}outcome" for verb, prefix in PREFIX.items()}
+_WORDS = {Verb.SIMULATE: "run in time", Verb.PREDICT: "describing function", Verb.CYCLES: "exact orbits"}
 #: How far from the last fold the next one is looked for, relative to the range.
 _NEAR = (0.15, 0.06)
 _NO_POINT = np.full((1, 2), np.nan)
@@ -121,12 +121,13 @@ def outcome_boundary(
     case = as_case(case)
     if run not in _OUTCOMES:
         raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
+    outcome = _OUTCOMES[Verb(run)]
     check_counts("outcome_boundary", {"halvings": (halvings, 0)})
     x, y = _two(axes)
-    where = nullcontext(scheduler) if scheduler == "threads" else schedule.address(scheduler, workers)
+    where = nullcontext(scheduler) if scheduler == schedule.Scheduler.THREADS else schedule.address(scheduler, workers)
     with where as place:
         coarse = sweep(case, axes, run, scheduler=place, workers=workers, progress=progress)
-        inside = coarse[_OUTCOMES[run]].values == _OSCILLATES
+        inside = coarse[outcome].values == Outcome.OSCILLATES
         grid = np.stack(np.meshgrid(coarse[x].values, coarse[y].values, indexing="ij"), axis=-1)
         edges = _edges(inside)
         ends = np.array([[grid[a], grid[b]] if inside[a] else [grid[b], grid[a]] for a, b in edges]).reshape(-1, 2, 2)
@@ -134,13 +135,13 @@ def outcome_boundary(
             middle = ends.mean(axis=1)
             points = Zipped({x: middle[:, 0].tolist(), y: middle[:, 1].tolist()})
             found = sweep(case, points, run, scheduler=place, workers=workers, progress=progress)
-            within = found[_OUTCOMES[run]].values == _OSCILLATES
+            within = found[outcome].values == Outcome.OSCILLATES
             ends[np.arange(len(ends)), np.where(within, 0, 1)] = middle
     crossings = dict(zip(edges, ends.mean(axis=1), strict=True))
     return Boundary(
         axes=(x, y),
         points=_pieces(inside.shape, crossings),
-        label=_WORDS[run],
+        label=_WORDS[Verb(run)],
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
         provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),

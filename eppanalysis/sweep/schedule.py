@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
@@ -28,6 +29,13 @@ Advance = Callable[[int], None]
 _AHEAD, _TRIES = 2, 20
 #: How long a scheduler may take to answer.
 _PATIENCE = "10s"
+
+
+class Scheduler(StrEnum):
+    """Where a sweep runs, if not on a cluster at an address."""
+
+    THREADS = "threads"
+    PROCESSES = "processes"
 
 
 def run_blocks(
@@ -55,7 +63,7 @@ def run_blocks(
     """
     if workers is not None:
         check_counts("sweep", {"workers": (workers, 1)})
-    if scheduler == "threads":
+    if scheduler == Scheduler.THREADS:
         _on_threads(Work.of(task), blocks, store, workers or _cores(), advance)
         return
     with _client(scheduler, workers) as client:
@@ -87,7 +95,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         extra = "an installation with the extra for sweeps (pip install -e '.[sweep]')"
         raise EppError(f"sweep: scheduler {scheduler!r} needs dask.distributed; expected {extra}.") from error
 
-    if scheduler == "processes":
+    if scheduler == Scheduler.PROCESSES:
         with interrupts_wait():  # they are the parent's: a worker that hears one dies with a traceback
             local = LocalCluster(
                 n_workers=workers or _cores(),

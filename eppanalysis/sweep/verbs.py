@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum, StrEnum
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,53 @@ from eppanalysis.sweep.axes import Axes
 IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
 
-VERBS = ("simulate", "predict", "cycles", "knock")
+
+class Verb(StrEnum):
+    """What a sweep carries out in every cell."""
+
+    SIMULATE = "simulate"
+    PREDICT = "predict"
+    CYCLES = "cycles"
+    KNOCK = "knock"
+
+
+class Code(IntEnum):
+    """A result that is one of few, stored as a number; its words are those of the members."""
+
+    @property
+    def word(self) -> str:
+        """What files and tables call it."""
+        return self.name.lower()
+
+    @classmethod
+    def words(cls) -> tuple[str, ...]:
+        """All words, in the order of their numbers."""
+        return tuple(member.word for member in cls)
+
+
+class Outcome(Code):
+    """Where a cell's motion ends."""
+
+    UNKNOWN, SETTLES, OSCILLATES, DIVERGES = range(4)
+
+
+class Stability(Code):
+    """Whether an exact cycle of a cell is stable, or all are not."""
+
+    UNKNOWN, NO_CYCLE, STABLE, UNSTABLE = range(4)
+
+
+class KnockOutcome(Code):
+    """What a knock of a cell at rest does."""
+
+    UNKNOWN, NO_CYCLE, STARTS, HOLDS, NO_REST = range(5)
+
+
+VERBS = tuple(Verb)
+#: Words that stand for every verb, or for every signal.
+ALL = "all"
 #: Prefix of a verb's variables; the run in time has the plain names.
-PREFIX = {"simulate": "", "predict": "predicted_", "cycles": "exact_"}
+PREFIX = {Verb.SIMULATE: "", Verb.PREDICT: "predicted_", Verb.CYCLES: "exact_"}
 #: Statuses by their code; 0 marks a cell that has not been computed, the last one a cell that could not be.
 NOT_RUN, FAILED = 0, len(Status) + 1
 STATUS_CODE = {status: code for code, status in enumerate(Status, start=1)}
@@ -30,9 +75,6 @@ STATUS_SENTENCES = (
     *(status.value for status in Status),
     "The cell could not be computed; its message says why.",
 )
-OUTCOMES = ("unknown", "settles", "oscillates", "diverges")
-STABILITIES = ("unknown", "no_cycle", "stable", "unstable")
-KNOCKS = ("unknown", "no_cycle", "starts", "holds", "no_rest")
 
 
 @dataclass(frozen=True)
@@ -73,7 +115,7 @@ class Task:
 
     case: Case
     axes: Axes
-    verbs: tuple[str, ...]
+    verbs: tuple[Verb, ...]
     signals: tuple[str, ...]
 
     @property
@@ -86,11 +128,11 @@ class Task:
         return [(f"_{name}" if i else "", name) for i, name in enumerate(self.signals)]
 
     @property
-    def judge(self) -> str | None:
+    def judge(self) -> Verb | None:
         """The verb by which predictions are judged: the run in time, or the exact cycle where there is no run."""
-        if "predict" not in self.verbs:
+        if Verb.PREDICT not in self.verbs:
             return None
-        return next((verb for verb in ("simulate", "cycles") if verb in self.verbs), None)
+        return next((verb for verb in (Verb.SIMULATE, Verb.CYCLES) if verb in self.verbs), None)
 
     @property
     def knocked(self) -> str:
@@ -101,7 +143,7 @@ class Task:
     def _knock_variables(self) -> dict[str, Variable]:
         unit = self.case.input_unit if self.case.to_system().input_names else ""
         name = self.knocked
-        found = {"knock_outcome": Variable("i1", "", f"what a knock of {name} at rest does", KNOCKS)}
+        found = {"knock_outcome": Variable("i1", "", f"what a knock of {name} at rest does", KnockOutcome.words())}
         for tail, way in (("", "either way"), ("_up", "upwards"), ("_down", "downwards")):
             text = f"smallest step of {name} {way} that starts a limit cycle from rest"
             found[f"knock{tail}"] = Variable("f8", unit, text)
@@ -113,9 +155,9 @@ class Task:
         units = dict(zip(system.signals.names, system.signals.units or ("",) * len(system.signals.names), strict=True))
         found: dict[str, Variable] = {}
         for verb in self.verbs:
-            found |= self._knock_variables() if verb == "knock" else _verb_variables(verb, self.signals, units)
+            found |= self._knock_variables() if verb is Verb.KNOCK else _verb_variables(verb, self.signals, units)
         if self.judge is not None:
-            whom = "run" if self.judge == "simulate" else "exact cycle"
+            whom = "run" if self.judge is Verb.SIMULATE else "exact cycle"
             for name in ("amplitude", "frequency"):
                 text = f"relative error of the first-order {name} against the {whom}: predicted / true - 1"
                 found[f"first_order_error_{name}"] = Variable("f8", "1", text)
@@ -132,36 +174,37 @@ def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | S
     EppError
         If there is no such verb or signal.
     """
-    verbs = VERBS if run == "all" else (run,) if isinstance(run, str) else tuple(run)
-    for verb in verbs:
+    named = VERBS if run == ALL else (run,) if isinstance(run, str) else tuple(run)
+    for verb in named:
         if verb not in VERBS:
             raise EppError(f"sweep: run is {verb!r}; expected one or several of {', '.join(VERBS)}.")
+    verbs = [Verb(verb) for verb in named]
     if not verbs:
         raise EppError(f"sweep: run names no verb; expected one or several of {', '.join(VERBS)}.")
     known = case.to_system().signals.names
     main = case.expected.signal or known[0]
-    chosen = (main,) if signals is None else known if signals == "all" else signals
+    chosen = (main,) if signals is None else known if signals == ALL else signals
     chosen = (chosen,) if isinstance(chosen, str) else tuple(chosen)
     for name in chosen:
         if name not in known:
             raise EppError(f"sweep: there is no signal {name!r}; expected one of {', '.join(known)}.")
-    if signals == "all":
+    if signals == ALL:
         chosen = (main, *(name for name in known if name != main))
     if not chosen:
         raise EppError(f"sweep: there is no signal to report; expected one of {', '.join(known)}.")
     return Task(case, axes, tuple(dict.fromkeys(verbs)), tuple(dict.fromkeys(chosen)))
 
 
-def _verb_variables(verb: str, signals: Sequence[str], units: Mapping[str, str]) -> dict[str, Variable]:
-    prefix, words = PREFIX[verb], {"simulate": "", "predict": "predicted ", "cycles": "exact "}[verb]
-    found = {f"{prefix}outcome": Variable("i1", "", f"{words}outcome", OUTCOMES)}
+def _verb_variables(verb: Verb, signals: Sequence[str], units: Mapping[str, str]) -> dict[str, Variable]:
+    prefix, words = PREFIX[verb], {Verb.SIMULATE: "", Verb.PREDICT: "predicted ", Verb.CYCLES: "exact "}[verb]
+    found = {f"{prefix}outcome": Variable("i1", "", f"{words}outcome", Outcome.words())}
     for i, name in enumerate(signals):
         tail = f"_{name}" if i else ""
         half = f"{words}amplitude of {name} (half of its peak-to-peak)"
         found[f"{prefix}amplitude{tail}"] = Variable("f8", units[name], half)
         found[f"{prefix}mean{tail}"] = Variable("f8", units[name], f"{words}mean of {name} (bias), or where it rests")
     found[f"{prefix}frequency"] = Variable("f8", "Hz", f"{words}frequency of the limit cycle")
-    if verb == "simulate":
+    if verb is Verb.SIMULATE:
         found["events"] = Variable("i4", "", "switches of all elements in the run")
         found["last_event"] = Variable("f8", "s", "time of the last switch")
         found["change"] = Variable("f8", "1", "change of the cycle still to come, relative to its size")
@@ -169,8 +212,10 @@ def _verb_variables(verb: str, signals: Sequence[str], units: Mapping[str, str])
         found[f"{prefix}stable_cycles"] = Variable("i4", "", f"number of {words}stable limit cycles")
         found[f"{prefix}unstable_cycles"] = Variable("i4", "", f"number of {words}limit cycles not known to be stable")
         found[f"{prefix}error"] = Variable("f8", "1", f"estimated relative error of the {words}cycle")
-    if verb == "cycles":
-        found["exact_stability"] = Variable("i1", "", "whether an exact cycle is stable, or all are not", STABILITIES)
+    if verb is Verb.CYCLES:
+        found["exact_stability"] = Variable(
+            "i1", "", "whether an exact cycle is stable, or all are not", Stability.words()
+        )
         text = "largest Floquet multiplier of the stable cycle: the share of a disturbance that is left a period on"
         found["exact_multiplier"] = Variable("f8", "1", text)
     return found

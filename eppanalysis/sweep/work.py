@@ -16,26 +16,26 @@ from eppanalysis.sweep.axes import Design, make_design
 from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
 from eppanalysis.sweep.verbs import (
     FAILED,
-    KNOCKS,
     NOT_RUN,
-    OUTCOMES,
     PREFIX,
-    STABILITIES,
     STATUS_CODE,
     Columns,
     IntArray,
+    KnockOutcome,
+    Outcome,
+    Stability,
     Task,
+    Verb,
 )
 
 if TYPE_CHECKING:
     from eppanalysis.methods.cycles import CycleSearch
 
 _OUTCOME_OF = {
-    Status.SETTLED: OUTCOMES.index("settles"),
-    Status.LIMIT_CYCLE: OUTCOMES.index("oscillates"),
-    Status.DIVERGED: OUTCOMES.index("diverges"),
+    Status.SETTLED: Outcome.SETTLES,
+    Status.LIMIT_CYCLE: Outcome.OSCILLATES,
+    Status.DIVERGED: Outcome.DIVERGES,
 }
-_SETTLES, _OSCILLATES, _DIVERGES = (OUTCOMES.index(name) for name in ("settles", "oscillates", "diverges"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Work:
     def of(cls, task: Task) -> Work:
         """Make ready."""
         design = make_design(task.case, task.axes)
-        fast = "simulate" in task.verbs and not task.case.to_system().time_step
+        fast = Verb.SIMULATE in task.verbs and not task.case.to_system().time_step
         return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
 
     def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
@@ -64,10 +64,10 @@ class Work:
         places = np.indices([stop - start for start, stop in bounds]).reshape(len(bounds), -1).T
         places = places + np.array([start for start, _ in bounds])
         out = {name: variable.empty(len(places)) for name, variable in self.task.variables().items()}
-        one_by_one = [verb for verb in self.task.verbs if verb != "simulate"]
-        if "simulate" in self.task.verbs:
+        one_by_one: list[Verb] = [verb for verb in self.task.verbs if verb is not Verb.SIMULATE]
+        if Verb.SIMULATE in self.task.verbs:
             if self.task.case.to_system().time_step:
-                one_by_one.insert(0, "simulate")
+                one_by_one.insert(0, Verb.SIMULATE)
             else:
                 self._simulate(places, out)
         if one_by_one:
@@ -114,7 +114,7 @@ class Work:
         out["status"][rows] = [STATUS_CODE[s] for s in result.status]
         out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
 
-    def _each(self, places: IntArray, verbs: Sequence[str], out: Columns) -> None:
+    def _each(self, places: IntArray, verbs: Sequence[Verb], out: Columns) -> None:
         """Verbs that take one cell at a time."""
         for row in range(len(places)):
             if out["status"][row] == FAILED:
@@ -179,18 +179,18 @@ class _Cell:
         from eppanalysis.methods.describing import predict_limit_cycles
 
         found = predict_limit_cycles(self.case)
-        stable = self._cycles("predict", found.cycles)
-        self.put("predicted_outcome", _SETTLES if stable is None else _OSCILLATES)
+        stable = self._cycles(Verb.PREDICT, found.cycles)
+        self.put("predicted_outcome", Outcome.SETTLES if stable is None else Outcome.OSCILLATES)
         self.end(found.status)
 
     def cycles(self) -> None:
         """Exact orbits."""
         found = self.search
-        stable = self._cycles("cycles", found.cycles)
-        where = _SETTLES if found.rests else _DIVERGES if found.diverges else 0
-        self.put("exact_outcome", where if stable is None else _OSCILLATES)
-        kind = "no_cycle" if not len(found) else "unstable" if stable is None else "stable"
-        self.put("exact_stability", STABILITIES.index(kind))
+        stable = self._cycles(Verb.CYCLES, found.cycles)
+        where = Outcome.SETTLES if found.rests else Outcome.DIVERGES if found.diverges else Outcome.UNKNOWN
+        self.put("exact_outcome", where if stable is None else Outcome.OSCILLATES)
+        kind = Stability.UNSTABLE if stable is None else Stability.STABLE
+        self.put("exact_stability", kind if len(found) else Stability.NO_CYCLE)
         if stable is not None and stable.multipliers is not None and stable.multipliers.size:
             self.put("exact_multiplier", float(np.max(np.abs(stable.multipliers))))
         self.end(found.status)
@@ -200,23 +200,24 @@ class _Cell:
         from eppanalysis.methods.knock import NoRest, knock
 
         system = self.case.to_system()
-        kind = "no_cycle"
+        kind = KnockOutcome.NO_CYCLE
         if self.search.stable:
             states = () if system.input_names else (self.task.knocked,)
             try:
                 found = [k for k in knock(self.case, cycles=self.search, states=states) if k.name == self.task.knocked]
                 starts = [k.size for k in found if np.isfinite(k.size)]
-                kind = "starts" if starts else "holds" if found else "unknown"
+                kind = KnockOutcome.HOLDS if found else KnockOutcome.UNKNOWN
                 for size in starts:
                     self.put("knock_up" if size > 0 else "knock_down", abs(size))
                 if starts:
+                    kind = KnockOutcome.STARTS
                     self.put("knock", min(map(abs, starts)))
             except NoRest:
-                kind = "no_rest"
-        self.put("knock_outcome", KNOCKS.index(kind))
+                kind = KnockOutcome.NO_REST
+        self.put("knock_outcome", kind)
         self.end(self.search.status)
 
-    def _cycles(self, verb: str, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
+    def _cycles(self, verb: Verb, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
         """Counts, and the largest stable cycle, which is returned."""
         prefix, stable = PREFIX[verb], [c for c in cycles if c.stable]
         self.put(f"{prefix}stable_cycles", len(stable))
@@ -234,7 +235,7 @@ class _Cell:
 
 def _judge(truth: str, out: Columns) -> None:
     """Errors of the first-order cycle where both it and the true one are there."""
-    both = (out[f"{truth}outcome"] == _OSCILLATES) & (out["predicted_outcome"] == _OSCILLATES)
+    both = (out[f"{truth}outcome"] == Outcome.OSCILLATES) & (out["predicted_outcome"] == Outcome.OSCILLATES)
     with np.errstate(all="ignore"):
         for name in ("amplitude", "frequency"):
             ratio = out[f"predicted_{name}"] / out[f"{truth}{name}"] - 1.0
