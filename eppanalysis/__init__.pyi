@@ -32,10 +32,18 @@ from eppanalysis.methods.knock import Knock as Knock, knock as knock
 from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
 from eppanalysis.methods.simulate import simulate as simulate
 from eppanalysis.models import signals as signals
+from eppanalysis.models.automaton import (
+    Automaton as Automaton,
+    AutomatonBuilder as AutomatonBuilder,
+    Guard as Guard,
+    Mode as Mode,
+    Smooth as Smooth,
+)
 from eppanalysis.models.elbow import ElbowParameters as ElbowParameters, elbow as elbow
 from eppanalysis.models.linear import StateSpace as StateSpace
 from eppanalysis.models.lure import LureSystem as LureSystem
 from eppanalysis.models.nonlinearities import (
+    AutomatonElement as AutomatonElement,
     Coulomb as Coulomb,
     Cube as Cube,
     DeadZone as DeadZone,
@@ -48,6 +56,7 @@ from eppanalysis.models.nonlinearities import (
     LockPin as LockPin,
     Nonlinearity as Nonlinearity,
     NordinShaft as NordinShaft,
+    OwnStates as OwnStates,
     PiecewiseLinear as PiecewiseLinear,
     Play as Play,
     Preload as Preload,

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 #: Turns of each checkout, and runs in a turn.
-TURNS, RUNS = 40, 25
+TURNS, RUNS = 30, 25
 
 _WORKER = """
 import sys, time

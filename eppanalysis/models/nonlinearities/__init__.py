@@ -11,6 +11,7 @@ from eppanalysis.models.nonlinearities.memory import (
     Slip,
     StictionPulley,
 )
+from eppanalysis.models.nonlinearities.own import AutomatonElement
 from eppanalysis.models.nonlinearities.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.nonlinearities.static import (
     Coulomb,
@@ -29,6 +30,7 @@ from eppanalysis.models.nonlinearities.static import (
 
 __all__ = [
     "ELEMENTS",
+    "AutomatonElement",
     "Coulomb",
     "Cube",
     "DeadZone",

@@ -1,0 +1,189 @@
+"""Compiled: the describing function of any automaton by quadrature, its switches located.
+
+The input is ``b + a sin(phi)``; peaks stand on the grid of phases, between which guards on the input alone are
+monotone. Within a step the first guard that rises is located by bisection, and the output is integrated on either side
+by Gauss's rule of four points. Periods follow each other until what the element remembers repeats.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.tuples import by_address
+
+#: Steps in a period (a multiple of four), most periods, most events in a step.
+STEPS, PERIODS, MOST_EVENTS = 64, 6, 64
+_PLACE, _WEIGHT = np.polynomial.legendre.leggauss(4)
+
+
+@by_address
+class Rules(NamedTuple):
+    """Modes (leading axis m) and guards (g), inputs z, outputs w, held values h, smooth functions s."""
+
+    from_input: np.ndarray  # (m, w, z)
+    from_held: np.ndarray  # (m, w, h)
+    from_smooth: np.ndarray  # (m, w, s)
+    constant: np.ndarray  # (m, w)
+    smooth_kind: np.ndarray  # (s,) int
+    smooth_input: np.ndarray  # (s, z)
+    smooth_constant: np.ndarray  # (s,)
+    smooth_scale: np.ndarray  # (s,)
+    guard_mode: np.ndarray  # (g,) int
+    target: np.ndarray  # (g,) int: the mode beyond a sticking one
+    on_input: np.ndarray  # (g, z)
+    on_rate: np.ndarray  # (g, z)
+    on_held: np.ndarray  # (g, h)
+    on_output: np.ndarray  # (g, w)
+    guard_constant: np.ndarray  # (g,)
+    held_from_input: np.ndarray  # (g, h, z)
+    held_from_held: np.ndarray  # (g, h, h)
+    held_constant: np.ndarray  # (g, h)
+    start: np.ndarray  # (h,)
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _inputs(a, b, omega, phi, z, rate):
+    """The first input, its rate as the second one, and the rates of both; further ones stay at zero."""
+    sine, cosine = math.sin(phi), math.cos(phi)
+    z[0], rate[0] = b + a * sine, a * omega * cosine
+    if z.size > 1:
+        z[1], rate[1] = rate[0], -a * omega * omega * sine
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _outputs(rules, mode, z, held, w):
+    for i in range(w.size):
+        v = rules.constant[mode, i]
+        for j in range(z.size):
+            v += rules.from_input[mode, i, j] * z[j]
+        for j in range(held.size):
+            v += rules.from_held[mode, i, j] * held[j]
+        for j in range(rules.smooth_kind.size):
+            c = rules.from_smooth[mode, i, j]
+            if c != 0.0:
+                u = rules.smooth_constant[j]
+                for k in range(z.size):
+                    u += rules.smooth_input[j, k] * z[k]
+                kind = rules.smooth_kind[j]
+                f = math.sin(u) if kind == 0 else u * u * u if kind == 1 else 1.0 / (1.0 + abs(u))
+                v += c * rules.smooth_scale[j] * f
+        w[i] = v
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _guard(rules, g, mode, a, b, omega, phi, held, z, rate, w):
+    """Value of a guard at a phase."""
+    _inputs(a, b, omega, phi, z, rate)
+    v = rules.guard_constant[g]
+    for j in range(z.size):
+        v += rules.on_input[g, j] * z[j] + rules.on_rate[g, j] * rate[j]
+    for j in range(held.size):
+        v += rules.on_held[g, j] * held[j]
+    on_output = False
+    for j in range(w.size):
+        on_output = on_output or rules.on_output[g, j] != 0.0
+    if on_output:
+        _outputs(rules, mode, z, held, w)
+        for j in range(w.size):
+            v += rules.on_output[g, j] * w[j]
+    return v
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _next_event(rules, mode, a, b, omega, low, high, held, z, rate, w):
+    """The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none."""
+    best, where = -1, high
+    for g in range(rules.guard_mode.size):
+        if rules.guard_mode[g] != mode or not _guard(rules, g, mode, a, b, omega, where, held, z, rate, w) > 0.0:
+            continue
+        left, right = low, where
+        if _guard(rules, g, mode, a, b, omega, low, held, z, rate, w) > 0.0:
+            right = low
+        while right - left > 4e-16 * (1.0 + abs(right)):
+            middle = 0.5 * (left + right)
+            if middle <= left or middle >= right:
+                break
+            if _guard(rules, g, mode, a, b, omega, middle, held, z, rate, w) > 0.0:
+                right = middle
+            else:
+                left = middle
+        best, where = g, right
+    return best, where
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _integrate(rules, mode, a, b, omega, low, high, held, z, rate, w, total):
+    """Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w)."""
+    for k in range(_PLACE.size):
+        phi = 0.5 * (low + high) + 0.5 * (high - low) * _PLACE[k]
+        weight = 0.5 * (high - low) * _WEIGHT[k]
+        _inputs(a, b, omega, phi, z, rate)
+        _outputs(rules, mode, z, held, w)
+        for i in range(w.size):
+            total[0, i] += weight * w[i]
+            total[1, i] += weight * w[i] * math.sin(phi)
+            total[2, i] += weight * w[i] * math.cos(phi)
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _write(rules, g, a, b, omega, phi, z, rate, held, before):
+    """Held values behind the event of a guard."""
+    _inputs(a, b, omega, phi, z, rate)
+    before[:] = held
+    for h in range(held.size):
+        v = rules.held_constant[g, h]
+        for j in range(z.size):
+            v += rules.held_from_input[g, h, j] * z[j]
+        for j in range(held.size):
+            v += rules.held_from_held[g, h, j] * before[j]
+        held[h] = v
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _period(rules, mode, a, b, omega, held, z, rate, w, before, total):
+    """Integrals over one period into `total`, (3, w); returns the mode at its end, -1 where switches never end."""
+    total[:, :] = 0.0
+    step = 2.0 * math.pi / STEPS
+    for i in range(STEPS):
+        phi, stop = i * step, (i + 1) * step
+        for events in range(MOST_EVENTS + 1):
+            if events == MOST_EVENTS:
+                return -1
+            g, where = _next_event(rules, mode, a, b, omega, phi, stop, held, z, rate, w)
+            _integrate(rules, mode, a, b, omega, phi, where, held, z, rate, w, total)
+            if g < 0:
+                break
+            phi = where
+            _write(rules, g, a, b, omega, phi, z, rate, held, before)
+            mode = rules.target[g]
+    return mode
+
+
+@njit(cache=True, nogil=True)
+def describe(rules, start_mode, a, b, omega, mean, gain):
+    """Mean outputs and gains (points, w) for points of amplitude, bias and frequency (points,).
+
+    Not a number where an element switches without end.
+    """
+    n_w, n_z, n_h = rules.constant.shape[1], rules.on_input.shape[1], rules.start.size
+    z, rate, w, held, before = np.zeros(n_z), np.zeros(n_z), np.zeros(n_w), np.zeros(n_h), np.zeros(n_h)
+    total, begin = np.zeros((3, n_w)), np.zeros(n_h)
+    for p in range(a.size):
+        mode, same = start_mode, False
+        held[:] = rules.start
+        for _ in range(PERIODS):
+            first = mode
+            begin[:] = held
+            mode = _period(rules, mode, a[p], b[p], omega[p], held, z, rate, w, before, total)
+            same = mode == first
+            for h in range(n_h):
+                same = same and abs(held[h] - begin[h]) <= 1e-14 * (abs(held[h]) + a[p])
+            if same or mode < 0:
+                break
+        for i in range(n_w):
+            mean[p, i] = total[0, i] / (2.0 * math.pi) if mode >= 0 else math.nan
+            gain[p, i] = complex(total[1, i], total[2, i]) / (math.pi * a[p]) if mode >= 0 else complex(math.nan, 0.0)
