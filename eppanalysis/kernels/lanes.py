@@ -2,8 +2,10 @@
 
 The states of a loop are few. Loops over so few numbers a compiler leaves to scalar code, as the numbers that remain
 after it has made room for many; here the products are spelled out as vectors of eight (which a machine with shorter
-ones halves). Measured with `tests/benchmarks/paired.py` on a processor with vectors of eight: the elbow's run of six
-seconds takes 0.83 ms of processor time with them, and 3.0 ms with the same sums as loops. All rows that come here have a length that is a multiple of eight (`padded`), zero beyond what they hold.
+ones halves). Measured with `tests/benchmarks/paired.py`: the elbow's run of six seconds takes 0.83 ms of processor
+time with them, and 3.0 ms with the same sums as plain loops.
+
+All rows that come here have a length that is a multiple of eight (`padded`), zero beyond what they hold.
 """
 
 from __future__ import annotations
