@@ -135,7 +135,7 @@ class Case:
         --------
         >>> from eppanalysis.case import case
         >>> str(case("fig8a_original").operating_point)
-        'harness_position = 0.0216581'
+        'harness_position = 0.0216585'
         """
         return OperatingPoint.of(self._system, self.input, self.t_end)
 
