@@ -139,9 +139,9 @@ class Judge:
 def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judge) -> HybridSystem:
     """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
     carried = _carried(system, at)
-    for plant in (carried, system.x0, 0.0 * system.x0, 0.01 * system.x0):
+    for scale in (1.0, 0.0, 0.01):
         x0 = hybrid.x0.copy()
-        x0[: hybrid.n_plant] = plant
+        x0[: hybrid.n_plant] = scale * system.x0 + carried
         start = replace(hybrid, x0=x0)
         status, run = to.ends(start)
         if status is Status.SETTLED:
@@ -153,19 +153,19 @@ def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judg
 
 
 def _carried(system: LureSystem, at: OperatingPoint) -> Array:
-    """The loop's start carried along with its inputs, shape (n,), where all elements and rates can stay as they are.
+    """How far a rest is carried along with the inputs, shape (n,), so that all elements and rates stay as they are.
 
-    A loop whose set point is moved so has its rest moved with it; else the start stays where it is.
+    Zero where the inputs have not moved, or the loop is no longer the same where they are.
     """
     moved = at.vector(system) - system.v0
     if not np.any(moved):
-        return system.x0
+        return np.zeros(system.x0.size)
     rows = np.vstack([system.A, system.C])
     wanted = -np.concatenate([system.B_input, system.D_input]) @ moved
     change = np.linalg.lstsq(rows, wanted, rcond=None)[0]
     size = np.abs(rows) @ np.abs(change) + np.abs(wanted)
     fits = np.all(np.abs(rows @ change - wanted) <= _ROUNDING * size.max(initial=0.0))
-    return np.asarray(system.x0 + change) if fits else system.x0
+    return np.asarray(change if fits else np.zeros(change.size), float)
 
 
 Direction = tuple[str, Callable[[float], HybridSystem], float]
