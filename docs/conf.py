@@ -5,18 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import figures  # noqa: E402
-import figures_howto  # noqa: E402
-import figures_identify  # noqa: E402
-import figures_paper  # noqa: E402
-import tables  # noqa: E402
-import tables_paper  # noqa: E402
+import eppanalysis
+from benchmarks import figures as benchmark_figures
+from studies import GENERATED
+from studies.pages import figures, howto, identify, tables
+from studies.paper import figures as paper_figures, tables as paper_tables
 
-import eppanalysis  # noqa: E402
-from tests.benchmarks import figures as figures_benchmarks  # noqa: E402
+#: What makes the pictures and tables that the pages include.
+MAKERS = (figures, identify, tables, howto, paper_figures, paper_tables, benchmark_figures)
 
 project = "eppanalysis"
 author = "eppanalysis developers"
@@ -54,15 +52,9 @@ numpydoc_class_members_toctree = False
 
 def make_pages(app) -> None:
     """Make everything that the pages include."""
-    generated = HERE / "_generated"
-    generated.mkdir(exist_ok=True)
-    figures.make_all(generated)
-    figures_identify.make_all(generated)
-    tables.make_all(generated)
-    figures_howto.make_all(generated)
-    figures_paper.make_all(generated)
-    tables_paper.make_all(generated)
-    figures_benchmarks.make_all(generated)
+    GENERATED.mkdir(exist_ok=True)
+    for maker in MAKERS:
+        maker.make_all(GENERATED)
 
 
 def setup(app) -> None:

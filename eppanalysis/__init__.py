@@ -64,7 +64,7 @@ def _with_case(function: Any) -> Any:
 
     @wraps(function)
     def call(case: Any, *args: Any, **kwargs: Any) -> Any:
-        return function(import_module(f"{__name__}.case").as_case(case), *args, **kwargs)
+        return function(import_module(f"{__name__}.cases").as_case(case), *args, **kwargs)
 
     return call
 
@@ -75,7 +75,7 @@ def __dir__() -> list[str]:
 
 
 class _Package(ModuleType):
-    """Keeps the public function `case` in front of the module ``eppanalysis.case``.
+    """Keeps public functions in front of the modules of their names: `report`, `sweep`, `identify`.
 
     Importing a submodule sets the attribute of its name on the package, which would hide the function behind the module
     from then on.

@@ -1,7 +1,6 @@
 """The public names, and the modules that hold them: the one list of both type checkers and ``__init__.py``."""
 
-from eppanalysis.advice import design_advice as design_advice
-from eppanalysis.case import (
+from eppanalysis.cases import (
     Case as Case,
     case as case,
     case_from_text as case_from_text,
@@ -14,35 +13,25 @@ from eppanalysis.errors import (
     ModelError as ModelError,
     NotConverged as NotConverged,
 )
-from eppanalysis.guidelines import Guide as Guide, design_guide as design_guide
+from eppanalysis.guides.guideline import Guide as Guide, design_guide as design_guide
 from eppanalysis.identify import Identification as Identification, identify as identify
-from eppanalysis.methods.bounds import DesignBounds as DesignBounds, design_bounds as design_bounds
-from eppanalysis.methods.bounds_tolerance import (
+from eppanalysis.methods.bounds.design import DesignBounds as DesignBounds, design_bounds as design_bounds
+from eppanalysis.methods.bounds.tolerance import (
     ToleranceBound as ToleranceBound,
     tolerance_bound as tolerance_bound,
 )
-from eppanalysis.methods.continuation import Branch as Branch, continue_branch as continue_branch
-from eppanalysis.methods.cycles import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
-from eppanalysis.methods.describing import predict_limit_cycles as predict_limit_cycles
-from eppanalysis.methods.describing_frozen import FrozenLoop as FrozenLoop, frozen_nyquist as frozen_nyquist
-from eppanalysis.methods.exact import exact_orbit as exact_orbit
-from eppanalysis.methods.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
-from eppanalysis.methods.harmonic import harmonic_balance as harmonic_balance
-from eppanalysis.methods.knock import Knock as Knock, knock as knock
-from eppanalysis.methods.ladder import Ladder as Ladder, ladder as ladder
-from eppanalysis.methods.simulate import simulate as simulate
-from eppanalysis.models import signals as signals
-from eppanalysis.models.automaton import (
-    Automaton as Automaton,
-    AutomatonBuilder as AutomatonBuilder,
-    Guard as Guard,
-    Mode as Mode,
-    Smooth as Smooth,
-)
-from eppanalysis.models.elbow import ElbowParameters as ElbowParameters, elbow as elbow
-from eppanalysis.models.linear import StateSpace as StateSpace
-from eppanalysis.models.lure import LureSystem as LureSystem
-from eppanalysis.models.nonlinearities import (
+from eppanalysis.methods.comparison.ladder import Ladder as Ladder, ladder as ladder
+from eppanalysis.methods.continuation.branch import Branch as Branch, continue_branch as continue_branch
+from eppanalysis.methods.continuation.folds import FoldCurve as FoldCurve, continue_folds as continue_folds
+from eppanalysis.methods.describing.frozen import FrozenLoop as FrozenLoop, frozen_nyquist as frozen_nyquist
+from eppanalysis.methods.describing.predict import predict_limit_cycles as predict_limit_cycles
+from eppanalysis.methods.harmonic.balance import harmonic_balance as harmonic_balance
+from eppanalysis.methods.orbits.exact import exact_orbit as exact_orbit
+from eppanalysis.methods.search.find import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
+from eppanalysis.methods.search.trigger import Trigger as Trigger, trigger as trigger
+from eppanalysis.methods.simulation.simulate import simulate as simulate
+from eppanalysis.models.devices.elbow.loop import ElbowParameters as ElbowParameters, elbow as elbow
+from eppanalysis.models.elements import (
     AutomatonElement as AutomatonElement,
     Coulomb as Coulomb,
     Cube as Cube,
@@ -67,13 +56,17 @@ from eppanalysis.models.nonlinearities import (
     Sine as Sine,
     StictionPulley as StictionPulley,
 )
-from eppanalysis.models.operating import OperatingPoint as OperatingPoint
-from eppanalysis.plots_map import (
-    plot_design_map as plot_design_map,
-    plot_parallel as plot_parallel,
-    plot_slices as plot_slices,
-    plot_sweep as plot_sweep,
+from eppanalysis.models.elements.automaton import (
+    Automaton as Automaton,
+    AutomatonBuilder as AutomatonBuilder,
+    Guard as Guard,
+    Mode as Mode,
+    Smooth as Smooth,
 )
+from eppanalysis.models.systems import inputs as inputs
+from eppanalysis.models.systems.linear import StateSpace as StateSpace
+from eppanalysis.models.systems.lure import LureSystem as LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint as OperatingPoint
 from eppanalysis.report import report as report
 from eppanalysis.results import (
     Event as Event,
@@ -95,6 +88,12 @@ from eppanalysis.sweep.boundary import (
     fold_boundary as fold_boundary,
     outcome_boundary as outcome_boundary,
 )
-from eppanalysis.tables import table as table
+from eppanalysis.sweep.picture import (
+    plot_design_map as plot_design_map,
+    plot_parallel as plot_parallel,
+    plot_slices as plot_slices,
+    plot_sweep as plot_sweep,
+)
+from eppanalysis.tables.frames import table as table
 
 __version__: str

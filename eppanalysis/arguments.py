@@ -176,15 +176,15 @@ def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
 
 def _refusal(function: Callable[..., Any], name: str, value: object, words: str) -> str:
     """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
-    verb = function.__qualname__.removesuffix(".__init__").lstrip("_")
+    called = function.__qualname__.removesuffix(".__init__").lstrip("_")
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
-        return f"{verb}: {name} is {shown(value)}; expected {words}."
+        return f"{called}: {name} is {shown(value)}; expected {words}."
     methods = inspect.getmembers(type(value), inspect.isfunction)
     makers = [
         n for n, m in methods if n.startswith("to_") and m.__annotations__.get("return") == words.rpartition(" ")[2]
     ]
     hint = f"; its {makers[0]}() is one" if makers else ""
-    return f"{verb}: the first argument is a {type(value).__name__}; expected {words}{hint}."
+    return f"{called}: the first argument is a {type(value).__name__}; expected {words}{hint}."
 
 
 def _is_plain(value: object) -> bool:

@@ -9,20 +9,20 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress as Bar
 
 #: Told what is done, of how much (None where that is not known before the end), and in words what is being done (empty
 #: where that goes without saying).
-Report = Callable[[int, int | None, str], None]
+Progress = Callable[[int, int | None, str], None]
 
-#: A notebook is told this often at most [s], and a line there is so many characters wide.
+#: A notebook is updated this often at most [s], and a line there is so many characters wide.
 _PAUSE, _WIDTH = 0.25, 90
 
 
 @contextmanager
 def progress_bar(
     what: str, total: int | None = None, done: int = 0, *, unit: str = "", keep: bool = False
-) -> Iterator[Report | None]:
+) -> Iterator[Progress | None]:
     """Show how a computation gets on: how much of how much, how fast, how long.
 
     Parameters
@@ -51,33 +51,40 @@ def progress_bar(
     bar = _bar(line if console.is_jupyter else console, total, unit, keep)
     job = bar.add_task(what, total=total, completed=done)
 
-    def report(done: int, of: int | None, doing: str) -> None:
+    def advance(done: int, of: int | None, doing: str) -> None:
         bar.update(job, completed=done, total=of, description=doing or what)
 
     if console.is_jupyter:
-        with _in_notebook(bar, report) as told:
-            yield told
+        with _in_notebook(bar, advance) as shown:
+            yield shown
     else:
         with bar:
-            yield report
+            yield advance
 
 
-def steps(report: Report | None, total: int, done: int = 0) -> Callable[[int], None]:
-    """What is told how much more is done, from any thread, and reports how much there is by now."""
+def steps(progress: Progress | None, total: int, done: int = 0) -> Callable[[int], None]:
+    """A function that takes how much more is done, from any thread, and passes on how much there is by now."""
     lock = threading.Lock()
 
     def advance(n: int) -> None:
         nonlocal done
         with lock:
             done += n
-            if report is not None:
-                report(done, total, "")
+            if progress is not None:
+                progress(done, total, "")
 
     return advance
 
 
-def _bar(console: Any, total: int | None, unit: str, keep: bool) -> Progress:
-    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+def _bar(console: Any, total: int | None, unit: str, keep: bool) -> Bar:
+    from rich.progress import (
+        BarColumn,
+        Progress as Bar,
+        ProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.text import Text
 
     class _Count(ProgressColumn):
@@ -89,11 +96,11 @@ def _bar(console: Any, total: int | None, unit: str, keep: bool) -> Progress:
 
     # How long it takes can be said only where all there is to do was known from the begin.
     clock = TimeElapsedColumn() if total is None else TimeRemainingColumn()
-    return Progress(TextColumn("{task.description}"), BarColumn(), _Count(), clock, console=console, transient=not keep)
+    return Bar(TextColumn("{task.description}"), BarColumn(), _Count(), clock, console=console, transient=not keep)
 
 
 @contextmanager
-def _in_notebook(bar: Progress, report: Report) -> Iterator[Report]:
+def _in_notebook(bar: Bar, progress: Progress) -> Iterator[Progress]:
     """The same bar as one line of text that is replaced: it needs no widgets and stays in the saved notebook."""
     from IPython.display import display
 
@@ -106,15 +113,15 @@ def _in_notebook(bar: Progress, report: Report) -> Iterator[Report]:
 
     handle = display(line(), raw=True, display_id=True)
 
-    def told(done: int, of: int | None, doing: str) -> None:
+    def show(done: int, of: int | None, doing: str) -> None:
         nonlocal last
-        report(done, of, doing)
+        progress(done, of, doing)
         with lock:
             if time.monotonic() - last > _PAUSE:
                 last = time.monotonic()
                 handle.update(line(), raw=True)
 
     try:
-        yield told
+        yield show
     finally:
         handle.update(line(), raw=True)

@@ -30,7 +30,7 @@ class Workers(ProcessPoolExecutor):
         super().__init__(n, mp_context=get_context("spawn"), initializer=_begin, initargs=(begin,))
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """As of every pool; a process that starts for it is deaf to interrupts from its first moment on."""
+        """As of every pool; a process that starts for it is insensitive to interrupts from its first moment on."""
         with interrupts_wait():
             return super().submit(fn, *args, **kwargs)
 

@@ -1,7 +1,7 @@
 """Coverage of the intervals on synthetic benches with known truth: ``python -m tests.benches``.
 
-Runs weight-tray tests, backlash cycling and step responses, 200 of each unless told otherwise, and prints for every
-parameter how often its 95 % interval holds the truth, how often the data told it, and how wide the interval was.
+Runs weight-tray tests, backlash cycling and step responses, 200 of each unless asked otherwise, and prints for every
+parameter how often its 95 % interval holds the truth, how often the data identified it, and how wide the interval was.
 With ``--log FILE`` every bench is written down once it is done, and a run that was interrupted goes on from there.
 """
 
@@ -32,13 +32,15 @@ TOLERANCE = "2 %"
 
 @dataclass(frozen=True)
 class Outcome:
-    """One parameter of one bench: whether its interval holds the truth, whether the data told it, relative width."""
+    """One parameter of one bench: whether its interval holds the truth, whether the data identified it,
+    relative width.
+    """
 
     test: str
     seed: int
     name: str
     held: bool
-    told: bool
+    identified: bool
     width: float
     text: str = ""
 
@@ -126,17 +128,17 @@ def collect(test: str, seeds: Sequence[int], workers: int, log: Path | None) -> 
 
 
 def report(test: str, runs: list[BenchRun]) -> list[str]:
-    """Lines of a table: coverage of what was told, and of everything."""
+    """Lines of a table: coverage of what was identified, and of everything."""
     refused = [r for r in runs if r.refusal]
     lines = [f"\n{test}: {len(runs)} benches, {len(refused)} refused, {np.mean([r.seconds for r in runs]):.1f} s each"]
-    lines.append(f"  {'parameter':32s} {'told':>10s} {'covered':>9s} {'of all':>9s} {'half width':>11s}")
+    lines.append(f"  {'parameter':32s} {'identified':>10s} {'covered':>9s} {'of all':>9s} {'half width':>11s}")
     for name in dict.fromkeys(o.name for r in runs for o in r.outcomes):
         found = [o for r in runs for o in r.outcomes if o.name == name]
-        told = [o for o in found if o.told]
-        share = f"{100 * np.mean([o.held for o in told]):.1f} %" if told else "-"
-        width = f"{100 * np.median([o.width for o in told]):.2g} %" if told else "-"
+        identified = [o for o in found if o.identified]
+        share = f"{100 * np.mean([o.held for o in identified]):.1f} %" if identified else "-"
+        width = f"{100 * np.median([o.width for o in identified]):.2g} %" if identified else "-"
         everything = f"{100 * np.mean([o.held for o in found]):.1f} %"
-        lines.append(f"  {name:32s} {len(told):4d} of {len(found):3d} {share:>9s} {everything:>9s} {width:>11s}")
+        lines.append(f"  {name:32s} {len(identified):4d} of {len(found):3d} {share:>9s} {everything:>9s} {width:>11s}")
     limits = Counter(r.limited_by for r in runs if r.limited_by)
     lines.append("  limited by: " + ", ".join(f"{name} {count}" for name, count in limits.most_common()))
     lines += [f"  refused {r.seed}: {r.refusal}" for r in refused[:5]]
@@ -144,7 +146,9 @@ def report(test: str, runs: list[BenchRun]) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benches; 1 if an interval that was told covers in fewer than 90 or more than 99 % of many benches."""
+    """Run the benches; 1 if an interval that was identified covers in fewer than 90 or more than 99 % of many
+    benches.
+    """
     parser = argparse.ArgumentParser(prog="python -m tests.benches", description=__doc__)
     parser.add_argument("--n", type=int, default=200, help="benches of each test")
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
@@ -165,8 +169,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def outside(runs: list[BenchRun], name: str) -> bool:
-    """Whether coverage of what was told is outside 90 to 99 %, beyond what so many benches leave to chance."""
-    held = [o.held for r in runs for o in r.outcomes if o.name == name and o.told]
+    """Whether coverage of what was identified is outside 90 to 99 %, beyond what so many benches leave to chance."""
+    held = [o.held for r in runs for o in r.outcomes if o.name == name and o.identified]
     if not held:
         return False
     share, n = float(np.mean(held)), len(held)

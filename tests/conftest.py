@@ -1,4 +1,4 @@
-"""Settings of all tests: the same random examples in every run, pictures without a screen."""
+"""Settings of all tests: the same random examples in every run, pictures without a display."""
 
 from __future__ import annotations
 

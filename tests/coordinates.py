@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.nonlinearities import Cube, Nonlinearity
+from eppanalysis.models.elements import Cube, Nonlinearity
+from eppanalysis.models.systems.lure import LureSystem
 
 #: Fields of elements that have neither the unit of an amplitude nor that of time.
 _PURE = {"slope", "kinetic_ratio", "levels", "stiffness"}

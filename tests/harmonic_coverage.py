@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.methods.harmonic import harmonic_balance
-from eppanalysis.methods.harmonic_loop import Loop, inputs_of
+from eppanalysis.methods.harmonic.balance import harmonic_balance
+from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 
 #: Order from which shooting starts, beside the prediction itself.
 HIGH = 25

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import eppanalysis as epp
-from eppanalysis.methods.bounds_result import BoundCell
-from eppanalysis.provenance import Provenance
+from eppanalysis.methods.bounds.result import BoundCell
+from eppanalysis.results.provenance import Provenance
 
 #: The fold in gain of the wheelchair with a gap of 12 mm, from a branch of exact orbits.
 GAIN = 0.8462572

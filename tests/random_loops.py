@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.nonlinearities import (
+from eppanalysis.models.elements import (
     DeadZone,
     FiveBandLaw,
     Friction,
@@ -22,6 +21,7 @@ from eppanalysis.models.nonlinearities import (
     Saturation,
     StictionPulley,
 )
+from eppanalysis.models.systems.lure import LureSystem
 
 
 def random_element(rng: np.random.Generator) -> Nonlinearity:

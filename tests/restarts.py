@@ -7,37 +7,38 @@ from dataclasses import replace
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.models.signals import Constant
+from eppanalysis.models.systems.inputs import Constant
 from eppanalysis.results import LimitCycle, Trajectory
 
 #: Relative to the period: events nearer to its begin than this belong to the start.
 AT_ONCE = 1e-7
 
 
-def cycles_of(name: str) -> tuple[epp.LureSystem, dict[str, float], list[LimitCycle]]:
-    """A shipped case's loop, its final input, and its cycles: all of them, or the one that a sampled loop is on."""
+def cycles_of(name: str) -> tuple[epp.LureSystem, epp.OperatingPoint, list[LimitCycle]]:
+    """A shipped case's loop, its operating point, and its cycles: all of them, or the one that a sampled loop is on."""
     case = epp.case(name)
-    system, value = case.to_system(), case.operating_point
+    system, at = case.to_system(), case.operating_point
     if system.time_step:
         found = epp.simulate(system, t_end=2000.0 * system.time_step).limit_cycle
-        return system, value, [] if found is None else [found]
-    return system, value, list(epp.find_limit_cycles(system, value))
+        return system, at, [] if found is None else [found]
+    return system, at, list(epp.find_limit_cycles(system, at))
 
 
-def restart(system: epp.LureSystem, value: dict[str, float], cycle: LimitCycle, t_end: float) -> Trajectory:
+def restart(system: epp.LureSystem, at: epp.OperatingPoint, cycle: LimitCycle, t_end: float) -> Trajectory:
     """A run from the state and the memory of a cycle, the external inputs where they stand on it."""
-    rest = {n: Constant(value[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True) if n in value}
+    steps = zip(system.input_names, at.vector(system) - system.v0, strict=True)
+    rest = {name: Constant(float(step)) for name, step in steps}
     times = cycle.time[cycle.time <= t_end] if cycle.time.size else None
     return epp.simulate(replace(system, x0=cycle.state, memory=cycle.memory), rest, t_end, times)
 
 
-def check_restart(system: epp.LureSystem, value: dict[str, float], cycle: LimitCycle) -> None:
+def check_restart(system: epp.LureSystem, at: epp.OperatingPoint, cycle: LimitCycle) -> None:
     """The same events at the same times to a billionth of the period, once more in the next one, and the same motion.
 
     An unstable cycle grows by its largest multiplier in one period.
     """
     T = cycle.period
-    run = restart(system, value, cycle, T if system.time_step else 2.05 * T)
+    run = restart(system, at, cycle, T if system.time_step else 2.05 * T)
     n = cycle.time.size
     away = np.ones(n, bool)
     if not system.time_step:

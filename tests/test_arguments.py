@@ -21,10 +21,12 @@ from tests.wrong_arguments import calls, doors, outcome
 #: Results are what functions return; nobody makes them, and they check nothing.
 RESULTS = {
     "Boundary", "Branch", "Case", "CycleSearch", "DesignBounds", "Event", "FoldCurve", "FrozenLoop", "Guide",
-    "Identification", "Knock", "Ladder", "LimitCycle", "Prediction", "Status", "ToleranceBound", "Trajectory",
+    "Identification", "Trigger", "Ladder", "LimitCycle", "Prediction", "Status", "ToleranceBound", "Trajectory",
 }  # fmt: skip
 BASES = {
-    "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__", "signals",
+    "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__", "inputs",
+    # What an element of one's own is put together from; `AutomatonElement` looks at it.
+    "Automaton", "AutomatonBuilder", "Guard", "Mode", "Smooth",
 }  # fmt: skip
 
 

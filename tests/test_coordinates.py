@@ -13,7 +13,7 @@ import pytest
 import scipy.linalg
 
 import eppanalysis as epp
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.systems.lure import LureSystem
 from tests.coordinates import UNITS, assert_same_cycles, in_coordinates, orthogonal, rescaled, rotated, words
 
 CASES = sorted(p.stem for p in (Path(__file__).parents[1] / "cases").glob("*.toml"))
@@ -56,7 +56,7 @@ def textbook() -> dict[str, LureSystem]:
 
 
 def _discrete() -> LureSystem:
-    from eppanalysis.models.linear import transfer_function
+    from eppanalysis.models.systems.linear import transfer_function
 
     return LureSystem.from_tf(transfer_function([0.4, 0.2], [1.0, -1.6, 0.6], 0.1), epp.Play(0.3))
 
@@ -93,7 +93,7 @@ def search_alike(system: LureSystem, other: LureSystem, time: float = 1.0, ampli
     wanted, found = epp.find_limit_cycles(system), epp.find_limit_cycles(other)
     assert_same_cycles(found, wanted, system.signals.names[0], time, amplitude)
     assert words(found.search) == words(wanted.search)
-    assert (found.status, found.rests, found.diverges) == (wanted.status, wanted.rests, wanted.diverges)
+    assert (found.status, found.settles, found.diverges) == (wanted.status, wanted.settles, wanted.diverges)
 
 
 def simulate_alike(name: str, other: LureSystem) -> None:

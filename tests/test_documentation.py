@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eppanalysis.cli import app
-from tests.test_cli import TRUTH_TABLE
+from tests.cli.test_main import TRUTH_TABLE
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")])

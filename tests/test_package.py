@@ -57,13 +57,13 @@ def test_type_checkers_see_what_there_is_at_run_time():
 @pytest.mark.parametrize(
     "first",
     [
-        "import eppanalysis.case",
-        "from eppanalysis.case import Case",
+        "import eppanalysis.cases",
+        "from eppanalysis.cases import Case",
         "from eppanalysis import case",
     ],
 )
 def test_case_is_the_function_whatever_was_imported_before(first):
-    code = f"{first}\nimport eppanalysis as epp\nfrom eppanalysis.case import Case\n"
+    code = f"{first}\nimport eppanalysis as epp\nfrom eppanalysis.cases import Case\n"
     assert run_python(code + "print(type(epp.case).__name__, Case.__name__)") == "function Case"
 
 

@@ -11,10 +11,12 @@ from matplotlib.figure import Figure
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.continuation import Branch
-from eppanalysis.plots import plot_branch, plot_ladder, plot_limit_cycle, plot_nyquist, plot_trajectory
-from eppanalysis.provenance import Provenance
+from eppanalysis.methods.comparison.picture import plot_ladder
+from eppanalysis.methods.continuation.branch import Branch
+from eppanalysis.methods.continuation.picture import plot_branch
 from eppanalysis.results import Status
+from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
+from eppanalysis.results.provenance import Provenance
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
 

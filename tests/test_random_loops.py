@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eppanalysis.methods.simulate import run_hybrid
-from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem, SignalMap
-from eppanalysis.models.nonlinearities import JumpAndFollow
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.models.elements import JumpAndFollow
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem, SignalMap
 from tests.random_loops import random_loop
 from tests.reference.lure_reference import simulate_lure
 

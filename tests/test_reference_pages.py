@@ -7,21 +7,21 @@ import re
 
 import pytest
 
-from eppanalysis.case.loops import ELEMENTS, element_class
-from eppanalysis.case.schema import LoopFile, LoopSection, RunSection, SignalRow
-from tests.docs_modules import DOCS, docs_module
+from eppanalysis.cases.blocks import element_class
+from eppanalysis.cases.schema import LoopFile, LoopSection, RunSection, SignalRow
+from eppanalysis.models.elements import ELEMENTS
+from studies import DOCS
+from studies.pages import elements
 
 LOOPS = (DOCS / "reference" / "loops.md").read_text(encoding="utf-8")
 
 
 def test_the_page_on_elements_is_that_of_the_code():
-    elements = docs_module("elements")
-    assert elements.PAGE.read_text(encoding="utf-8") == elements.page(), "run python docs/elements.py"
+    assert elements.PAGE.read_text(encoding="utf-8") == elements.page(), "run python -m studies.pages.elements"
 
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_every_field_of_an_element_has_a_meaning_and_nothing_else_has(kind):
-    elements = docs_module("elements")
     assert set(elements.meanings(kind)) == set(inspect.signature(element_class(kind)).parameters)
     assert all(re.search(r"\w", text) for text in elements.meanings(kind).values())
 

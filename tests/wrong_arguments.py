@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import eppanalysis as epp
-from eppanalysis.models.linear import StateSpace
+from eppanalysis.models.systems.linear import StateSpace
 
 HUGE = 10**400
 #: What is put into the place of an argument.
@@ -69,7 +69,7 @@ def _functions() -> Iterator[Door]:
         "exact_orbit": {"system": loop, "start": cycle, "operating_point": None},
         "find_limit_cycles": {"system": loop, "operating_point": None, "by_balance": False, "predicted": [],
                               "progress": None},
-        "knock": {"system": loop, "operating_point": None, "states": None, "cycles": None},
+        "trigger": {"system": loop, "operating_point": None, "states": None, "cycles": None},
         "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "operating_point": None},
         "ladder": {"case": case},
         "continue_branch": {"case": case, "parameter": threshold, "start": 0.5, "stop": 0.6, "cycle": None,
@@ -82,7 +82,6 @@ def _functions() -> Iterator[Door]:
         "tolerance_bound": {"case": case, "limit": threshold, "tolerances": None, "within": (0.4, 2.0),
                             "probabilities": (0.9,), "samples": 10, "distribution": "uniform", "seed": 1,
                             "threads": 1, "sweep": None},
-        "design_advice": {"case": case, "gains": ["2.5 lbf"], "within": None, "workers": 1},
         "design_guide": {"case": case, "gains": ["2.5 lbf"], "variants": None, "tolerances": None, "margins": None,
                          "within": None, "samples": 10, "workers": 1, "branch": None, "progress": None, **few},
         "elbow": {"parameters": epp.ElbowParameters(), "delay_model": "pade"},
@@ -158,6 +157,10 @@ def _constructors() -> Iterator[Door]:
     yield Door("LureSystem.from_tf", epp.LureSystem.from_tf, {"plant": plant, "element": element, **rest})
     blocks = {"blocks": [plant, element], "element_names": None, **rest}
     yield Door("LureSystem.from_blocks", epp.LureSystem.from_blocks, blocks)
+    rules = {"rules": epp.Play(1.0).automaton(), "own_states": None}
+    yield Door("AutomatonElement", epp.AutomatonElement, rules)
+    one = {name: np.ones((1, 1)) for name in "A"} | {"B": np.ones((1, 2)), "C": np.ones((2, 1)), "D": np.zeros((2, 2))}
+    yield Door("OwnStates", epp.OwnStates, {**one, "n_before": 1, "n_behind": 1, "start": None})
     yield Door("OperatingPoint", epp.OperatingPoint, {"inputs": {"hand": 1.0}, "moving": {}})
     given = {"name": "loop", "title": "", "input": None, "t_end": 1.0, "signal": None}
     yield Door("Case.from_system", epp.Case.from_system, {"loop": loop, **given})
@@ -167,7 +170,7 @@ def _constructors() -> Iterator[Door]:
     yield Door("Tolerances", _swept(case, epp.Tolerances), spread)
     yield Door("Zipped", _swept(case, epp.Zipped), {"axes": {level: [1.0, 1.1]}})
     for name in ("Constant", "Step", "Steps", "Ramp", "Sine", "Recorded"):
-        kind = getattr(epp.signals, name)
+        kind = getattr(epp.inputs, name)
         good: dict[str, Any] = {n: 1.0 for n in inspect.signature(kind).parameters}
         if name == "Steps":
             good = {n: [1.0, 2.0] for n in good}
@@ -193,7 +196,7 @@ def _methods() -> Iterator[Door]:
     yield Door("Case.readable", case.readable, {"name": name})
     yield Door("Case.text", case.text, {"name": name, "value": 1.0, "digits": 3})
     yield Door("OperatingPoint.of", epp.OperatingPoint.of, {"system": loop, "input": None, "time": 1.0})
-    yield Door("OperatingPoint.held", epp.OperatingPoint().held, {"inputs": {"hand": 1.0}})
+    yield Door("OperatingPoint.with_inputs", epp.OperatingPoint().with_inputs, {"inputs": {"hand": 1.0}})
     yield Door("LureSystem.frequency_response", loop.frequency_response, {"omega": 1.0})
     yield Door("LimitCycle.amplitude", cycle.amplitude, {"signal": loop.signals.names[0]})
     yield Door("LimitCycle.plot", cycle.plot, {"signals": None})

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case
+    from eppanalysis.cases import Case
 
 __all__ = ["explore"]
 

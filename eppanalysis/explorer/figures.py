@@ -12,9 +12,9 @@ from bokeh.models.annotations import Span, Title
 from bokeh.plotting import figure
 
 from eppanalysis.explorer.quick import Quick
-from eppanalysis.plots import BLUE, GREEN, GREY, ORANGE, VERMILLION, nyquist_window
-from eppanalysis.plots_map import OUTCOME_COLOURS
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, nyquist_window
 from eppanalysis.readable import with_unit, words
+from eppanalysis.sweep.picture import OUTCOME_COLOURS
 
 _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
 
-from eppanalysis.case import Case
-from eppanalysis.case.variation import Slider, current, variation_of
+from eppanalysis.cases import Case
+from eppanalysis.cases.variation import Slider, current, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.explorer import quick, slow
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
@@ -423,5 +423,5 @@ def _in_words(facts: slow.Facts, unit: str, factor: float) -> str:
         for size, frequency, stable in zip(facts["size"], facts["frequency"], facts["stable"], strict=True)
         if math.isfinite(size)
     ]
-    rests = " It can also rest." if facts["rests"] and cycles else ""
-    return f"Exact limit cycles: {'; '.join(cycles) or 'none'}.{rests}"
+    settles = " It can also rest." if facts["settles"] and cycles else ""
+    return f"Exact limit cycles: {'; '.join(cycles) or 'none'}.{settles}"

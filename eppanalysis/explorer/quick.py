@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import ModelError
 from eppanalysis.explorer.values import moved_case
-from eppanalysis.methods.describing_frozen import (
+from eppanalysis.methods.describing.frozen import (
     FrozenLoop,
     frozen_loop,
     input_name,
     nearest_cycle,
     with_element_inputs,
 )
-from eppanalysis.methods.simulate import simulate
+from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.readable import readable
 from eppanalysis.results import Status, Trajectory
 

@@ -27,7 +27,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.web import ErrorHandler
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, visible
 from eppanalysis.explorer import quick
 from eppanalysis.explorer.page import Page

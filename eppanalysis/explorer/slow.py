@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from eppanalysis.case import Case, case_from_text
+from eppanalysis.cases import Case, case_from_text
 from eppanalysis.errors import EppError
 from eppanalysis.workers import Workers
 
@@ -57,7 +57,7 @@ class Given:
 
 def all_cycles(given: Given) -> Facts:
     """Exact cycles: peak-to-peak of the signal [SI], frequency [Hz], stability; and how they were sought."""
-    from eppanalysis.methods.cycles import find_limit_cycles
+    from eppanalysis.methods.search.find import find_limit_cycles
 
     case = given.case()
     found = find_limit_cycles(case)
@@ -65,13 +65,13 @@ def all_cycles(given: Given) -> Facts:
         "size": [c.peak_to_peak[given.signal] for c in found],
         "frequency": [c.frequency for c in found],
         "stable": [bool(c.stable) for c in found],
-        "rests": found.rests,
+        "settles": found.settles,
     }
 
 
 def branch(given: Given, over: str, low: float, high: float) -> Facts:
     """The branch over a parameter between two values [SI], through its folds; in pieces where no end has a cycle."""
-    from eppanalysis.methods.continuation import continue_branch
+    from eppanalysis.methods.continuation.branch import continue_branch
 
     case = given.case()
     middle = case.value(over)
@@ -116,7 +116,7 @@ def picture(given: Given) -> Facts:
     """The ladder's picture, as a PNG."""
     import io
 
-    from eppanalysis.methods.ladder import ladder
+    from eppanalysis.methods.comparison.ladder import ladder
 
     stream = io.BytesIO()
     ladder(given.case()).plot().savefig(stream, format="png", dpi=150)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import CaseError, EppError
-from eppanalysis.models.elbow_parameters import Bands
+from eppanalysis.models.devices.elbow.parameters import Bands
 
 #: Moved values by the dotted names of their fields, in SI units.
 Values = dict[str, float]
@@ -85,7 +85,7 @@ def write_query(case: Case, values: Mapping[str, float]) -> str:
 
     Examples
     --------
-    >>> from eppanalysis.case import case
+    >>> from eppanalysis.cases import case
     >>> write_query(case("fig8a_original"), {"controller.delay": 0.002})
     'controller.delay=2%20ms'
     """

@@ -1,6 +1,6 @@
 """Measured data to parameters: weight tray, backlash cycling, step response; each with intervals, and a case of them.
 
-Every bench test is a CSV file. What one of them tells the next one takes as known, within its tolerance.
+Every bench test is a CSV file. What one of them identifies the next one takes as known, within its tolerance.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eppanalysis.case import Case, Parameter
+from eppanalysis.cases import Case, Parameter
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual
 from eppanalysis.identify.reading import Recording, read_recording
-from eppanalysis.progress import Report
+from eppanalysis.progress import Progress
 from eppanalysis.results import Result
 
 __all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
@@ -25,7 +25,7 @@ Choices = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Result):
-    """What bench tests told of an elbow.
+    """What bench tests identified of an elbow.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Identification(Result):
 
     @property
     def limited_by(self) -> str:
-        """The parameter that the data tell least, relative to its size."""
+        """The parameter that the data identify least, relative to its size."""
         return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name
 
     def to_toml(self) -> str:
@@ -74,14 +74,14 @@ def identify(
     press: float = 0.0,
     fit: Sequence[str] | None = None,
     seed: int = 0,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Identification:
     """Identify an elbow from bench tests.
 
     Parameters
     ----------
     case : Case
-        The elbow with what is known of it; what the tests do not tell stays as it is there.
+        The elbow with what is known of it; what the tests do not identify stays as it is there.
     tray : path, optional
         Weight-tray test: columns force, voltage and, where there is one, time.
     backlash : path, optional
@@ -95,21 +95,21 @@ def identify(
     press : float
         Largest torque with which the hand may have pressed in backlash cycling without recorded torque [N*m].
     fit : sequence of str, optional
-        Fields that the step response is to tell; drive inertia and friction, lag and delay by default.
+        Fields that the step response is to identify; drive inertia and friction, lag and delay by default.
     seed : int
         Of the starts of the step response's fit.
     progress : callable, optional
-        Told what is done, of how much, and in words what is being done.
+        Identified what is done, of how much, and in words what is being done.
 
     Raises
     ------
     EppError
-        If a file is no table of numbers, or its data cannot tell what they are asked for.
+        If a file is no table of numbers, or its data cannot identify what they are asked for.
 
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> from eppanalysis.case import shipped_cases_folder
+    >>> from eppanalysis.cases import shipped_cases_folder
     >>> tray = shipped_cases_folder() / "measured" / "weight_tray.csv"
     >>> found = epp.identify(epp.case("elbow"), tray=tray)
     >>> found["pulley.friction"].low < 0.05 < found["pulley.friction"].high
@@ -146,7 +146,7 @@ def identify(
 
 
 def with_estimates(case: Case, fit: BenchFit) -> Case:
-    """The case with what a bench test told, marked "measured" and with tolerances."""
+    """The case with what a bench test identified, marked "measured" and with tolerances."""
     values = {}
     for estimate in fit.estimates:
         section, dot, _ = estimate.name.partition(".")

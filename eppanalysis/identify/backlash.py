@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.plausible import mistaken
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
-from eppanalysis.models.nonlinearities.memory import StictionPulley
-from eppanalysis.provenance import Provenance
+from eppanalysis.models.elements.memory import StictionPulley
+from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ class _Line:
     def of(cls, columns: Array, values: Array, names: list[str], source: str) -> _Line:
         lost = confounded(columns, names)
         if lost:
-            raise EppError(f"{source}: cannot tell {' and '.join(lost)} apart; expected stays at both ends in turn.")
+            raise EppError(f"{source}: cannot separate {' and '.join(lost)}; expected stays at both ends in turn.")
         p = np.linalg.lstsq(columns, values, rcond=None)[0]
         noise = weighted(columns, columns @ p - values, 1e-9 * float(np.ptp(values)) + 1e-15)
         p = p + noise.step
@@ -173,7 +173,7 @@ def _find_stays(recording: Recording, radius: float) -> _Stays:
     if len(found) < FEWEST_STAYS or min(int(np.sum(sides > 0)), int(np.sum(sides < 0))) < 2:
         raise EppError(
             f"{source}: the forearm rests {len(found)} times at an end of its travel; expected {FEWEST_STAYS} or more "
-            "stays, at both ends, so that backlash and drift can be told apart."
+            "stays, at both ends, so that backlash and drift can be separated."
         )
     return _means(recording, found, sides, noise)
 
@@ -259,7 +259,7 @@ def _held_back(recording: Recording, stays: _Stays, case: Case) -> Array | None:
 
     The stretch s follows from the angle once force and angle are related without friction; that relation and the
     friction's share are found in turn. None where the pulley hardly slides within the gap, so that the force does not
-    tell the stretch.
+    identify the stretch.
     """
     pulley = _pulley(case)
     share = np.ones(stays.side.size)

@@ -1,4 +1,4 @@
-"""What a bench test gives: estimates with their intervals, what the data could not tell, residuals."""
+"""What a bench test gives: estimates with their intervals, what the data could not identify, residuals."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Estimate(PlainData):
     unit, friendly : str
         SI unit, and the unit that people use.
     identified : bool
-        Whether the data tell it; where they do not, the interval says how little, and the case keeps its own value.
+        Whether the data identify it; where they do not, the interval says how little, and the case keeps its own value.
     note : str
-        What the value rests on, or why it could not be told.
+        What the value rests on, or why it could not be identified.
     kept : bool
-        Whether the case takes the value although it is told only together with another one that the case keeps.
+        Whether the case takes the value although it is identified only together with another one that the case keeps.
 
     Examples
     --------
@@ -142,12 +142,12 @@ class BenchFit(Result):
 
     @property
     def unidentified(self) -> tuple[Estimate, ...]:
-        """What the data could not tell."""
+        """What the data could not identify."""
         return tuple(e for e in self.estimates if not e.identified)
 
     @property
     def limited_by(self) -> str:
-        """The parameter that the data tell least, relative to its size."""
+        """The parameter that the data identify least, relative to its size."""
         return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name if self.estimates else ""
 
     def _by_name(self) -> dict[str, Estimate]:
@@ -169,9 +169,7 @@ class BenchFit(Result):
 
     def plot(self) -> Figure:
         """Data with the fit, residuals, and the intervals."""
-        from eppanalysis.plots_identify import plot_bench
-
-        return plot_bench(self)
+        return self.drawn("plot_bench")
 
 
 def lag_one(residual: Array) -> float:

@@ -1,4 +1,4 @@
-"""Intervals that stay honest where residuals are correlated, and which parameters the data cannot tell.
+"""Intervals that stay honest where residuals are correlated, and which parameters the data cannot identify.
 
 Residuals of measured data are not independent: sensors drift and wander, quantisation repeats itself. They are taken as
 white noise plus noise with a correlation time (first-order), whose shares come from the residuals themselves. Cosine
@@ -8,7 +8,7 @@ transforms make such noise independent from coefficient to coefficient with the 
 
 so that fitting and weighting cost no more than a fast transform. Ratio r and corner k_0 are not taken as known: every
 pair on a grid counts by its restricted likelihood (Harville, J Am Stat Assoc 72, 1977), which widens intervals where
-the record is too short to tell wander from drift.
+the record is too short to separate wander from drift.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Columns of a scaled Jacobian that are closer to dependent than this cannot be told apart.
+#: Columns of a scaled Jacobian that are closer to dependent than this cannot be separated.
 SMALLEST_SINGULAR = 1e-7
 _RATIOS = np.append(0.0, np.geomspace(0.1, 1e7, 17))
 _CORNERS = 12
@@ -124,7 +124,7 @@ def weighted(jacobian: Array, residual: Array, floor: float = 0.0) -> Weighted:
 
 
 def confounded(jacobian: Array, names: list[str]) -> list[str]:
-    """Names of the parameters that the data cannot tell apart, empty where all columns are independent.
+    """Names of the parameters that the data cannot separate, empty where all columns are independent.
 
     Parameters
     ----------

@@ -17,10 +17,10 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.case.files import Missing
+from eppanalysis.cases.files import Missing
 from eppanalysis.errors import CaseError
 from eppanalysis.identify.columns import Column, find_columns
-from eppanalysis.progress import Report
+from eppanalysis.progress import Progress
 
 Array = NDArray[np.float64]
 #: Called with the bytes read so far and the size of the file.
@@ -87,7 +87,7 @@ def read_recording(
     columns: Mapping[str, tuple[str, str]] | None = None,
     *,
     fewest: int = 8,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Recording:
     """Read the columns of a CSV file that a bench needs.
 
@@ -128,7 +128,7 @@ def _read(
     optional: Sequence[str],
     choices: Mapping[str, tuple[str, str]],
     fewest: int,
-    progress: Report | None,
+    progress: Progress | None,
     size: int,
 ) -> Recording:
     header, separator, line = _header(stream, source)

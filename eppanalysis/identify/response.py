@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.intervals import rounding
 from eppanalysis.identify.reading import Recording
-from eppanalysis.methods.simulate import run_hybrid
-from eppanalysis.models.elbow import elbow
-from eppanalysis.models.elbow_parameters import ElbowParameters, declared
-from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.signals import Motion, Recorded, motions_by_name
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.models.devices.elbow.loop import elbow
+from eppanalysis.models.devices.elbow.parameters import ElbowParameters, declared
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.inputs import InputSignal, Recorded, input_signals_by_name
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ class Response:
         self.case, self.unknowns = case, tuple(unknowns)
         self.base: ElbowParameters = case.elbow_parameters
         time = recording["time"]
-        self.motion, self.time = _motion(recording, case)
+        self.input_signal, self.time = _input_signal(recording, case)
         if recording.block > 1 and float(np.ptp(time)) / len(time) > LONGEST_BLOCK:
             raise EppError(
                 f"{recording.source}: {recording.n_rows} rows over {np.ptp(time):.4g} s are averaged too "
@@ -167,7 +167,7 @@ class Response:
         """
         self.runs += 1
         system = elbow(self.parameters(q))
-        hybrid = HybridSystem.from_lure(system, {"harness_position": self.motion})
+        hybrid = HybridSystem.from_lure(system, {"harness_position": self.input_signal})
         times = self.time[self.time <= until]
         after = times[times >= 0]
         run = run_hybrid(hybrid, float(after[-1]) * (1 + 1e-12), after, 2.0 * hybrid.time_scale, MOST_EVENTS, 1)
@@ -205,14 +205,14 @@ class Response:
         return [c.first(n) for c in self.channels]
 
 
-def _motion(recording: Recording, case: Case) -> tuple[Motion, Array]:
+def _input_signal(recording: Recording, case: Case) -> tuple[InputSignal, Array]:
     """What the harness does, and the times of the record on its clock."""
     time = recording["time"]
     if "harness" not in recording:
-        motion = motions_by_name(case.to_system().input_names, case.input).get("harness_position")
-        if motion is None:
+        input_signal = input_signals_by_name(case.to_system().input_names, case.input).get("harness_position")
+        if input_signal is None:
             raise EppError(f"{recording.source}: the case {case.name!r} has no input; expected a step of the harness.")
-        return motion, time
+        return input_signal, time
     harness = recording["harness"]
     return Recorded(time - time[0], harness - harness[0]), time - time[0]
 

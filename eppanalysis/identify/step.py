@@ -1,10 +1,10 @@
 """Step response to drive inertia, friction, lag and delay: least squares on the event-exact simulation.
 
-A limit cycle makes the sum of squares a comb: a candidate whose frequency is off by a swing over the record fits
-another tooth. So the fit begins with many starts on the first swings, and the record grows as the frequency gets sharp.
-Near the best place it is a bent ridge, and intervals come from weighted draws (:mod:`eppanalysis.identify.surface`).
-What the case knows within a tolerance is fitted along and held by that tolerance. What the data cannot tell is taken
-from the case as known to its own size, and named.
+A limit cycle makes the sum of squares a comb: a candidate whose frequency is off by an oscillation over the record fits
+another tooth. So the fit begins with many starts on the first oscillations, and the record grows as the frequency gets
+sharp. Near the best place it is a bent ridge, and intervals come from weighted draws
+(:mod:`eppanalysis.identify.surface`). What the case knows within a tolerance is fitted along and held by that
+tolerance. What the data cannot identify is taken from the case as known to its own size, and named.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, weighted
@@ -25,9 +25,9 @@ from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.response import Response, Unknown
 from eppanalysis.identify.sampling import Cloud, draw_cloud
 from eppanalysis.identify.surface import explore
-from eppanalysis.progress import Report
-from eppanalysis.provenance import Provenance
+from eppanalysis.progress import Progress
 from eppanalysis.results import Status
+from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 
@@ -38,9 +38,9 @@ _APART = ("sensor.gain", "sensor.full_scale", "run.t_end")
 #: Candidates at the begin, fits that follow them, and shares of the record to fit one after the other.
 STARTS, KEPT_STARTS, ROUNDS = 120, (8, 4, 3, 2, 1), 3
 _WINDOWS = (0.08, 0.2, 0.4, 0.7, 1.0)
-#: A parameter counts as told when half its interval is smaller than this share of it.
-TOLD = 0.6
-#: Standard deviation on the fitted scale where the data tell nothing at all; least lag, in units of the case's.
+#: A parameter counts as identified when half its interval is smaller than this share of it.
+IDENTIFIED = 0.6
+#: Standard deviation on the fitted scale where the data identify nothing at all; least lag, in units of the case's.
 _WIDEST_START, _LEAST_LAG = 0.7, 0.02
 #: Fewer draws than this are too few to say how wide an interval is; then more are drawn without a surface.
 _FEW_DRAWS = 15.0
@@ -54,7 +54,7 @@ def fit_step(
     fit: Sequence[str] | None = None,
     *,
     seed: int = 0,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> BenchFit:
     """Drive and timing from a recorded step response, with or without limit cycle.
 
@@ -74,23 +74,24 @@ def fit_step(
     Raises
     ------
     EppError
-        If the data cannot tell any of the parameters.
+        If the data cannot identify any of the parameters.
     """
     names = tuple(fit or DEFAULT)
     unknowns = _unknowns(case, names)
     response = Response(recording, case, unknowns)
     if len(response.time) < 10 * len(unknowns):
         raise EppError(
-            f"{recording.source}: {len(response.time)} rows cannot tell {len(unknowns)} parameters; expected more rows."
+            f"{recording.source}: {len(response.time)} rows cannot identify {len(unknowns)} parameters; expected more "
+            "rows."
         )
     candidates = [response.signals(q) for q in _starts(unknowns, seed)[:8]]
-    if _deaf(response, candidates):
-        raise EppError(f"{recording.source}: cannot tell {' or '.join(names)}; {_remedy(response)}")
+    if _insensitive(response, candidates):
+        raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     refuse_what_is_no_response(response, candidates, recording.source)
     q = _search(response, seed, progress)
     solution = _settle(response, q, names, seed)
     if all(name in solution.held for name in names):
-        raise EppError(f"{recording.source}: cannot tell {' or '.join(names)}; {_remedy(response)}")
+        raise EppError(f"{recording.source}: cannot identify {' or '.join(names)}; {_remedy(response)}")
     return _result(recording, solution, names, seed)
 
 
@@ -134,7 +135,7 @@ def _starts(unknowns: Sequence[Unknown], seed: int) -> Array:
     return np.clip(np.vstack([first, np.column_stack(rows)]), low, high)
 
 
-def _deaf(response: Response, candidates: Sequence[dict[str, Array]]) -> bool:
+def _insensitive(response: Response, candidates: Sequence[dict[str, Array]]) -> bool:
     """Whether the motion is the same, next to the noise, whatever the parameters."""
     first, *others = candidates
     return all(
@@ -144,12 +145,12 @@ def _deaf(response: Response, candidates: Sequence[dict[str, Array]]) -> bool:
     )
 
 
-def _search(response: Response, seed: int, progress: Report | None) -> Array:
+def _search(response: Response, seed: int, progress: Progress | None) -> Array:
     """Best place over all starts; further rounds of them while the residuals are clearly more than noise."""
     best, least = np.zeros(0), math.inf
-    tell: Report = progress or (lambda done, total, doing: None)
+    advance: Progress = progress or (lambda done, total, doing: None)
     for k in range(ROUNDS):
-        q = _round(response, seed + k, tell)
+        q = _round(response, seed + k, advance)
         cost = float(np.sum(response.residual(q) ** 2))
         if cost < least:
             best, least = q, cost
@@ -164,7 +165,7 @@ def _misfit(response: Response, q: Array) -> float:
     return max(float(np.std(c.residual(found[c.role]))) for c in response.channels)
 
 
-def _round(response: Response, seed: int, progress: Report) -> Array:
+def _round(response: Response, seed: int, progress: Progress) -> Array:
     """Best place over one set of starts, the record growing."""
     end = float(response.time[-1])
     starts = _starts(response.unknowns, seed)
@@ -222,9 +223,9 @@ class _Solution:
     low, high : array, shape (p,)
         Ends of the intervals on the fitted scale.
     held : dict of str to str
-        What the data cannot tell, and what it is confused with.
+        What the data cannot identify, and what it is confused with.
     together : dict of str to str
-        What they tell only together with a held one.
+        What they identify only together with a held one.
     cloud : Cloud
     """
 
@@ -243,7 +244,7 @@ class _Solution:
 
 
 def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _Solution:
-    """What the data leave possible; one parameter after the other is held until the data tell the rest."""
+    """What the data leave possible; one parameter after the other is held until the data identify the rest."""
     low, high = _bounds(response.unknowns)
     for _ in range(2):
         whitener, matrix = _local(response, q)
@@ -266,7 +267,7 @@ def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _S
             held[name] = partner
     for name in held:
         q = _hold(response, q, cloud.matrix, name)
-    # About a place with something held, the others are as uncertain as if that were known; and wherever else it may be.
+    # With one parameter fixed the others are as uncertain as if it were known; the intervals also span the other fits.
     near = student * np.sqrt(np.maximum(np.diag(_given(response, cloud.matrix, held)), 0.0)) if held else 0.0
     return _Solution(response, q, np.minimum(ends[0], q - near), np.maximum(ends[1], q + near), held, together, cloud)
 
@@ -292,7 +293,7 @@ def _hold(response: Response, q: Array, matrix: Array, name: str) -> Array:
         _, q = _fit(response, np.clip(q + follow * (at - q[place]), low, high), math.inf, robust=False)
     q = q.copy()
     q[place] = target
-    # Those that follow must not bring it back.
+    # A tight prior keeps the parameter at its target while the others are fitted again.
     response.replace(place, replace(unknown, prior=1e-4))
     return q
 
@@ -314,7 +315,7 @@ def _vague(response: Response, q: Array, matrix: Array, names: Sequence[str]) ->
             continue
         half = 1.96 * math.sqrt(max(matrix[i, i], 0.0))
         width = half if u.logarithmic else half / max(abs(q[i]), 1e-3)
-        if width > TOLD:
+        if width > IDENTIFIED:
             found.append((width, u.name))
     return [name for _, name in sorted(found, reverse=True)]
 
@@ -372,7 +373,7 @@ def _local(response: Response, q: Array) -> tuple[_Whitener, Array]:
         bases.append(np.linalg.qr(whitened[:, q.size :])[0])
         J = whitened[:, : q.size] - bases[-1] @ (bases[-1].T @ whitened[:, : q.size])
         normal = normal + J.T @ J
-    # Directions that nothing tells reach as far as the starts do.
+    # Directions without information reach as far as the starts do.
     matrix = np.linalg.inv(normal + np.diag(np.full(q.size, _WIDEST_START**-2)))
     return _Whitener(response, tuple(noises), tuple(bases)), matrix
 
@@ -408,22 +409,25 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
     for i, u in enumerate(solution.response.unknowns):
         places = (float(a[i]) for a in (solution.q, solution.low, solution.high))
         value, low, high = (u.value(place) for place in places)
-        note, told = "", True
+        note, identified = "", True
         if u.name in solution.held:
             other = solution.held[u.name]
-            told = False
-            note = f"the data do not tell it{f' from {other}' if other else ''}; taken as {case.text(u.name, u.start)}."
+            identified = False
+            note = (
+                f"the data do not identify it{f' from {other}' if other else ''}; taken as "
+                f"{case.text(u.name, u.start)}."
+            )
             value = u.start
             low, high = min(low, value), max(high, value)
         elif u.name in solution.together:
             other = solution.together[u.name]
-            told, note = False, f"told only together with {other}."
+            identified, note = False, f"identified only together with {other}."
         elif u.name not in names:
             note = "known before, within its tolerance"
         unit, friendly = case.unit(u.name)
         low = max(low, 0.0) if not u.logarithmic else low
         kept = u.name in solution.together
-        out.append(Estimate(u.name, value, low, high, unit, friendly, told, note, kept))
+        out.append(Estimate(u.name, value, low, high, unit, friendly, identified, note, kept))
     return tuple(out)
 
 
@@ -462,8 +466,8 @@ def _result(recording: Recording, solution: _Solution, names: Sequence[str], see
         for role, share in shares.items()
         if share < LEAST_SHARE
     ]
-    told = solution.converged and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
-    status = Status.CONVERGED if told else Status.NOT_CONVERGED
+    identified = solution.converged and worst <= _WORST_FIT and min(shares.values()) >= LEAST_SHARE
+    status = Status.CONVERGED if identified else Status.NOT_CONVERGED
     settings = {"seed": seed, "starts": STARTS, "fit": list(names), "rows": recording.n_rows}
     return BenchFit(
         "step response", recording.source, _estimates(solution, names), residuals, tuple(notes), recording.n_rows,

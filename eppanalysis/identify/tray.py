@@ -2,8 +2,8 @@
 
 The pulley makes the voltage lag behind the force. While it slides, the logarithms of applied and sensed force differ by
 ``2a`` with ``tanh(a)`` the kinetic friction per load; after a turn the sensed force stands still until the applied one
-has come back by ``4E`` in logarithm, ``E = (a + b)/2`` and ``tanh(b)`` the static friction. The lines tell gain and
-kinetic friction, the standstill tells the static one, which weights of finite size only bracket.
+has come back by ``4E`` in logarithm, ``E = (a + b)/2`` and ``tanh(b)`` the static friction. The lines identify gain and
+kinetic friction, the standstill identifies the static one, which weights of finite size only bracket.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.reading import Recording
 from eppanalysis.identify.strokes import Pulley, Stroke, sensor_force, strokes
-from eppanalysis.provenance import Provenance
+from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def fit_tray(recording: Recording, *, wrap: float = math.pi) -> BenchFit:
     Raises
     ------
     EppError
-        If the data cannot tell gain and friction apart: no turn of the force, or none far enough.
+        If the data cannot separate gain and friction: no turn of the force, or none far enough.
     """
     if not 0 < wrap <= math.pi:
         raise EppError(f"identify: the angle of the pulley is {math.degrees(wrap):.4g} deg; expected 0 to 180 deg.")
@@ -74,7 +74,7 @@ def fit_tray(recording: Recording, *, wrap: float = math.pi) -> BenchFit:
     lost = confounded(jacobian, names)
     if lost:
         raise EppError(
-            f"{recording.source}: cannot tell {' and '.join(lost)} apart; expected a force that goes up and comes down "
+            f"{recording.source}: cannot separate {' and '.join(lost)}; expected a force that goes up and comes down "
             "far enough for the sensor to follow."
         )
     noise = weighted(jacobian, loop.residual(best, where), 1e-9 * float(np.ptp(data.voltage)))
@@ -146,7 +146,7 @@ def _start(data: _Data, source: str) -> Array:
     if len({piece.direction for piece in data.pieces}) < 2:
         way = "rises" if data.pieces and data.pieces[0].direction > 0 else "falls"
         raise EppError(
-            f"{source}: the force only {way}, so sensor gain and pulley friction cannot be told apart; expected "
+            f"{source}: the force only {way}, so sensor gain and pulley friction cannot be separated; expected "
             "loading and unloading."
         )
     low = data.voltage < data.voltage.min() + 0.7 * np.ptp(data.voltage)
@@ -318,7 +318,7 @@ def _estimates(
     gain = math.exp(best[2])
     mean, low, high = _densest(post.static / sine, post.weight, 0.0, math.inf)
     low_k, high_k = KINETIC_RATIOS
-    mean = mean if low > 0.0 else 0.0  # what cannot be told from no friction is none
+    mean = mean if low > 0.0 else 0.0  # what cannot be distinguished from no friction is none
     angle = f"loaded at {2 * math.degrees(math.asin(min(sine, 1.0))):.4g} deg"
     friction = Estimate(
         "pulley.friction", mean, low, high, note=f"{angle}; kinetic over static {low_k:g} to {high_k:g}"
@@ -326,7 +326,7 @@ def _estimates(
     ratio = Estimate("pulley.kinetic_ratio", *_densest(post.kinetic / post.static, post.weight, low_k, high_k))
     # Nothing was learned about the ratio where its interval is about what was possible before.
     if ratio.high - ratio.low > 0.7 * (high_k - low_k):
-        why = "the weights or the friction are too coarse to tell where the pulley breaks away."
+        why = "the weights or the friction are too coarse to identify where the pulley breaks away."
         ratio = Estimate(ratio.name, ratio.value, ratio.low, ratio.high, identified=False, note=why)
     ends = gain * np.exp(np.array([-half[2], half[2]]))
     out = [friction, ratio, Estimate("sensor.gain", gain, float(ends[0]), float(ends[1]), "V/N", "V/lbf")]

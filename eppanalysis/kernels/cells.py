@@ -1,6 +1,6 @@
 """Compiled: many loops of one structure, one after another, each to its verdict and the shape of its cycle.
 
-Only what the caller keeps is kept: a ring of the last events and one period of samples serve all cells in turn, so
+Only what the caller keeps is kept: a buffer of the last events and one period of samples serve all cells in turn, so
 memory does not grow with the number of cells.
 """
 
@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.hybrid import PAUSED, run
-from eppanalysis.kernels.tuples import by_address, rows
+from eppanalysis.kernels.engine.run import PAUSED, run
+from eppanalysis.kernels.simd.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
 SAMPLES = 512
@@ -36,38 +36,41 @@ class Outcome(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def run_cells(
-    stack, slots, work, room, none, period_samples, ring, now, x0, modes0, H0, compared, base_step, first, last, out
+    stack, compiled, work, workspace, none, period_samples, buffer, now, x0, modes0, H0, compared, base_step, first,
+    last, out
 ):  # fmt: skip
     """Run cells first..last-1 of a stack of models; every result goes to its own place in `out`.
 
-    `none` and `period_samples` are Samples without and with SAMPLES + 1 times; slots, work and room are those of any of
-    the models; `now` says when runs end.
+    `none` and `period_samples` are Samples without and with SAMPLES + 1 times; mode combinations, work and workspace
+    are those of any of the models; `now` says when runs end.
     """
-    n, n_y, keep = x0.shape[1], out.mean.shape[1], ring.t.size
-    x, modes, H, found, t_end = room.x, room.modes, room.H, np.empty(4), now.t_end
+    n, n_y, keep = x0.shape[1], out.mean.shape[1], buffer.t.size
+    x, modes, H, found, t_end = workspace.x, workspace.modes, workspace.H, np.empty(4), now.t_end
     times, signals = period_samples.times, period_samples.out
     for c in range(first, last):
         model = rows(stack, c)
         x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
-        slots.count[0] = 0
+        compiled.count[0] = 0
         now.base_step, now.t_end, now.watch, now.paused, code = base_step[c], t_end, True, False, PAUSED
         while code == PAUSED:
             if out.stop[0]:
                 return
-            code = run(model, slots, work, room, none, ring, now)
+            code = run(model, compiled, work, workspace, none, buffer, now)
         count = now.count
         out.code[c], out.events[c] = code, count
-        out.since[c] = ring.t[(count - 1) % keep] if count > 0 else 0.0
+        out.since[c] = buffer.t[(count - 1) % keep] if count > 0 else 0.0
         if code != 0:
             continue
-        low, high = room.low, room.high
-        kind = verdict(ring.t, ring.guard, ring.x, ring.v, count, t_end, low, high, room.rate, compared, found)
+        low, high = workspace.low, workspace.high
+        kind = verdict(
+            buffer.t, buffer.guard, buffer.x, buffer.v, count, t_end, low, high, workspace.rate, compared, found
+        )
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]
             out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
             k = (count - 1 - p) % keep
-            x[:n], modes[:], H[:] = ring.x[k], ring.modes[k], ring.H[k]
+            x[:n], modes[:], H[:] = buffer.x[k], buffer.modes[k], buffer.H[k]
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
         elif kind == SETTLED:
@@ -79,7 +82,7 @@ def run_cells(
             continue
         now.t_end, now.watch, code = period, False, PAUSED
         while code == PAUSED and not out.stop[0]:
-            code = run(model, slots, work, room, period_samples, ring, now)
+            code = run(model, compiled, work, workspace, period_samples, buffer, now)
         if kind == SETTLED:
             out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
         else:

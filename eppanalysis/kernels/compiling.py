@@ -34,7 +34,7 @@ from numba.core import config
 from numba.misc.appdirs import AppDirs
 
 #: Of other kernels; from here comes no code.
-_IMPORT = re.compile(r"^from eppanalysis\.kernels\.(?!compiling\b)(\w+) import ", re.MULTILINE)
+_IMPORT = re.compile(r"^from eppanalysis\.kernels\.(?!compiling\b)([\w.]+) import ", re.MULTILINE)
 _place_is_set = Lock()
 
 
@@ -53,7 +53,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         folder = store()
         if not options.get("cache") or folder is None:
             return numba.njit(**options | {"cache": False})(function)
-        module = function.__module__.rpartition(".")[2]
+        module = function.__module__.removeprefix(f"{__package__}.")
         with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
             return numba.njit(**options)(function)
 
@@ -79,7 +79,11 @@ def sources(module: str) -> str:
     while wanted:
         name = wanted.pop()
         if name not in found:
-            found[name] = files(__package__).joinpath(f"{name}.py").read_text(encoding="utf-8")
+            found[name] = (
+                files(__package__)
+                .joinpath(*name.split(".")[:-1], f"{name.rpartition('.')[2]}.py")
+                .read_text(encoding="utf-8")
+            )
             wanted += _IMPORT.findall(found[name])
     return hashlib.sha256("".join(found[name] for name in sorted(found)).encode()).hexdigest()[:16]
 

@@ -1,6 +1,6 @@
 """Compiled: a closed orbit as a chain of arcs between events, with the derivatives that Newton's method needs.
 
-State and held values of the loop are stacked into one vector ``y = (x, H)`` of N numbers, the last of which is 1 and
+State and memory values of the loop are stacked into one vector ``y = (x, H)`` of N numbers, the last of which is 1 and
 carries every constant. On an arc ``dy/dt = F y + S sigma(y)``, its end lies on a guard ``g y + gs sigma(y) = 0``, and
 the event there maps y to ``J y``. Without smooth channels sigma the flow is a matrix exponential; with them it is a
 Taylor series, and so is its derivative.
@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.flow import flow, growth_rate
-from eppanalysis.kernels.lanes import padded
-from eppanalysis.kernels.modes import compile_guards, compile_modes
-from eppanalysis.kernels.series import DELAY_LINE, EPS, ORDER, _smooth_term
-from eppanalysis.kernels.tables import clear
+from eppanalysis.kernels.engine.flow import flow, growth_rate
+from eppanalysis.kernels.engine.modes import compile_guards, compile_modes
+from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, _smooth_term
+from eppanalysis.kernels.engine.tables import clear
+from eppanalysis.kernels.simd.vectors import padded
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
 RECIPROCAL = 2
@@ -34,12 +34,12 @@ class Channels(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def build_arcs(model, slots, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
+def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
 
     Parameters
     ----------
-    model : eppanalysis.kernels.tables.Model
+    model : eppanalysis.kernels.engine.tables.Model
     modes, guards, timing : int arrays (p, E), (p,), (p,)
         Modes on each arc; number of the guard at its end, -1 for none, and of the guard that tells when that is.
     F, S : arrays (p, n, N), (p, n, s)
@@ -64,29 +64,29 @@ def build_arcs(model, slots, work, modes, guards, timing, F, S, g, gs, J, smooth
     """
     n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
     q = 0
-    clear(slots, q)
+    clear(compiled, q)
     for a in range(guards.size):
-        if not compile_modes(model, slots, work, q, modes[a]):
+        if not compile_modes(model, compiled, work, q, modes[a]):
             return SINGULAR
-        compile_guards(model, slots, work, q, modes[a])
+        compile_guards(model, compiled, work, q, modes[a])
         for i in range(n):
             for j in range(n):
-                F[a, i, j] = slots.M[q, j, i]
-            F[a, i, n:] = slots.N[q, i]
-            S[a, i] = slots.S[q, i]
+                F[a, i, j] = compiled.M[q, j, i]
+            F[a, i, n:] = compiled.N[q, i]
+            S[a, i] = compiled.S[q, i]
         for i in range(Y.shape[1]):
             for j in range(n):
-                Y[a, i, j] = slots.Y[q, j, i]
-            Y[a, i, n:] = slots.YH[q, i]
-            Ys[a, i] = slots.Ys[q, i]
-        W[a, :, :n] = slots.Wx[q]
-        W[a, :, n:] = slots.WH[q]
+                Y[a, i, j] = compiled.Y[q, j, i]
+            Y[a, i, n:] = compiled.YH[q, i]
+            Ys[a, i] = compiled.Ys[q, i]
+        W[a, :, :n] = compiled.Wx[q]
+        W[a, :, n:] = compiled.WH[q]
         J[a] = np.eye(n + n_H)
         g[a], gs[a] = 0.0, 0.0
         if guards[a] >= 0:
-            code = _guard_rows(model, slots, q, timing[a], g[a], gs[a])
+            code = _guard_rows(model, compiled, q, timing[a], g[a], gs[a])
             if code == READY:
-                code = _event_map(model, slots, q, guards[a], modes[(a + 1) % guards.size], J[a])
+                code = _event_map(model, compiled, q, guards[a], modes[(a + 1) % guards.size], J[a])
             if code != READY:
                 return code
         smooth[a] = 0
@@ -101,27 +101,27 @@ def build_arcs(model, slots, work, modes, guards, timing, F, S, g, gs, J, smooth
 
 
 @njit(cache=True, nogil=True)
-def _guard_rows(model, slots, q, guard, g, gs):
+def _guard_rows(model, compiled, q, guard, g, gs):
     """Row of a guard on y and on the smooth channels, rates put in."""
     n = model.A.shape[0]
-    for k in range(slots.n_guards[q]):
-        if slots.guard[q, k] != guard:
+    for k in range(compiled.n_guards[q]):
+        if compiled.guard[q, k] != guard:
             continue
-        g[:n] = slots.gf[q, k, :n]
-        g[n:] = slots.gfH[q, k]
+        g[:n] = compiled.gf[q, k, :n]
+        g[n:] = compiled.gfH[q, k]
         for j in range(gs.size):
-            if slots.gt[q, k, j] != 0.0:
+            if compiled.gt[q, k, j] != 0.0:
                 return UNSUPPORTED
-            gs[j] = slots.gs[q, k, j]
+            gs[j] = compiled.gs[q, k, j]
             for i in range(n):
-                gs[j] += slots.gb[q, k, i] * slots.S[q, i, j]
+                gs[j] += compiled.gb[q, k, i] * compiled.S[q, i, j]
         return READY
     return NOT_A_GUARD
 
 
 @njit(cache=True, nogil=True)
-def _event_map(model, slots, q, guard, after, J):
-    """Held values after the event; then the input of a sticking element is put on its level."""
+def _event_map(model, compiled, q, guard, after, J):
+    """Memory values after the event; then the input of a sticking element is put on its level."""
     n, n_H = model.A.shape[0], model.K.shape[1]
     e = model.guard_element[guard]
     z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
@@ -134,10 +134,10 @@ def _event_map(model, slots, q, guard, after, J):
         for b in range(model.first[e + 1, 0] - z0):
             c = model.reset_z[guard, a, b]
             if c != 0.0:
-                if np.any(slots.Zs[q, z0 + b] != 0.0):
+                if np.any(compiled.Zs[q, z0 + b] != 0.0):
                     return UNSUPPORTED
-                row[:n] += c * slots.Zx[q, z0 + b]
-                row[n:] += c * slots.ZH[q, z0 + b]
+                row[:n] += c * compiled.Zx[q, z0 + b]
+                row[n:] += c * compiled.ZH[q, z0 + b]
     m = model.mode_first[e] + after[e]
     if model.mode_stick[m]:
         _level_map(J, model.C[z0], model.Kz[z0], model.mode_level[m], model.B[:, w0])
@@ -145,8 +145,8 @@ def _event_map(model, slots, q, guard, after, J):
 
 
 @njit(cache=True, nogil=True)
-def _level_map(J, c, on_held, level, b):
-    """Let the event map J end with ``c x + on_held H = level``."""
+def _level_map(J, c, on_memory, level, b):
+    """Let the event map J end with ``c x + on_memory H = level``."""
     n, N = c.size, J.shape[0]
     left = np.zeros(N)
     left[N - 1] = -level
@@ -155,9 +155,9 @@ def _level_map(J, c, on_held, level, b):
         if c[i] != 0.0:
             alone, count = i, count + 1
             scale += c[i] * b[i]
-    for j in range(on_held.size):
-        if on_held[j] != 0.0:
-            left += on_held[j] * J[n + j]
+    for j in range(on_memory.size):
+        if on_memory[j] != 0.0:
+            left += on_memory[j] * J[n + j]
     if count == 1:
         J[alone] = -left / c[alone]
         return
@@ -224,7 +224,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
     starts, ends : arrays (p + 1, N), (p, N)
         Filled with y behind and before each event.
     A, r : arrays (m + p, m + p), (m + p,)
-        Filled with the derivative and the residual of (closure, guards).
+        Filled with the derivative and the residual of (periodicity, guards).
     speed : array (p,)
         Filled with the rate at which each guard is crossed.
     """
@@ -332,7 +332,7 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
     n_s = S.shape[1]
     H = y[n:].copy()
     X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
-    room = np.zeros((4, ORDER + 1, n_s))
+    workspace = np.zeros((4, ORDER + 1, n_s))
     row = np.zeros((ORDER + 1, N))
     square = np.zeros((3, padded(n), padded(n)))
     square[0, :n, :n] = F[:, :n]
@@ -349,7 +349,7 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
         last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
         h = tau - done if last else d
         X[0], V[0] = x, P
-        if not _series(channels, sense, F, S, H, h, X, V, room, row):
+        if not _series(channels, sense, F, S, H, h, X, V, workspace, row):
             d = 0.5 * h
             if abs(d) < 1e-12 * abs(tau):
                 break
@@ -371,11 +371,11 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
 
 
 @njit(cache=True, nogil=True)
-def _series(channels, sense, F, S, H, h, X, V, room, row):
+def _series(channels, sense, F, S, H, h, X, V, workspace, row):
     """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
     n, N = F.shape
     n_s = S.shape[1]
-    Sg, arg, aux, slope = room[0], room[1], room[2], room[3]
+    Sg, arg, aux, slope = workspace[0], workspace[1], workspace[2], workspace[3]
     size = np.abs(X[0]).max() + 1e-300
     size_v = np.abs(V[0]).max()
     for k in range(ORDER - 1):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.tuples import by_address
+from eppanalysis.kernels.simd.tuples import by_address
 
 Array = NDArray[np.float64]
 
@@ -30,24 +30,24 @@ _INNER = {**_COMPILED, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 @by_address
 class Table(NamedTuple):
-    """Triggers of an automaton with m modes, s in all, as arrays; h held values, inputs z in their roles.
+    """Mode guards of an automaton with m modes, s in all, as arrays; h memory values, inputs z in their roles.
 
-    A trigger of a mode fires where ``factor * series + on_held @ h + on_clock * time + constant`` rises through zero
-    (`series` -1: it has none), writes ``from_input @ z + from_held @ h + held_constant`` into the held values, and
-    leads to the mode `target`.
+    A mode guard of a mode fires where ``factor * series + on_memory @ h + on_clock * time + constant`` rises through
+    zero (`series` -1: it has none), writes ``from_input @ z + from_memory @ h + memory_constant`` into the memory
+    values, and leads to the mode `target`.
     """
 
     roles: NDArray[np.int64]  # (inputs,): 0 the free series, 1 its rate, 2 the time
-    first: NDArray[np.int64]  # (m + 1,): first trigger of each mode
+    first: NDArray[np.int64]  # (m + 1,): first mode guard of each mode
     series: NDArray[np.int64]
     factor: Array
     constant: Array
-    on_held: Array  # (s, h)
+    on_memory: Array  # (s, h)
     on_clock: Array
     target: NDArray[np.int64]
     from_input: Array  # (s, h, inputs)
-    from_held: Array  # (s, h, h)
-    held_constant: Array  # (s, h)
+    from_memory: Array  # (s, h, h)
+    memory_constant: Array  # (s, h)
 
 
 @njit(**_INNER)
@@ -134,15 +134,15 @@ def find_extrema(c, phase, value):
     Parameters
     ----------
     c : array, shape (n + 1,)
-    phase, value : array, shape (room,)
-        Are filled. A series of order n has at most 2 n extrema; what rounding makes of a flat one beyond the room is
-        left out.
+    phase, value : array, shape (workspace,)
+        Are filled. A series of order n has at most 2 n extrema; what rounding makes of a flat one beyond the workspace
+        is left out.
     """
     n = c.size - 1
-    swing = 0.0
+    amplitude = 0.0
     for k in range(1, n + 1):
-        swing += abs(c[k])
-    if not swing > 1e-2 * ROUNDING * abs(c[0]):
+        amplitude += abs(c[k])
+    if not amplitude > 1e-2 * ROUNDING * abs(c[0]):
         return 0
     cells = max(_LEAST, _PER_WAVE * n)
     h = TURN / cells
@@ -225,32 +225,32 @@ def _root(c, low, begin, high, share, level, sign):
 
 
 @njit(**_INNER)
-def _due(table, trigger, offset, phi, omega):
-    """Phase at which a trigger on the clock alone (or on nothing) fires."""
-    clock = table.on_clock[trigger]
+def _due(table, mode_guard, offset, phi, omega):
+    """Phase at which a mode guard on the clock alone (or on nothing) fires."""
+    clock = table.on_clock[mode_guard]
     if clock <= 0.0:
         return phi if offset + clock * phi / omega > 0.0 else math.inf
     return max(phi, -offset / clock * omega)
 
 
 @njit(**_COMPILED)
-def advance(table, series, phase, value, counts, z, omega, phi, end, mode, held, at, fired, holds):
+def advance(table, series, phase, value, counts, z, omega, phi, end, mode, memory, at, fired, holds):
     """Run an automaton over phases, from `phi` to before `end` (over what is due at once if both are the same).
 
     Parameters
     ----------
     table : Table
     series : array, shape (S, n + 1)
-    phase, value, counts : array, shapes (S, room), (S, room), (S,)
+    phase, value, counts : array, shapes (S, workspace), (S, workspace), (S,)
         Their extrema.
     z : array, shape (n + 1,)
         The free input.
     omega : float
         [rad/s].
-    held : array, shape (h,)
-        Held values; left as they are at the end.
+    memory : array, shape (h,)
+        Memory values; left as they are at the end.
     at, fired, holds : array, shapes (most,), (most,), (most, h)
-        Are filled with phase, trigger, and held values behind each switch.
+        Are filled with phase, mode guard, and memory values behind each switch.
 
     Returns
     -------
@@ -258,8 +258,8 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, held,
         Number of switches, and the mode at the end; -1 switches where there are more than `most`.
     """
     only_now = end == phi
-    n_held = held.size
-    before = np.empty(n_held)
+    n_memory = memory.size
+    before = np.empty(n_memory)
     here = np.empty(series.shape[0])
     number = 0
     while True:
@@ -268,8 +268,8 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, held,
         when, best = math.inf, -1
         for t in range(table.first[mode], table.first[mode + 1]):
             offset = table.constant[t]
-            for h in range(n_held):
-                offset += table.on_held[t, h] * held[h]
+            for h in range(n_memory):
+                offset += table.on_memory[t, h] * memory[h]
             s = table.series[t]
             if s < 0:
                 due = _due(table, t, offset, phi, omega)
@@ -285,16 +285,16 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, held,
             return -1, mode
         phi, mode = when, table.target[best]
         level, slope = series_at(z, phi)
-        before[:] = held
-        for h in range(n_held):
-            new = table.held_constant[best, h]
+        before[:] = memory
+        for h in range(n_memory):
+            new = table.memory_constant[best, h]
             for i in range(table.roles.size):
                 role = table.roles[i]
                 part = level if role == 0 else omega * slope if role == 1 else phi / omega
                 new += table.from_input[best, h, i] * part
-            for k in range(n_held):
-                new += table.from_held[best, h, k] * before[k]
-            held[h] = new
+            for k in range(n_memory):
+                new += table.from_memory[best, h, k] * before[k]
+            memory[h] = new
             holds[number, h] = new
         at[number], fired[number] = phi, best
         number += 1

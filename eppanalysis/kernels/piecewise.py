@@ -124,7 +124,7 @@ def _add_jump(edge, jump, amplitude, bias, mean, gain):
 
 @njit(cache=True, nogil=True)
 def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
-    """Start `mean` with the output at the bias and `gain` with zero, or finish both where nothing swings."""
+    """Start `mean` with the output at the bias and `gain` with zero, or finish both where nothing oscillates."""
     last, level, slope, jump = math.nan, math.nan, math.nan, 0.0
     for i in range(amplitude.size):
         b = bias[i]
@@ -172,7 +172,8 @@ def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gai
 
 @njit(cache=True, nogil=True)
 def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
-    """Fill `mean` and `gain` for every pair of `amplitude` and `bias`; only breakpoints inside the swing are visited.
+    """Fill `mean` and `gain` for every pair of `amplitude` and `bias`; only breakpoints inside the oscillation are
+    visited.
 
     Parameters
     ----------

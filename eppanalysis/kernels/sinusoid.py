@@ -2,7 +2,8 @@
 
 The input is ``b + a sin(phi)``; peaks stand on the grid of phases, between which guards on the input alone are
 monotone. Within a step the first guard that rises is located by bisection, and the output is integrated on either side
-by Gauss's rule of four points. Periods follow each other until what the element remembers repeats.
+by Gauss's rule of four points, in as many panels as smooth functions need. Periods follow each
+other until what the element remembers repeats.
 """
 
 from __future__ import annotations
@@ -13,19 +14,21 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.tuples import by_address
+from eppanalysis.kernels.simd.tuples import by_address
 
 #: Steps in a period (a multiple of four), most periods, most events in a step.
 STEPS, PERIODS, MOST_EVENTS = 64, 6, 64
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(4)
+#: Difference of a panel from its halves, relative to the output, that is none; panels are not halved below this width.
+_AGREES, _NARROWEST = 1e-12, 1e-9
 
 
 @by_address
 class Rules(NamedTuple):
-    """Modes (leading axis m) and guards (g), inputs z, outputs w, held values h, smooth functions s."""
+    """Modes (leading axis m) and guards (g), inputs z, outputs w, memory values h, smooth functions s."""
 
     from_input: np.ndarray  # (m, w, z)
-    from_held: np.ndarray  # (m, w, h)
+    from_memory: np.ndarray  # (m, w, h)
     from_smooth: np.ndarray  # (m, w, s)
     constant: np.ndarray  # (m, w)
     smooth_kind: np.ndarray  # (s,) int
@@ -36,12 +39,12 @@ class Rules(NamedTuple):
     target: np.ndarray  # (g,) int: the mode beyond a sticking one
     on_input: np.ndarray  # (g, z)
     on_rate: np.ndarray  # (g, z)
-    on_held: np.ndarray  # (g, h)
+    on_memory: np.ndarray  # (g, h)
     on_output: np.ndarray  # (g, w)
     guard_constant: np.ndarray  # (g,)
-    held_from_input: np.ndarray  # (g, h, z)
-    held_from_held: np.ndarray  # (g, h, h)
-    held_constant: np.ndarray  # (g, h)
+    memory_from_input: np.ndarray  # (g, h, z)
+    memory_from_memory: np.ndarray  # (g, h, h)
+    memory_constant: np.ndarray  # (g, h)
     start: np.ndarray  # (h,)
 
 
@@ -55,13 +58,13 @@ def _inputs(a, b, omega, phi, z, rate):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _outputs(rules, mode, z, held, w):
+def _outputs(rules, mode, z, memory, w):
     for i in range(w.size):
         v = rules.constant[mode, i]
         for j in range(z.size):
             v += rules.from_input[mode, i, j] * z[j]
-        for j in range(held.size):
-            v += rules.from_held[mode, i, j] * held[j]
+        for j in range(memory.size):
+            v += rules.from_memory[mode, i, j] * memory[j]
         for j in range(rules.smooth_kind.size):
             c = rules.from_smooth[mode, i, j]
             if c != 0.0:
@@ -75,39 +78,39 @@ def _outputs(rules, mode, z, held, w):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _guard(rules, g, mode, a, b, omega, phi, held, z, rate, w):
+def _guard(rules, g, mode, a, b, omega, phi, memory, z, rate, w):
     """Value of a guard at a phase."""
     _inputs(a, b, omega, phi, z, rate)
     v = rules.guard_constant[g]
     for j in range(z.size):
         v += rules.on_input[g, j] * z[j] + rules.on_rate[g, j] * rate[j]
-    for j in range(held.size):
-        v += rules.on_held[g, j] * held[j]
+    for j in range(memory.size):
+        v += rules.on_memory[g, j] * memory[j]
     on_output = False
     for j in range(w.size):
         on_output = on_output or rules.on_output[g, j] != 0.0
     if on_output:
-        _outputs(rules, mode, z, held, w)
+        _outputs(rules, mode, z, memory, w)
         for j in range(w.size):
             v += rules.on_output[g, j] * w[j]
     return v
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _next_event(rules, mode, a, b, omega, low, high, held, z, rate, w):
+def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
     """The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none."""
     best, where = -1, high
     for g in range(rules.guard_mode.size):
-        if rules.guard_mode[g] != mode or not _guard(rules, g, mode, a, b, omega, where, held, z, rate, w) > 0.0:
+        if rules.guard_mode[g] != mode or not _guard(rules, g, mode, a, b, omega, where, memory, z, rate, w) > 0.0:
             continue
         left, right = low, where
-        if _guard(rules, g, mode, a, b, omega, low, held, z, rate, w) > 0.0:
+        if _guard(rules, g, mode, a, b, omega, low, memory, z, rate, w) > 0.0:
             right = low
         while right - left > 4e-16 * (1.0 + abs(right)):
             middle = 0.5 * (left + right)
             if middle <= left or middle >= right:
                 break
-            if _guard(rules, g, mode, a, b, omega, middle, held, z, rate, w) > 0.0:
+            if _guard(rules, g, mode, a, b, omega, middle, memory, z, rate, w) > 0.0:
                 right = middle
             else:
                 left = middle
@@ -116,35 +119,68 @@ def _next_event(rules, mode, a, b, omega, low, high, held, z, rate, w):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _integrate(rules, mode, a, b, omega, low, high, held, z, rate, w, total):
-    """Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w)."""
+def _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total):
+    """Add Gauss's rule for the integrals of output, output times sine and times cosine; returns the largest output."""
+    largest = 0.0
     for k in range(_PLACE.size):
         phi = 0.5 * (low + high) + 0.5 * (high - low) * _PLACE[k]
         weight = 0.5 * (high - low) * _WEIGHT[k]
         _inputs(a, b, omega, phi, z, rate)
-        _outputs(rules, mode, z, held, w)
+        _outputs(rules, mode, z, memory, w)
         for i in range(w.size):
             total[0, i] += weight * w[i]
             total[1, i] += weight * w[i] * math.sin(phi)
             total[2, i] += weight * w[i] * math.cos(phi)
+            largest = max(largest, abs(w[i]))
+    return largest
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _write(rules, g, a, b, omega, phi, z, rate, held, before):
-    """Held values behind the event of a guard."""
+def _integrate(rules, mode, a, b, omega, low, high, memory, z, rate, w, total, once, twice):
+    """Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w).
+
+    One panel is exact to rounding where the output is affine in a sinusoid. Smooth functions may vary within a small
+    part of a step: there panels are halved until two halves give what the whole gives, and grow again behind.
+    """
+    if rules.smooth_kind.size == 0:
+        _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total)
+        return
+    left, width = low, high - low
+    while left < high:
+        right = high if left + 1.5 * width > high else left + width
+        middle = 0.5 * (left + right)
+        once[:, :] = 0.0
+        twice[:, :] = 0.0
+        _panel(rules, mode, a, b, omega, left, right, memory, z, rate, w, once)
+        largest = _panel(rules, mode, a, b, omega, left, middle, memory, z, rate, w, twice)
+        largest = max(largest, _panel(rules, mode, a, b, omega, middle, right, memory, z, rate, w, twice))
+        worst = 0.0
+        for i in range(3):
+            for j in range(w.size):
+                worst = max(worst, abs(twice[i, j] - once[i, j]))
+        if worst > _AGREES * largest * (right - left) and right - left > _NARROWEST:
+            width = 0.5 * (right - left)
+            continue
+        total += twice
+        left, width = right, 2.0 * (right - left)
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _write(rules, g, a, b, omega, phi, z, rate, memory, before):
+    """Memory values behind the event of a guard."""
     _inputs(a, b, omega, phi, z, rate)
-    before[:] = held
-    for h in range(held.size):
-        v = rules.held_constant[g, h]
+    before[:] = memory
+    for h in range(memory.size):
+        v = rules.memory_constant[g, h]
         for j in range(z.size):
-            v += rules.held_from_input[g, h, j] * z[j]
-        for j in range(held.size):
-            v += rules.held_from_held[g, h, j] * before[j]
-        held[h] = v
+            v += rules.memory_from_input[g, h, j] * z[j]
+        for j in range(memory.size):
+            v += rules.memory_from_memory[g, h, j] * before[j]
+        memory[h] = v
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _period(rules, mode, a, b, omega, held, z, rate, w, before, total):
+def _period(rules, mode, a, b, omega, memory, z, rate, w, before, total, once, twice):
     """Integrals over one period into `total`, (3, w); returns the mode at its end, -1 where switches never end."""
     total[:, :] = 0.0
     step = 2.0 * math.pi / STEPS
@@ -153,12 +189,12 @@ def _period(rules, mode, a, b, omega, held, z, rate, w, before, total):
         for events in range(MOST_EVENTS + 1):
             if events == MOST_EVENTS:
                 return -1
-            g, where = _next_event(rules, mode, a, b, omega, phi, stop, held, z, rate, w)
-            _integrate(rules, mode, a, b, omega, phi, where, held, z, rate, w, total)
+            g, where = _next_event(rules, mode, a, b, omega, phi, stop, memory, z, rate, w)
+            _integrate(rules, mode, a, b, omega, phi, where, memory, z, rate, w, total, once, twice)
             if g < 0:
                 break
             phi = where
-            _write(rules, g, a, b, omega, phi, z, rate, held, before)
+            _write(rules, g, a, b, omega, phi, z, rate, memory, before)
             mode = rules.target[g]
     return mode
 
@@ -170,18 +206,18 @@ def describe(rules, start_mode, a, b, omega, mean, gain):
     Not a number where an element switches without end.
     """
     n_w, n_z, n_h = rules.constant.shape[1], rules.on_input.shape[1], rules.start.size
-    z, rate, w, held, before = np.zeros(n_z), np.zeros(n_z), np.zeros(n_w), np.zeros(n_h), np.zeros(n_h)
-    total, begin = np.zeros((3, n_w)), np.zeros(n_h)
+    z, rate, w, memory, before = np.zeros(n_z), np.zeros(n_z), np.zeros(n_w), np.zeros(n_h), np.zeros(n_h)
+    total, once, twice, begin = np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros(n_h)
     for p in range(a.size):
         mode, same = start_mode, False
-        held[:] = rules.start
+        memory[:] = rules.start
         for _ in range(PERIODS):
             first = mode
-            begin[:] = held
-            mode = _period(rules, mode, a[p], b[p], omega[p], held, z, rate, w, before, total)
+            begin[:] = memory
+            mode = _period(rules, mode, a[p], b[p], omega[p], memory, z, rate, w, before, total, once, twice)
             same = mode == first
             for h in range(n_h):
-                same = same and abs(held[h] - begin[h]) <= 1e-14 * (abs(held[h]) + a[p])
+                same = same and abs(memory[h] - begin[h]) <= 1e-14 * (abs(memory[h]) + a[p])
             if same or mode < 0:
                 break
         for i in range(n_w):

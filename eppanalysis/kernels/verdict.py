@@ -9,9 +9,10 @@ from eppanalysis.kernels.compiling import njit
 UNDECIDED, SETTLED, CYCLE = 0, 1, 2
 #: A cycle is accepted when its extrapolated limit is this close, relative to its own size.
 CYCLE_TOLERANCE = 1e-3
-#: At rest: what would still move in the time since the last switch, relative to what moved before.
+#: A state is at rest when its rate moves it by less than this in the time since the last switch, relative to its
+#: movement before.
 REST_TOLERANCE = 1e-6
-#: No cycle has vanished behind which something moves by more than this, relative to what moved before.
+#: A cycle has vanished only if nothing moves by more than this after its last switch, relative to the movement before.
 GONE = 1e-3
 #: Changes from period to period below this, relative to the cycle's size, may be rounding.
 STANDING = 1e-9
@@ -21,12 +22,12 @@ GROWING = 1.5
 
 @njit(cache=True, nogil=True)
 def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, found):
-    """UNDECIDED, SETTLED or CYCLE from the ring of the last events.
+    """UNDECIDED, SETTLED or CYCLE from the buffer of the last events.
 
     Parameters
     ----------
     ev_t, ev_guard, ev_x, ev_v : arrays (keep, ...)
-        Ring of events, `count` of them in all.
+        Event buffer, `count` of them in all.
     t_end : float
         End of the run.
     low, high, rate_end : arrays (n,) or longer
@@ -38,7 +39,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         and the same extrapolated to all periods to come.
     """
     keep, n = ev_x.shape
-    held = min(count, keep)
+    kept = min(count, keep)
     size, rounding = np.zeros(n), np.zeros(n)
     for i in range(n):
         size[i] = high[i] - low[i]
@@ -55,8 +56,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         # Of the time of an event, too.
         rounding[i] += 1e-15 * abs(ev_v[(count - 1) % keep, i]) * t_end if count > 0 else 0.0
     last = ev_t[(count - 1) % keep] if count > 0 else 0.0
-    for p in range(1, held // 3 + 1):
-        # Far out, where rounding moves a state across a switch and back, switches repeat at one instant: no period.
+    for p in range(1, kept // 3 + 1):
+        # Rounding may move a large state across a switch and back: switches that repeat at one instant are no period.
         if _repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
             local = np.zeros(n)
             _range(ev_t, ev_x, ev_v, count, keep, p, local)
@@ -99,17 +100,18 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
     if d3 > 0.0 and abs(now - before) > 0.1 * max(now, before):
         if d1 < STANDING and min(now, before) < GROWING:
             return max(d1, d2, d3)
-        # A fall from one period to the next proves nothing; what turns as it fades falls and grows by turns.
+        # A decrease from one period to the next proves nothing: the changes of an oscillating decay fall and grow in
+        # turn (docs/theory/simulation.md, Verdict).
         now = max(now, before) if before < 1.0 else np.sqrt(now * before) if before < 3.0 else 1.0
     return d1 * now / (1.0 - now) if now < 1.0 else 1e300
 
 
 @njit(cache=True, nogil=True)
 def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
-    """The period among p and its parts: a part whose change is still fading, or has come to rounding, is the whole.
+    """The period among p and its parts: a part whose change is still decaying, or has come to rounding, is the whole.
 
-    Where what fades also turns, changes from period to period do not fall evenly, and only after several periods is
-    the contraction seen.
+    The changes of an oscillating decay do not fall evenly from period to period, so that the contraction shows only
+    after several periods.
     """
     for part in range(1, p // 2 + 1):
         if p % part == 0 and _repeats(ev_guard, count, keep, part):

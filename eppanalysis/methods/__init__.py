@@ -1,1 +1,1 @@
-"""The verbs: from a system to a prediction, a simulation, an orbit, a bound."""
+"""The analyses: from a system to a prediction, a simulation, an orbit, a bound."""

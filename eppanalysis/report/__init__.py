@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eppanalysis.case import as_case
+from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.progress import Report
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.progress import Progress
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case
+    from eppanalysis.cases import Case
 
 __all__ = ["SUFFIXES", "check", "report"]
 
@@ -35,8 +35,8 @@ def check(path: Path) -> None:
     """
     from importlib.util import find_spec
 
-    from eppanalysis.export import check_target
     from eppanalysis.report.page import find_browser
+    from eppanalysis.tables.files import check_target
 
     check_target(path, SUFFIXES)
     missing = [name for name in _NEEDED if find_spec(name) is None]
@@ -52,13 +52,13 @@ def report(
     path: str | Path,
     *,
     full: bool = False,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Write a report of a case, or of several: everything that the methods say of it, with pictures and provenance.
 
     The sections of a case: its values with their marks, prediction with margins and Nyquist picture, the ladder, all
-    exact limit cycles, knocks, the branch over a parameter, a small design map, of an elbow the bound on its backlash
-    with the guideline, and where everything comes from.
+    exact limit cycles, disturbances, the branch over a parameter, a small design map, of an elbow the bound on its
+    backlash with the guideline, and where everything comes from.
 
     Parameters
     ----------

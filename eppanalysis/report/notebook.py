@@ -14,17 +14,17 @@ from collections.abc import Coroutine, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from eppanalysis.case import Case, case as shipped, shipped_cases
-from eppanalysis.case.files import PLAIN_NAME
+from eppanalysis.cases import Case, case as shipped, shipped_cases
+from eppanalysis.cases.files import PLAIN_NAME
 from eppanalysis.errors import EppError
-from eppanalysis.methods.batch import HybridStack, simulate_batch
-from eppanalysis.methods.rungs import load_kernels
-from eppanalysis.methods.simulate import is_compiled
-from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.nonlinearities.static import Relay
-from eppanalysis.models.signals import Recorded
-from eppanalysis.progress import Report
+from eppanalysis.methods.comparison.rungs import load_kernels
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.methods.simulation.simulate import is_compiled
+from eppanalysis.models.elements.static import Relay
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.inputs import Recorded
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.progress import Progress
 from eppanalysis.report.sections import OVERVIEW, SECTIONS, SETUP
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def make_notebook(cases: Sequence[Case], *, full: bool = False) -> NotebookNode:
     return v4.new_notebook(cells=cells, metadata={"kernelspec": kernel, "title": title})
 
 
-def execute(notebook: NotebookNode, what: str, progress: Report | None = None) -> NotebookNode:
+def execute(notebook: NotebookNode, what: str, progress: Progress | None = None) -> NotebookNode:
     """The notebook with its outputs.
 
     Raises
@@ -90,7 +90,7 @@ def execute(notebook: NotebookNode, what: str, progress: Report | None = None) -
 def compile_kernels() -> None:
     """Compile what a machine has not compiled yet, here, where it can be said, and not unseen within a notebook."""
     from eppanalysis.kernels.cells import run_cells
-    from eppanalysis.kernels.hybrid import run
+    from eppanalysis.kernels.engine.run import run
 
     if is_compiled(run) and is_compiled(run_cells):
         return

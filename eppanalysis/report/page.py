@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
-from eppanalysis.export import atomic
+from eppanalysis.tables.files import atomic
 
 if TYPE_CHECKING:
     from nbformat import NotebookNode

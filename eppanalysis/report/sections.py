@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from eppanalysis.case.variation import variation_of
+from eppanalysis.cases.variation import variation_of
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case
+    from eppanalysis.cases import Case
 
 
 @dataclass(frozen=True)
@@ -96,14 +96,14 @@ except epp.EppError as reason:
     cycles = None
     print(reason)"""
 
-_KNOCK = """\
+_TRIGGER = """\
 if cycles:
     try:
-        display(epp.table(epp.knock(case, cycles=cycles)))
+        display(epp.table(epp.trigger(case, cycles=cycles)))
     except epp.EppError as reason:
         print(reason)
 else:
-    print("No exact limit cycle is known, so there is none that a knock could start.")"""
+    print("No exact limit cycle is known, so there is none that a disturbance could start.")"""
 
 _BRANCH = """\
 branch = None
@@ -225,9 +225,9 @@ SECTIONS: tuple[Section, ...] = (
         _always(_CYCLES),
     ),
     Section(
-        "Knock",
+        "Trigger",
         "The smallest disturbance of the resting loop that starts an oscillation, in either direction.",
-        _always(_KNOCK),
+        _always(_TRIGGER),
     ),
     Section(
         "Branch",

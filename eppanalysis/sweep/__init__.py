@@ -1,4 +1,6 @@
-"""Sweeps: any verb over any grid or sample of a case, on one core, on all, or on a cluster, with the same numbers."""
+"""Sweeps: any analysis over any grid or sample of a case, on one core, on all, or on a cluster, with the same
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eppanalysis.case import Case, as_case
+from eppanalysis.cases import Case, as_case
 from eppanalysis.errors import EppError
 from eppanalysis.progress import progress_bar, steps
 from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
@@ -15,9 +17,9 @@ from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipp
 if TYPE_CHECKING:
     import xarray
 
-    from eppanalysis.models.lure import LureSystem
+    from eppanalysis.models.systems.lure import LureSystem
+    from eppanalysis.sweep.analyses import Task
     from eppanalysis.sweep.axes import Design
-    from eppanalysis.sweep.verbs import Task
 
 __all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"]
 
@@ -39,9 +41,9 @@ def sweep(
     resume: bool = True,
     progress: bool = True,
 ) -> xarray.Dataset:
-    """Run verbs in every cell of a grid or sample of a case.
+    """Run analyses in every cell of a grid or sample of a case.
 
-    The numbers depend on case, axes and verbs alone: they are the same to the last bit from threads, processes and a
+    The numbers depend on case, axes and analyses alone: they are the same to the last bit from threads, processes and a
     cluster, and for any size of chunks.
 
     Parameters
@@ -79,8 +81,8 @@ def sweep(
     Raises
     ------
     EppError
-        If an axis, verb, signal, scheduler or number is not valid, the store is of another sweep or cannot be written,
-        or Dask and Zarr are not installed.
+        If an axis, analysis, signal, scheduler or number is not valid, the store is of another sweep or cannot be
+        written, or Dask and Zarr are not installed.
 
     Examples
     --------
@@ -94,9 +96,9 @@ def sweep(
     """
     case = as_case(case)
     _require("dask", "zarr")
+    from eppanalysis.sweep.analyses import make_task
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import MemoryStore, ZarrStore, cells_in
-    from eppanalysis.sweep.verbs import make_task
 
     design = make_design(case, axes)
     task = make_task(case, axes, run, signals)
@@ -111,11 +113,11 @@ def sweep(
         blocks = kept.pending()
         missing = sum(map(cells_in, blocks))
         n, done = design.n_cells, design.n_cells - missing
-        if progress and (told := kept.told()):
-            _tell(told)
+        if progress and (notice := kept.notice()):
+            _tell(notice)
         bar = progress_bar("cells", n, done, unit="cells", keep=True) if progress else nullcontext()
-        with bar as report:
-            run_blocks(task, blocks, kept, scheduler, workers, steps(report, n, done))
+        with bar as advance:
+            run_blocks(task, blocks, kept, scheduler, workers, steps(advance, n, done))
     return kept.dataset()
 
 
@@ -162,21 +164,21 @@ def _chunk(design: Design, task: Task, chunk: int | None) -> int:
         if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
             raise EppError(f"sweep: chunk is {chunk!r}; expected a whole number of cells, 1 or more.")
         return chunk
-    from eppanalysis.sweep.verbs import Verb
+    from eppanalysis.sweep.analyses import Analysis
 
     n = design.n_cells
-    usual = _QUICK if task.verbs == (Verb.SIMULATE,) else _SLOW
+    usual = _QUICK if task.analyses == (Analysis.SIMULATE,) else _SLOW
     return max(1, min(usual, -(-n // _FEWEST_BLOCKS)), -(-n // _MOST_BLOCKS))
 
 
 def _attributes(task: Task, design: Design) -> dict[str, Any]:
     """Where the results come from."""
-    from eppanalysis.provenance import Provenance
+    from eppanalysis.results.provenance import Provenance
 
     case = task.case
     names = [name for d in design.dimensions for name in d.values]
     settings = {
-        "run": list(task.verbs),
+        "run": list(task.analyses),
         "signals": list(task.signals),
         "t_end": case.t_end,
         "axes": repr(task.axes)[:500],

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked_class
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
 
 Array = NDArray[np.float64]

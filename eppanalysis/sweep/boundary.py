@@ -11,22 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.case import as_case
+from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
-from eppanalysis.provenance import Provenance
 from eppanalysis.results import Result, Status
+from eppanalysis.results.provenance import Provenance
+from eppanalysis.sweep.analyses import PREFIX, Analysis, Outcome
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
-from eppanalysis.sweep.verbs import PREFIX, Outcome, Verb
 
 if TYPE_CHECKING:
-    from eppanalysis.case import Case
-    from eppanalysis.models.lure import LureSystem
+    from eppanalysis.cases import Case
+    from eppanalysis.models.systems.lure import LureSystem
 
 Array = NDArray[np.float64]
 
-#: The variable by which each verb says whether a cell oscillates, and what that is called.
-_OUTCOMES = {verb: f"{prefix}outcome" for verb, prefix in PREFIX.items()}
-_WORDS = {Verb.SIMULATE: "run in time", Verb.PREDICT: "describing function", Verb.CYCLES: "exact orbits"}
+#: The variable by which each analysis says whether a cell oscillates, and what that is called.
+_OUTCOMES = {analysis: f"{prefix}outcome" for analysis, prefix in PREFIX.items()}
+_WORDS = {Analysis.SIMULATE: "run in time", Analysis.PREDICT: "describing function", Analysis.CYCLES: "exact orbits"}
 #: How far from the last fold the next one is looked for, relative to the range.
 _NEAR = (0.15, 0.06)
 _NO_POINT = np.full((1, 2), np.nan)
@@ -82,7 +82,7 @@ def outcome_boundary(
     workers: int | None = None,
     progress: bool = True,
 ) -> Boundary:
-    """Where a verb's outcome changes between oscillation and rest, over two axes.
+    """Where an analysis's outcome changes between oscillation and rest, over two axes.
 
     A coarse grid is swept first; then every edge between two cells that differ is halved again and again. All of this
     are sweeps, so it runs where a sweep runs. What is smaller than a cell of the coarse grid may be missed.
@@ -106,7 +106,7 @@ def outcome_boundary(
     Raises
     ------
     EppError
-        If there are not two axes, or one of them or the verb is not valid.
+        If there are not two axes, or one of them or the analysis is not valid.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def outcome_boundary(
     case = as_case(case)
     if run not in _OUTCOMES:
         raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
-    outcome = _OUTCOMES[Verb(run)]
+    outcome = _OUTCOMES[Analysis(run)]
     check_counts("outcome_boundary", {"halvings": (halvings, 0)})
     x, y = _two(axes)
     where = nullcontext(scheduler) if scheduler == schedule.Scheduler.THREADS else schedule.address(scheduler, workers)
@@ -141,7 +141,7 @@ def outcome_boundary(
     return Boundary(
         axes=(x, y),
         points=_pieces(inside.shape, crossings),
-        label=_WORDS[Verb(run)],
+        label=_WORDS[Analysis(run)],
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
         provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),
@@ -225,7 +225,7 @@ class _FoldSearch:
 
     def _follow(self, i: int, end: int, window: tuple[float, float]) -> int:
         """Folds from row `i` towards row `end`, as far as one curve goes; how many there are."""
-        from eppanalysis.methods.folds import continue_folds
+        from eppanalysis.methods.continuation.folds import continue_folds
 
         over, n, step = (self.rows[i], self.rows[end]), abs(end - i) + 1, 1 if end >= i else -1
         for limits in (window[::-1], window):

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.case import Case
+from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
-from eppanalysis.methods.batch import HybridStack
-from eppanalysis.models.hybrid import HybridSystem
-from eppanalysis.models.linear import fastest_poles
-from eppanalysis.models.signals import motions_by_name
+from eppanalysis.methods.simulation.batch import HybridStack
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.inputs import input_signals_by_name
+from eppanalysis.models.systems.linear import fastest_poles
 from eppanalysis.sweep.axes import Design
 
 IntArray = NDArray[np.int64]
@@ -38,7 +38,7 @@ def case_of(case: Case, design: Design, place: Sequence[int]) -> Case:
 def hybrid_of(case: Case) -> HybridSystem:
     """The hybrid system of a case, driven by its input."""
     system = case.to_system()
-    return HybridSystem.from_lure(system, motions_by_name(system.input_names, case.input))
+    return HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input))
 
 
 def structure(system: HybridSystem) -> tuple[Any, ...]:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
+from eppanalysis.sweep.analyses import Columns, Task
 from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore, cells_in
-from eppanalysis.sweep.verbs import Columns, Task
 from eppanalysis.sweep.work import Work
 from eppanalysis.workers import interrupts_wait
 
@@ -53,8 +53,8 @@ def run_blocks(
         "threads", "processes", or the address of a Dask scheduler ("tcp://host:8786").
     workers : int, optional
         Threads or processes; by default as many as there are cores.
-    report : callable
-        Is told the number of cells of each block that is done.
+    advance : callable
+        Called with the number of cells of each block that is done.
 
     Raises
     ------

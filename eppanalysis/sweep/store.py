@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.models.signals import Recorded, Steps
+from eppanalysis.models.systems.inputs import Recorded, Steps
 from eppanalysis.readable import count
 from eppanalysis.sweep import integrity
+from eppanalysis.sweep.analyses import Columns, Task, Variable
 from eppanalysis.sweep.axes import Design
-from eppanalysis.sweep.verbs import Columns, Task, Variable
 
 if TYPE_CHECKING:
     import xarray
@@ -62,7 +62,7 @@ class MemoryStore:
     def close(self) -> None:
         """Nothing to let go."""
 
-    def told(self) -> str:
+    def notice(self) -> str:
         """Nothing to be told."""
         return ""
 
@@ -232,7 +232,7 @@ class ZarrStore:
         if self._failure:
             raise self._failure[0]
 
-    def told(self) -> str:
+    def notice(self) -> str:
         """What was found damaged, as a sentence; empty where nothing was."""
         if not self.damaged:
             return ""
@@ -316,7 +316,7 @@ _PARTS = {
     "case": "another case",
     "input": "another input",
     "axes": "other axes",
-    "verbs": "another run",
+    "analyses": "another run",
     "variables": "other variables",
     "signals": "other signals",
     "version": "another version of eppanalysis",
@@ -324,15 +324,15 @@ _PARTS = {
 
 
 def identity(task: Task, design: Design) -> dict[str, Any]:
-    """What makes a sweep the same sweep: case, input, axes, verbs, variables, signals, version."""
+    """What makes a sweep the same sweep: case, input, axes, analyses, variables, signals, version."""
     from eppanalysis import __version__
 
     facts = task.case.provenance()
-    motion = task.case.input
+    input_signal = task.case.input
     recorded = (
-        hashlib.sha256(np.concatenate([motion.times, motion.values]).tobytes()).hexdigest()
-        if isinstance(motion, Recorded | Steps)
-        else repr(motion)
+        hashlib.sha256(np.concatenate([input_signal.times, input_signal.values]).tobytes()).hexdigest()
+        if isinstance(input_signal, Recorded | Steps)
+        else repr(input_signal)
     )
     axes = {
         f"{d.name}/{name}": [len(values), hashlib.sha256(values.tobytes()).hexdigest()]
@@ -343,7 +343,7 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "case": facts["sha256"],
         "input": recorded,
         "axes": axes,
-        "verbs": list(task.verbs),
+        "analyses": list(task.analyses),
         "variables": list(task.variables()),
         "signals": list(task.signals),
         "version": __version__,
@@ -357,7 +357,7 @@ def _difference(key: str, held: Any, wanted: Any) -> str:
         if not names:
             return ""
         return f" ({', '.join(n.partition('/')[2] for n in names)})" if names else ""
-    if key in ("version", "verbs", "signals"):
+    if key in ("version", "analyses", "signals"):
         return f" ({held if isinstance(held, str) else ', '.join(held or [])})"
     return ""
 

@@ -9,27 +9,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eppanalysis.case import Case
-from eppanalysis.methods.batch import HybridStack, simulate_batch
+from eppanalysis.cases import Case
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.results import LimitCycle, Status
-from eppanalysis.sweep.axes import Design, make_design
-from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
-from eppanalysis.sweep.verbs import (
+from eppanalysis.sweep.analyses import (
     FAILED,
     NOT_RUN,
     PREFIX,
     STATUS_CODE,
+    Analysis,
     Columns,
     IntArray,
-    KnockOutcome,
     Outcome,
     Stability,
     Task,
-    Verb,
+    TriggerOutcome,
 )
+from eppanalysis.sweep.axes import Design, make_design
+from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.cycles import CycleSearch
+    from eppanalysis.methods.search.find import CycleSearch
 
 _OUTCOME_OF = {
     Status.SETTLED: Outcome.SETTLES,
@@ -50,7 +50,7 @@ class Work:
     def of(cls, task: Task) -> Work:
         """Make ready."""
         design = make_design(task.case, task.axes)
-        fast = Verb.SIMULATE in task.verbs and not task.case.to_system().time_step
+        fast = Analysis.SIMULATE in task.analyses and not task.case.to_system().time_step
         return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
 
     def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
@@ -64,10 +64,10 @@ class Work:
         places = np.indices([stop - start for start, stop in bounds]).reshape(len(bounds), -1).T
         places = places + np.array([start for start, _ in bounds])
         out = {name: variable.empty(len(places)) for name, variable in self.task.variables().items()}
-        one_by_one: list[Verb] = [verb for verb in self.task.verbs if verb is not Verb.SIMULATE]
-        if Verb.SIMULATE in self.task.verbs:
+        one_by_one: list[Analysis] = [analysis for analysis in self.task.analyses if analysis is not Analysis.SIMULATE]
+        if Analysis.SIMULATE in self.task.analyses:
             if self.task.case.to_system().time_step:
-                one_by_one.insert(0, Verb.SIMULATE)
+                one_by_one.insert(0, Analysis.SIMULATE)
             else:
                 self._simulate(places, out)
         if one_by_one:
@@ -114,22 +114,22 @@ class Work:
         out["status"][rows] = [STATUS_CODE[s] for s in result.status]
         out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
 
-    def _each(self, places: IntArray, verbs: Sequence[Verb], out: Columns) -> None:
-        """Verbs that take one cell at a time."""
+    def _each(self, places: IntArray, analyses: Sequence[Analysis], out: Columns) -> None:
+        """Analyses that take one cell at a time."""
         for row in range(len(places)):
             if out["status"][row] == FAILED:
                 continue
             try:
                 cell = _Cell(self.task, case_of(self.task.case, self.design, places[row]), row, out)
-                for verb in verbs:
-                    getattr(cell, verb)()
+                for analysis in analyses:
+                    getattr(cell, analysis)()
             except Exception as error:
                 _fail(out, row, sentence(error))
 
 
 @dataclass(eq=False)
 class _Cell:
-    """One cell under way: its verbs share what they need of each other."""
+    """One cell under way: its analyses share what they need of each other."""
 
     task: Task
     case: Case
@@ -139,7 +139,7 @@ class _Cell:
     @cached_property
     def search(self) -> CycleSearch:
         """All exact limit cycles."""
-        from eppanalysis.methods.cycles import find_limit_cycles
+        from eppanalysis.methods.search.find import find_limit_cycles
 
         return find_limit_cycles(self.case)
 
@@ -148,13 +148,13 @@ class _Cell:
         self.out[name][self.row] = value
 
     def end(self, status: Status) -> None:
-        """The status of the cell is that of its first verb."""
+        """The status of the cell is that of its first analysis."""
         if self.out["status"][self.row] == NOT_RUN:
             self.put("status", STATUS_CODE[status])
 
     def simulate(self) -> None:
         """A loop in discrete time."""
-        from eppanalysis.methods.simulate import simulate
+        from eppanalysis.methods.simulation.simulate import simulate
 
         run = simulate(self.case)
         self.end(run.status)
@@ -176,18 +176,18 @@ class _Cell:
 
     def predict(self) -> None:
         """Describing functions."""
-        from eppanalysis.methods.describing import predict_limit_cycles
+        from eppanalysis.methods.describing.predict import predict_limit_cycles
 
         found = predict_limit_cycles(self.case)
-        stable = self._cycles(Verb.PREDICT, found.cycles)
+        stable = self._cycles(Analysis.PREDICT, found.cycles)
         self.put("predicted_outcome", Outcome.SETTLES if stable is None else Outcome.OSCILLATES)
         self.end(found.status)
 
     def cycles(self) -> None:
         """Exact orbits."""
         found = self.search
-        stable = self._cycles(Verb.CYCLES, found.cycles)
-        where = Outcome.SETTLES if found.rests else Outcome.DIVERGES if found.diverges else Outcome.UNKNOWN
+        stable = self._cycles(Analysis.CYCLES, found.cycles)
+        where = Outcome.SETTLES if found.settles else Outcome.DIVERGES if found.diverges else Outcome.UNKNOWN
         self.put("exact_outcome", where if stable is None else Outcome.OSCILLATES)
         kind = Stability.UNSTABLE if stable is None else Stability.STABLE
         self.put("exact_stability", kind if len(found) else Stability.NO_CYCLE)
@@ -195,31 +195,33 @@ class _Cell:
             self.put("exact_multiplier", float(np.max(np.abs(stable.multipliers))))
         self.end(found.status)
 
-    def knock(self) -> None:
+    def trigger(self) -> None:
         """The smallest step that starts a cycle which coexists with rest."""
-        from eppanalysis.methods.knock import NoRest, knock
+        from eppanalysis.methods.search.trigger import NoRest, trigger
 
         system = self.case.to_system()
-        kind = KnockOutcome.NO_CYCLE
+        kind = TriggerOutcome.NO_CYCLE
         if self.search.stable:
-            states = () if system.input_names else (self.task.knocked,)
+            states = () if system.input_names else (self.task.disturbed,)
             try:
-                found = [k for k in knock(self.case, cycles=self.search, states=states) if k.name == self.task.knocked]
+                found = [
+                    k for k in trigger(self.case, cycles=self.search, states=states) if k.name == self.task.disturbed
+                ]
                 starts = [k.size for k in found if np.isfinite(k.size)]
-                kind = KnockOutcome.HOLDS if found else KnockOutcome.UNKNOWN
+                kind = TriggerOutcome.HOLDS if found else TriggerOutcome.UNKNOWN
                 for size in starts:
-                    self.put("knock_up" if size > 0 else "knock_down", abs(size))
+                    self.put("trigger_up" if size > 0 else "trigger_down", abs(size))
                 if starts:
-                    kind = KnockOutcome.STARTS
-                    self.put("knock", min(map(abs, starts)))
+                    kind = TriggerOutcome.STARTS
+                    self.put("trigger", min(map(abs, starts)))
             except NoRest:
-                kind = KnockOutcome.NO_REST
-        self.put("knock_outcome", kind)
+                kind = TriggerOutcome.NO_REST
+        self.put("trigger_outcome", kind)
         self.end(self.search.status)
 
-    def _cycles(self, verb: Verb, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
+    def _cycles(self, analysis: Analysis, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
         """Counts, and the largest stable cycle, which is returned."""
-        prefix, stable = PREFIX[verb], [c for c in cycles if c.stable]
+        prefix, stable = PREFIX[analysis], [c for c in cycles if c.stable]
         self.put(f"{prefix}stable_cycles", len(stable))
         self.put(f"{prefix}unstable_cycles", len(cycles) - len(stable))
         if not stable:

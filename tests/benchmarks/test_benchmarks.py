@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.benchmarks import fixed_step, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
-from tests.benchmarks.timing import Contender, alternate
+from benchmarks import fixed_step, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
+from benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
 

@@ -1,4 +1,4 @@
-"""Bench tests with known truth: intervals hold it, and what the data cannot tell is named."""
+"""Bench tests with known truth: intervals hold it, and what the data cannot identify is named."""
 
 from __future__ import annotations
 
@@ -83,10 +83,10 @@ def test_ball_bearing_shows_no_friction(tmp_path):
     assert friction.high < 0.002
 
 
-def test_loading_alone_cannot_tell_friction_from_gain(tmp_path):
+def test_loading_alone_cannot_separate_friction_from_gain(tmp_path):
     bench = weight_tray(3, continuous=True)
     rising = replace(bench, rows=bench.rows[: int(np.argmax(bench.rows[:, 1]))])
-    with pytest.raises(epp.EppError, match=r"only rises, so sensor gain and pulley friction cannot be told apart"):
+    with pytest.raises(epp.EppError, match=r"only rises, so sensor gain and pulley friction cannot be separated"):
         identify(rising, tmp_path, "tray")
 
 
@@ -94,7 +94,7 @@ def test_unloading_that_stays_in_the_standstill_cannot_either(tmp_path):
     bench = weight_tray(3, continuous=True, known={"pulley.friction": 0.08})
     top = int(np.argmax(bench.rows[:, 1]))
     short = replace(bench, rows=bench.rows[: top + 25])
-    with pytest.raises(epp.EppError, match="cannot tell sensor gain and pulley friction apart"):
+    with pytest.raises(epp.EppError, match="cannot separate sensor gain and pulley friction"):
         identify(short, tmp_path, "tray")
 
 
@@ -106,7 +106,7 @@ def test_falling_voltage_is_refused(tmp_path):
         identify(replace(bench, rows=rows), tmp_path, "tray")
 
 
-def test_saturation_that_is_not_reached_is_not_told(tmp_path):
+def test_saturation_that_is_not_reached_is_not_identified(tmp_path):
     fit = identify(weight_tray(1, known={"sensor.full_scale": 20.0}), tmp_path, "tray")
     assert "sensor.full_scale" not in [e.name for e in fit.estimates]
     assert any("never saturates" in note for note in fit.notes)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.case import shipped_cases_folder
+from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.identify import sampling, step
 from eppanalysis.identify.plausible import moves
 from eppanalysis.identify.response import Channel

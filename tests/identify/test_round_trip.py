@@ -41,18 +41,18 @@ def test_simulate_identify_predict(tmp_path, seed):
     # What the tolerances of the identified case leave of the cycle is the reported uncertainty.
     run("sweep", found, "--design", "tolerances", "--n", 48, "--seed", 1, "-o", spread)
     with xr.open_dataset(spread) as cells:
-        frequency, swing = cells["frequency"].values, 2.0 * cells["amplitude"].values
+        frequency, peak_to_peak = cells["frequency"].values, 2.0 * cells["amplitude"].values
     assert frequency.min() <= 1.0 / true.period <= frequency.max()
-    assert swing.min() <= true.peak_to_peak <= swing.max()
-    assert np.ptp(frequency) < 0.05 / true.period and np.ptp(swing) < 0.1 * true.peak_to_peak
+    assert peak_to_peak.min() <= true.peak_to_peak <= peak_to_peak.max()
+    assert np.ptp(frequency) < 0.05 / true.period and np.ptp(peak_to_peak) < 0.1 * true.peak_to_peak
 
     (exact,) = stable(run("cycles", found, "--json"))
     assert exact["frequency"] == pytest.approx(1.0 / true.period, rel=0.01)
     assert exact["peak_to_peak"]["theta"] == pytest.approx(true.peak_to_peak, rel=0.03)
     assert frequency.min() <= exact["frequency"] <= frequency.max()
-    assert swing.min() <= exact["peak_to_peak"]["theta"] <= swing.max()
+    assert peak_to_peak.min() <= exact["peak_to_peak"]["theta"] <= peak_to_peak.max()
 
-    # First order is as far off as it says itself; the swing is closer than that.
+    # First order is as far off as it says itself; the peak-to-peak is closer than that.
     (predicted,) = stable(run("predict", found, "--json"))
     assert abs(predicted["frequency"] * true.period - 1.0) <= predicted["error_estimate"]
     assert predicted["frequency"] * true.period == pytest.approx(1.0, abs=0.25)

@@ -57,7 +57,7 @@ def test_prediction_from_the_identified_case_is_that_from_the_true_one(oscillati
         assert b.amplitude("theta") == pytest.approx(a.amplitude("theta"), rel=0.05)
 
 
-def test_a_response_that_settles_tells_the_drive_too(tmp_path, few_draws):
+def test_a_response_that_settles_identifies_the_drive_too(tmp_path, few_draws):
     bench = step_response(
         6, known={"lock_pin.backlash": np.radians(0.3), "drive.electrical_time_constant": 1e-3}, t_end=1.0
     )
@@ -74,8 +74,8 @@ def few_draws(monkeypatch):
     monkeypatch.setattr(sampling, "DRAWS", 40)
 
 
-def test_what_a_coarse_record_cannot_tell_is_named(tmp_path, few_draws):
-    """Sixty rows a second of the angle alone: a millisecond of lag is not told from a millisecond of delay."""
+def test_what_a_coarse_record_cannot_identify_is_named(tmp_path, few_draws):
+    """Sixty rows a second of the angle alone: a millisecond of lag is not distinguished from a millisecond of delay."""
     bench = step_response(8, force=False, rate=60.0, t_end=1.5)
     found = epp.identify(base(bench), step=bench.write(tmp_path / "s.csv"))
     fit = found.fits[0]
@@ -85,7 +85,7 @@ def test_what_a_coarse_record_cannot_tell_is_named(tmp_path, few_draws):
     held = [e for e in unknown.values() if not e.kept]
     assert held
     for estimate in held:
-        assert "the data do not tell it" in estimate.note
+        assert "the data do not identify it" in estimate.note
         assert found.case.parameters[estimate.name].mark == "assumed"
 
 
@@ -96,15 +96,15 @@ def still(tmp_path, rows: int = 400):
     return Bench(("time [s]", "angle [deg]", "harness [mm]"), table, {}).write(tmp_path / "still.csv")
 
 
-def test_a_forearm_that_never_moves_tells_nothing(tmp_path, few_draws):
-    with pytest.raises(epp.EppError, match=r"cannot tell drive.inertia or controller.delay; expected a motion"):
+def test_a_forearm_that_never_moves_identifies_nothing(tmp_path, few_draws):
+    with pytest.raises(epp.EppError, match=r"cannot identify drive.inertia or controller.delay; expected a motion"):
         epp.identify(epp.case("fig8a_original"), step=still(tmp_path), fit=("drive.inertia", "controller.delay"))
 
 
 def test_recorded_motion_of_the_harness_is_used(tmp_path, few_draws):
     """A pull of the harness at even speed, recorded beside the angle."""
     case = epp.case("fig8b_reduced_backlash").with_values({"drive.inertia": 0.036})
-    ramp = epp.signals.Ramp(0.1, start=0.1, stop=0.3)
+    ramp = epp.inputs.Ramp(0.1, start=0.1, stop=0.3)
     t = np.arange(0.0, 1.2, 0.002)
     run = epp.simulate(case.to_system(), ramp, t_end=1.2, t_eval=t)
     theta = np.degrees(run.signals["theta"]) + 0.02 * np.random.default_rng(2).normal(size=t.size)
@@ -135,5 +135,5 @@ def test_records_that_end_before_the_step_or_are_short_are_refused(tmp_path):
     with pytest.raises(epp.EppError, match="expected times after the step at 0 s"):
         epp.identify(base(bench), step=early.write(tmp_path / "early.csv"))
     short = replace(bench, rows=bench.rows[:30])
-    with pytest.raises(epp.EppError, match="30 rows cannot tell 6 parameters"):
+    with pytest.raises(epp.EppError, match="30 rows cannot identify 6 parameters"):
         epp.identify(base(bench), step=short.write(tmp_path / "short.csv"))

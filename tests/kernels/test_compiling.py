@@ -17,7 +17,7 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis
 from eppanalysis.kernels import compiling
 from eppanalysis.kernels.compiling import njit, sources, store
-from eppanalysis.kernels.tables import ENTRY
+from eppanalysis.kernels.engine.tables import ENTRY
 
 FACTOR = st.floats(-1e3, 1e3)
 #: Compiles one small kernel, or loads it: prints where it is kept, and how often it was loaded.
@@ -105,7 +105,7 @@ def test_code_is_made_anew_when_a_file_that_it_is_made_from_has_changed(tmp_path
     place = {"NUMBA_CACHE_DIR": str(tmp_path)}
     folder, *_ = run(copy, **place)
     assert run(copy, **place) == (folder, 1, "")
-    imported = copy / "eppanalysis" / "kernels" / "lanes.py"
+    imported = copy / "eppanalysis" / "kernels" / "simd" / "vectors.py"
     imported.write_text(imported.read_text() + "# another\n")
     assert run(copy, **place)[1] == 0
 
@@ -113,11 +113,16 @@ def test_code_is_made_anew_when_a_file_that_it_is_made_from_has_changed(tmp_path
 def test_sources_are_those_of_a_module_and_of_what_it_imports(copy, anew, monkeypatch) -> None:
     kernels = copy / "eppanalysis" / "kernels"
     monkeypatch.setattr(compiling, "files", lambda package: kernels)
-    names = ("hybrid", "orbits", "flow", "lanes", "piecewise", "verdict")
+    names = ("engine.run", "orbits", "engine.flow", "simd.vectors", "piecewise", "verdict")
     before = {name: sources(name) for name in names}
-    (kernels / "lanes.py").write_text((kernels / "lanes.py").read_text() + "# another\n")
+    (kernels / "simd" / "vectors.py").write_text((kernels / "simd" / "vectors.py").read_text() + "# another\n")
     sources.cache_clear()
-    assert {name for name in names if sources(name) != before[name]} == {"hybrid", "orbits", "flow", "lanes"}
+    assert {name for name in names if sources(name) != before[name]} == {
+        "engine.run",
+        "orbits",
+        "engine.flow",
+        "simd.vectors",
+    }
 
 
 def test_code_is_not_loaded_from_a_folder_that_others_can_write(tmp_path, anew, monkeypatch) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from eppanalysis.kernels.periodic import next_rise
-from eppanalysis.methods.harmonic_series import extrema
+from eppanalysis.methods.harmonic.series import extrema
 from tests.fourier import series, turning_points, value
 
 

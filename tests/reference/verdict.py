@@ -38,14 +38,14 @@ def judge(t: Array, theta: Array, theta_dot: Array, window: float = 1.0) -> tupl
 
 def _period(spline: CubicHermiteSpline, theta: Array, middle: float) -> float:
     """Mean time between upward passages of `middle` that come after a clear low."""
-    t, swing = spline.x, np.ptp(theta)
+    t, peak_to_peak = spline.x, np.ptp(theta)
     crossings: list[float] = []
     was_low = False
     roots = [float(r) for r in spline.solve(middle, extrapolate=False)]
     for i, r in enumerate(roots):
         # A passage counts once the motion has been well below the middle since the one before.
         start = roots[i - 1] if i else t[0]
-        was_low = was_low or bool(np.any(theta[(t >= start) & (t <= r)] < middle - 0.2 * swing))
+        was_low = was_low or bool(np.any(theta[(t >= start) & (t <= r)] < middle - 0.2 * peak_to_peak))
         if was_low and spline(r, 1) > 0.0:
             crossings.append(r)
             was_low = False

@@ -1,4 +1,4 @@
-"""``python -m tests.stress --runs 2000 --searches 1000 -o FILE``: all figures as JSON, a summary on the screen.
+"""``python -m tests.stress --runs 2000 --searches 1000 -o FILE``: all figures as JSON, a summary on the console.
 
 The exit code is 1 where something speaks against the package: then the rows say which loop (family and seed) it was.
 """
@@ -65,8 +65,8 @@ def main() -> int:
         )
         Path(options.table).write_text(markdown(rows["runs"], rows["searches"], title), encoding="utf-8")
     if options.output:
-        told = {"date": time.strftime("%Y-%m-%d"), "first_seed": options.first, **rows}
-        Path(options.output).write_text(json.dumps(told, indent=0), encoding="utf-8")
+        results = {"date": time.strftime("%Y-%m-%d"), "first_seed": options.first, **rows}
+        Path(options.output).write_text(json.dumps(results, indent=0), encoding="utf-8")
     return int(any(against(row) for part in rows.values() for row in part))
 
 

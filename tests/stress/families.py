@@ -14,8 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.signal
 
-from eppanalysis.models.lure import LureSystem, SignalMap
-from eppanalysis.models.nonlinearities import (
+from eppanalysis.models.elements import (
     Cube,
     DeadZone,
     DeadZoneSaturation,
@@ -33,7 +32,8 @@ from eppanalysis.models.nonlinearities import (
     Saturation,
     Sine,
 )
-from eppanalysis.models.signals import Step
+from eppanalysis.models.systems.inputs import Step
+from eppanalysis.models.systems.lure import LureSystem, SignalMap
 
 Rng = np.random.Generator
 Fraction = tuple[np.ndarray, np.ndarray]

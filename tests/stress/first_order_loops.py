@@ -77,8 +77,8 @@ def _gain_at_half_turn(plants: list[tuple[np.ndarray, np.ndarray]], turn: float)
 class Row:
     """One predicted cycle: its estimate, and its true error (nan where no exact cycle is left within a factor of two).
 
-    The error is the largest of those in frequency, in the fundamental and in the swing of the loop's first signal.
-    """
+    The error is the largest of those in frequency, in the fundamental and in the peak-to-peak of the loop's first
+    signal."""
 
     loop: str
     number: int
@@ -103,15 +103,15 @@ def compare(system: epp.LureSystem) -> Iterator[Row]:
 
 
 def _logs(guess: epp.LimitCycle, exact: epp.LimitCycle) -> list[float]:
-    """Logarithms of predicted over exact: frequency, fundamental, swing."""
+    """Logarithms of predicted over exact: frequency, fundamental, peak-to-peak."""
     name = next(iter(guess.harmonics))
     pairs = [(c.omega, c.amplitude(name), c.peak_to_peak[name]) for c in (guess, exact)]
     return [float(np.log(a / b)) for a, b in zip(*pairs, strict=True)]
 
 
 def _apart(guess: epp.LimitCycle, exact: epp.LimitCycle) -> float:
-    frequency, _, swing = _logs(guess, exact)
-    return max(abs(frequency), abs(swing))
+    frequency, _, peak_to_peak = _logs(guess, exact)
+    return max(abs(frequency), abs(peak_to_peak))
 
 
 def _by_balance(
@@ -127,7 +127,9 @@ def _by_balance(
 
 
 def _partners(predicted: Sequence[epp.LimitCycle], exact: Sequence[epp.LimitCycle]) -> dict[int, int]:
-    """Pairs within a factor of two in frequency and swing, nearest and of like stability first; no cycle twice."""
+    """Pairs within a factor of two in frequency and peak-to-peak, nearest and of like stability first; no
+    cycle twice.
+    """
     pairs = [
         (_apart(guess, cycle) + 0.2 * (guess.stable != cycle.stable), i, k)
         for i, guess in enumerate(predicted)

@@ -16,8 +16,8 @@ import numpy as np
 import scipy.integrate
 from numpy.typing import NDArray
 
-from eppanalysis.models.lure import LureSystem
-from eppanalysis.models.signals import Step
+from eppanalysis.models.systems.inputs import Step
+from eppanalysis.models.systems.lure import LureSystem
 from tests.reference.events import AT_ZERO, Options, _check_progress, _first_crossing, _polish
 from tests.reference.lure_elements import Follower, Situation, handler_of
 from tests.reference.lure_reference import Loop
@@ -46,7 +46,7 @@ class Machine(Loop):
         super().__init__(replace(system, delays=np.zeros_like(system.delays)))
         self.v = system.v0.copy()
         names = list(system.input_names)
-        self.knots = sorted((s.time, names.index(n), s.size) for n, s in steps.items())
+        self.breakpoints = sorted((s.time, names.index(n), s.size) for n, s in steps.items())
         self.past: list[tuple[float, float, Any, Any]] = []
         self.borders: list[float] = []
 
@@ -77,11 +77,11 @@ class Machine(Loop):
         begin, end, solution, mode = self.past[k]
         return super().solve(t, solution(min(max(t, begin), end)), mode)[1]
 
-    def knot(self, t: float, x: Array, mode: Any) -> Any:
+    def breakpoint(self, t: float, x: Array, mode: Any) -> Any:
         """The mode behind a step of the input."""
         z = Loop.solve(self, t, x, mode)[0]
-        while self.knots and self.knots[0][0] <= t:
-            _, i, size = self.knots.pop(0)
+        while self.breakpoints and self.breakpoints[0][0] <= t:
+            _, i, size = self.breakpoints.pop(0)
             self.v = self.v.copy()
             self.v[i] += size
         after = Loop.solve(self, t, x, mode)[0]
@@ -103,14 +103,14 @@ class Machine(Loop):
         out: list[Array] = []
         pending = [float(s) for s in times]
         while t < times[-1]:
-            stop = min([times[-1], *[k[0] for k in self.knots[:1] if k[0] > t], *self._border_after(t)])
+            stop = min([times[-1], *[k[0] for k in self.breakpoints[:1] if k[0] > t], *self._border_after(t)])
             t, x, label = self._piece(mode, (t, x, stop), pending, out)
             if label is not None:
                 x, mode = self.switch(t, x, mode, label)
                 run.events.append((t, label))
                 _check_progress(run.events, self.options)
-            elif self.knots and self.knots[0][0] <= t:
-                mode = self.knot(t, x, mode)
+            elif self.breakpoints and self.breakpoints[0][0] <= t:
+                mode = self.breakpoint(t, x, mode)
             else:
                 mode = self.settle(t, x, mode)
             if self.delay:

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.models.lure import LureSystem
+from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import LimitCycle, Status, Trajectory
 from tests.stress.families import Problem, problem
 from tests.stress.machine import Machine, iterate
@@ -104,12 +104,12 @@ def search(family: str, seed: int) -> dict[str, Any]:
         return row | {"outcome": "refused", "why": str(refused)[:160]}
     row |= {"status": found.status.name, "cycles": len(found), "stable": len(found.stable)}
     ends = row["ends"] = _ends(case.system, found)
-    row["said"] = {"rests": found.rests, "diverges": found.diverges}
+    row["said"] = {"settles": found.settles, "diverges": found.diverges}
     against = [
         what
         for end, said, what in (
             ("UNKNOWN", False, "a run ends on a cycle that is not listed"),
-            ("SETTLED", found.rests, "a run comes to rest, and none was said to"),
+            ("SETTLED", found.settles, "a run comes to rest, and none was said to"),
             ("DIVERGED", found.diverges, "a run grows without bound, and none was said to"),
         )
         if ends.get(end) and not said

@@ -77,7 +77,7 @@ def test_a_boundary_knows_its_axes() -> None:
     ("call", "words"),
     [
         (lambda: outcome_boundary(RELAY, {"loop.gain": "1:5:4"}), "two of them"),
-        (lambda: outcome_boundary(RELAY, AXES, "knock"), "expected one of simulate, predict, cycles"),
+        (lambda: outcome_boundary(RELAY, AXES, "trigger"), "expected one of simulate, predict, cycles"),
         (lambda: outcome_boundary(RELAY, AXES | {"loop.gain": "1:5"}), "start:stop:count:unit"),
         (lambda: outcome_boundary(RELAY, AXES, scheduler="magic"), "address of a Dask scheduler"),
         (lambda: fold_boundary(RELAY, {"loop.gain": "1:5:4"}), "two of them"),

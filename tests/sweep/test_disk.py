@@ -15,7 +15,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.sweep import open_sweep, sweep
-from eppanalysis.sweep.verbs import NOT_RUN
+from eppanalysis.sweep.analyses import NOT_RUN
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "0.3 s"})
 AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}

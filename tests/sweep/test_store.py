@@ -20,8 +20,8 @@ import xarray
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.sweep import open_sweep, sweep
+from eppanalysis.sweep.analyses import NOT_RUN
 from eppanalysis.sweep.store import ZarrStore, block_shape
-from eppanalysis.sweep.verbs import NOT_RUN
 from eppanalysis.sweep.work import Work
 
 CASE = epp.case("fig8a_original").with_values({"run.t_end": "1 s"})

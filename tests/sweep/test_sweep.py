@@ -9,12 +9,12 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.batch import HybridStack, simulate_batch
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.results import Status
 from eppanalysis.sweep import LatinHypercube, Sobol, schedule, sweep
+from eppanalysis.sweep.analyses import FAILED, STATUS_CODE, STATUS_NAMES
 from eppanalysis.sweep.axes import make_design
 from eppanalysis.sweep.cells import Builder, hybrid_of, make_builder
-from eppanalysis.sweep.verbs import FAILED, STATUS_CODE, STATUS_NAMES
 
 CASE = epp.case("fig8a_original")
 AXES = {"bands.range": "1:5:4:lbf", "lock_pin.backlash": "0:3:9:deg"}
@@ -136,7 +136,7 @@ def relays():
     return sweep(RELAY, {"relay_dead_zone.threshold": [1.0, 4.0]}, run="all", progress=False)
 
 
-def test_every_verb_says_what_its_own_call_says(relays) -> None:
+def test_every_analysis_says_what_its_own_call_says(relays) -> None:
     """The relay with dead zone 1 has a stable and an unstable cycle beside rest, that with dead zone 4 has none."""
     search = epp.find_limit_cycles(RELAY.to_system())
     (stable,) = search.stable
@@ -148,26 +148,32 @@ def test_every_verb_says_what_its_own_call_says(relays) -> None:
     assert relays["exact_multiplier"].values[0] == pytest.approx(np.abs(stable.multipliers).max())
     assert 0 < relays["exact_multiplier"].values[0] < 1
     assert relays["predicted_outcome"].values.tolist() == [2, 1]
-    for name in ("exact_frequency", "exact_multiplier", "predicted_frequency", "knock", "first_order_error_frequency"):
+    for name in (
+        "exact_frequency",
+        "exact_multiplier",
+        "predicted_frequency",
+        "trigger",
+        "first_order_error_frequency",
+    ):
         assert np.isnan(relays[name].values[1]), name
 
 
-def test_a_knock_of_the_size_found_starts_the_cycle_and_a_smaller_one_does_not(relays) -> None:
-    assert relays["knock_outcome"].values.tolist() == [2, 1]
-    knock = float(relays["knock"].values[0])
-    assert knock == min(relays["knock_up"].values[0], relays["knock_down"].values[0])
+def test_a_trigger_of_the_size_found_starts_the_cycle_and_a_smaller_one_does_not(relays) -> None:
+    assert relays["trigger_outcome"].values.tolist() == [2, 1]
+    trigger = float(relays["trigger"].values[0])
+    assert trigger == min(relays["trigger_up"].values[0], relays["trigger_down"].values[0])
     for factor, outcome in ((0.999, 1), (1.001, 2)):
-        case = RELAY.with_values({"loop.initial_state": [factor * knock, 0.0, 0.0], "run.t_end": 300.0})
+        case = RELAY.with_values({"loop.initial_state": [factor * trigger, 0.0, 0.0], "run.t_end": 300.0})
         found = sweep(case, {"relay_dead_zone.threshold": [1.0]}, progress=False)
         assert found["outcome"].values.tolist() == [outcome]
 
 
-def test_a_knock_of_the_elbow_is_a_step_of_its_harness() -> None:
-    found = sweep(CASE, {"lock_pin.backlash": ["2.5 deg"]}, run="knock", progress=False)
-    assert found["knock"].attrs["units"] == "m"
-    knock = float(found["knock_up"].values[0])
+def test_a_trigger_of_the_elbow_is_a_step_of_its_harness() -> None:
+    found = sweep(CASE, {"lock_pin.backlash": ["2.5 deg"]}, run="trigger", progress=False)
+    assert found["trigger"].attrs["units"] == "m"
+    trigger = float(found["trigger_up"].values[0])
     for factor, outcome in ((0.99, 1), (1.01, 2)):
-        step = sweep(CASE, {"harness.step": [factor * knock]}, progress=False)
+        step = sweep(CASE, {"harness.step": [factor * trigger]}, progress=False)
         assert step["outcome"].values.tolist() == [outcome]
 
 
@@ -201,7 +207,7 @@ def test_fields_of_the_input_are_axes() -> None:
 @pytest.mark.slow
 def test_predictions_and_orbits_from_processes_have_the_same_bits() -> None:
     axes = {"relay_dead_zone.threshold": "0.8:1.2:2"}
-    run = ("predict", "cycles", "knock")
+    run = ("predict", "cycles", "trigger")
     here = sweep(RELAY, axes, run=run, chunk=2, progress=False)
     assert here.identical(sweep(RELAY, axes, run=run, chunk=1, scheduler="processes", workers=2, progress=False))
 
@@ -246,7 +252,7 @@ def test_one_cell() -> None:
     ("arguments", "words"),
     [
         ({"run": "dance"}, "one or several of simulate, predict, cycles"),
-        ({"run": ()}, "names no verb"),
+        ({"run": ()}, "names no analysis"),
         ({"signals": "wind"}, "there is no signal 'wind'"),
         ({"scheduler": "magic"}, "address of a Dask scheduler"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "no Dask scheduler answers"),

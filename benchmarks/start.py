@@ -1,0 +1,55 @@
+"""What a fresh process costs: cold start, the first compilation, and the peak memory of maps of different sizes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from typing import Any
+
+TARGET_WARM, TARGET_COLD, TARGET_MEMORY = 2.0, 60.0, 300.0
+
+FIRST_SIMULATION = """
+import eppanalysis as epp
+case = epp.case("fig8a_original")
+epp.simulate(case.to_system(), case.input, t_end=case.t_end)
+"""
+PEAK = """
+import json
+from benchmarks.maps import peak_memory
+print(json.dumps(peak_memory({side})))
+"""
+
+
+def fresh(code: str, cache: str) -> tuple[float, str, str]:
+    """Seconds of a Python process that runs `code`, its output, its messages; numba compiles into `cache`."""
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"NUMBA_CACHE_DIR": cache},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return time.perf_counter() - begin, done.stdout, done.stderr
+
+
+def run(turns: int = 5, sides: Sequence[int] = (10, 20, 40)) -> dict[str, Any]:
+    """Times of fresh processes, and memory of maps of `sides` squared cells."""
+    with tempfile.TemporaryDirectory() as cache:
+        cold, _, message = fresh(FIRST_SIMULATION, cache)
+        warm = sorted(fresh(FIRST_SIMULATION, cache)[0] for _ in range(turns))[turns // 2]
+        bare = sorted(fresh("import eppanalysis", cache)[0] for _ in range(turns))[turns // 2]
+        fresh(PEAK.format(side=2), cache)  # compiles the batch kernel, which takes memory of its own
+        memory = [json.loads(fresh(PEAK.format(side=side), cache)[1]) for side in sides]
+    largest = max(m["peak"] for m in memory)
+    return {
+        "cold": {"seconds": cold, "target": TARGET_COLD, "met": cold < TARGET_COLD, "message": message.strip()},
+        "warm": {"seconds": warm, "target": TARGET_WARM, "met": warm < TARGET_WARM},
+        "import": {"seconds": bare},
+        "memory": {"cells": memory, "target": TARGET_MEMORY, "met": largest < TARGET_MEMORY},
+    }

@@ -1,0 +1,207 @@
+"""Elements and linear blocks of a case file: read, checked against the element's own fields, made."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, get_origin, get_type_hints
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.quantities import AnyQuantity, Parameter
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.elements import ELEMENTS, Nonlinearity
+from eppanalysis.models.elements.memory import Slip
+
+LARGEST_COUNT = 100_000
+
+
+@dataclass(frozen=True)
+class Block:
+    """One element of a loop, or one linear block of a ring.
+
+    Attributes
+    ----------
+    name : str
+        Of the element; empty for a linear block.
+    kind : str
+        Name of the element's class in a case file; empty for a linear block.
+    parameters : dict of str to Parameter
+        Scalar fields of the element.
+    others : dict
+        Lists and texts of the element, or num and den of a linear block.
+    memory : float, Slip or None
+        First held value at the start; of an element that sticks also direction, and input reached.
+    lists : dict of str to list of Parameter
+        Lists of the element with their units.
+    """
+
+    name: str
+    kind: str
+    parameters: dict[str, Parameter]
+    others: dict[str, Any]
+    memory: float | Slip | None = None
+    lists: dict[str, list[Parameter]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def width(self) -> tuple[int, int]:
+        """Number of inputs and outputs of the element."""
+        made = element_class(self.kind)
+        return made.n_inputs, made.n_outputs
+
+
+def element_class(kind: str) -> type[Nonlinearity]:
+    """Class of an element."""
+    return ELEMENTS[kind]
+
+
+@cache
+def _field_types(made: type[Nonlinearity]) -> dict[str, str]:
+    """What each field of an element holds by its annotation: a "number", a "count", a "list" or a "text"."""
+    hints = get_type_hints(made)
+    return {name: _field_type(hints[name]) for name in inspect.signature(made).parameters}
+
+
+def _field_type(hint: Any) -> str:
+    if get_origin(hint) is Literal:
+        return "text"
+    if get_origin(hint) is np.ndarray:
+        return "list"
+    return "count" if hint is int else "number"
+
+
+def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple[Block, ...]:
+    """Check a list of elements and linear blocks.
+
+    Raises
+    ------
+    CaseError
+        If a table is no known element, lacks a field, or has one that is not known or has no valid value.
+    """
+    blocks = tuple(_read_block(t, f"{field}.{i}", raw) for i, t in enumerate(tables))
+    names = [b.name for b in blocks if b.name]
+    for i, block in enumerate(blocks):
+        if block.name and names.count(block.name) > 1:
+            raise CaseError(raw.origin(field), f"{field}.{i}.name", block.name, "a name that no other element has")
+    return blocks
+
+
+def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
+    if "element" not in table:
+        if set(table) != {"num", "den"}:
+            wrong = next((k for k in table if k not in ("num", "den")), None)
+            name = wrong or ("num" if "num" not in table else "den")
+            place, expected = f"{field}.{name}", "an element, or num and den of a linear block"
+            raise CaseError(raw.origin(place), place, table.get(name, Missing()), expected)
+        return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
+    kind = table["element"]
+    if not isinstance(kind, str) or kind not in ELEMENTS:
+        close = difflib.get_close_matches(str(kind)[:60], ELEMENTS, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(ELEMENTS)}"
+        raise raw.refused(f"{field}.element", f"a known element: {hint}")
+    name = table.get("name", kind)
+    if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
+        raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
+    memory = table.get("memory")
+    if memory is not None:
+        memory = _memory(memory, f"{field}.memory", raw)
+    return _read_fields(kind, name, memory, table, f"{field}", raw)
+
+
+def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
+    """A held value, or a list of held value, direction and input reached."""
+    if not isinstance(value, list):
+        return float(_scalar(value, field, raw).value)
+    if len(value) != len(Slip._fields):
+        raise raw.refused(field, "a number, or a list of held value, direction and input reached")
+    return Slip(*(float(p.value) for p in _list(value, field, raw)))
+
+
+def _read_fields(
+    kind: str, name: str, memory: float | Slip | None, table: dict[str, Any], field: str, raw: RawCase
+) -> Block:
+    known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
+    parameters: dict[str, Parameter] = {}
+    others: dict[str, Any] = {}
+    lists: dict[str, list[Parameter]] = {}
+    types = _field_types(element_class(kind))
+    for key, value in table.items():
+        if key in ("element", "name", "memory"):
+            continue
+        place = f"{field}.{key}"
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
+            raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {hint}")
+        if types[key] == "list":
+            lists[key] = _list(value, place, raw)
+            others[key] = [float(p.value) for p in lists[key]]
+        elif types[key] == "text":
+            others[key] = value
+        else:
+            parameters[key] = _scalar(value, place, raw)
+    for key, default in known.items():
+        if default is inspect.Parameter.empty and key not in table:
+            raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
+    return Block(name, kind, parameters, others, memory, lists)
+
+
+def _scalar(value: Any, field: str, raw: RawCase) -> Parameter:
+    try:
+        return AnyQuantity().read(value)
+    except PydanticCustomError as error:
+        context = error.context or {}
+        raise CaseError(
+            raw.origin(field), field, context.get("shown", value), context.get("expected", "a number")
+        ) from None
+
+
+def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
+    if not isinstance(value, list) or not value:
+        raise raw.refused(field, "a list of numbers")
+    return [_scalar(v, f"{field}.{i}", raw) for i, v in enumerate(value)]
+
+
+def _coefficients(value: Any, field: str, raw: RawCase) -> list[float]:
+    """Coefficients of a transfer function; units differ from power to power, and are the user's own affair."""
+    found = _list(value, field, raw)
+    for i, parameter in enumerate(found):
+        if parameter.unit or parameter.friendly:
+            raise raw.refused(f"{field}.{i}", "a plain number, in SI units: a coefficient takes no unit")
+    return [float(parameter.value) for parameter in found]
+
+
+def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
+    """The element of a block.
+
+    Raises
+    ------
+    CaseError
+        If the element does not take the values.
+    """
+    values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
+    types = _field_types(element_class(block.kind))
+    for key in (key for key in values if types[key] == "count"):
+        if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
+            raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
+        values[key] = round(values[key])
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            return element_class(block.kind)(**values, **block.others)
+    except ModelError as error:
+        raise raw.refused_by_model(error, field) from None
+
+
+def describe_block(block: Block) -> dict[str, Any]:
+    """Plain data of a block, for provenance."""
+    return {
+        "name": block.name,
+        "element": block.kind,
+        **{k: dataclasses.asdict(p) for k, p in block.parameters.items()},
+        **block.others,
+    }

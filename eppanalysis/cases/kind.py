@@ -1,0 +1,89 @@
+"""What a case is of: the questions that cases of every kind answer."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from eppanalysis.cases.files import RawCase
+from eppanalysis.cases.quantities import Parameter
+from eppanalysis.models.devices.elbow.parameters import ElbowParameters
+from eppanalysis.models.systems.inputs import InputSignal
+from eppanalysis.models.systems.lure import LureSystem
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a validated file describes.
+
+    Attributes
+    ----------
+    parameters : dict of str to Parameter
+        Every scalar parameter that is given, by its dotted name.
+    input : InputSignal, dict of str to InputSignal, or None
+    system : LureSystem
+    elbow : ElbowParameters or None
+        Of a case of the elbow.
+    """
+
+    parameters: dict[str, Parameter]
+    input: InputSignal | Mapping[str, InputSignal] | None
+    system: LureSystem
+    elbow: ElbowParameters | None = None
+
+
+class Kind(ABC):
+    """A kind of case.
+
+    Attributes
+    ----------
+    name : str
+        What its files call it.
+    input_unit : str
+        SI unit of the external input; empty where it has none.
+    """
+
+    name: ClassVar[str]
+    input_unit: ClassVar[str]
+
+    @abstractmethod
+    def parts(self, file: Any, raw: RawCase) -> Parts:
+        """What a validated file describes.
+
+        Raises
+        ------
+        CaseError
+            If its fields contradict one another, or no system follows from them.
+        """
+
+    @abstractmethod
+    def fields(self, parameters: Iterable[str]) -> list[str]:
+        """Names of all parameters that a case with the given ones may have, beside those of its run."""
+
+    @abstractmethod
+    def si(self, value: object, unit: str) -> float:
+        """SI value of a quantity in a field that has this SI unit.
+
+        Raises
+        ------
+        QuantityError
+            If it has another dimension.
+        """
+
+    def takes(self, name: str, data: Mapping[str, Any]) -> bool:
+        """Whether a file with these tables takes a field that its parts name, beside :meth:`fields`."""
+        return False
+
+    def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
+        """Where a field stands in a file with these tables."""
+        return list(name.split("."))
+
+    def implied(self, elbow: ElbowParameters | None, name: str) -> float | None:
+        """A parameter that the file does not give itself, but that follows from others or has a default."""
+        return None
+
+    def beside(self, elbow: ElbowParameters | None, data: Mapping[str, Any], given: Mapping[str, set[str]]) -> Any:
+        """What has to stand beside given fields of each section for the rest to stay where it is, by sections."""
+        return {}

@@ -1,0 +1,270 @@
+"""Generic loops of a case file: elements by name, and the system that they close."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.cases.blocks import Block, make_element, read_blocks
+from eppanalysis.cases.dimensions import check_units
+from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.inputs import motions_of
+from eppanalysis.cases.kind import Kind, Parts
+from eppanalysis.cases.schema import LoopSection
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.elements import Nonlinearity
+from eppanalysis.models.systems.linear import StateSpace, as_state_space
+from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.units import QuantityError, parse_any
+
+#: Matrices of a loop without states.
+_MAY_BE_EMPTY = ("A", "B", "C")
+#: Scalar fields of a loop as a whole.
+_OF_LOOP = ("gain", "delay", "time_step")
+
+
+class LoopKind(Kind):
+    """Cases of generic loops."""
+
+    name = "loop"
+    input_unit = ""
+
+    def parts(self, file: Any, raw: RawCase) -> Parts:
+        """The elements' scalar fields and what stands before the loop as a whole, the input, and the loop."""
+        loop = file.loop
+        place = "loop.elements" if loop.blocks is None else "loop.blocks"
+        blocks = read_blocks((loop.elements if loop.blocks is None else loop.blocks) or [], place, raw)
+        check_units(loop, blocks, place, raw)
+        system = build_loop(loop, blocks, raw)
+        fields = {f"{b.name}.{k}": p for b in blocks for k, p in b.parameters.items()}
+        for name in _OF_LOOP:
+            found = getattr(loop, name)
+            if found is not None:
+                fields[f"loop.{name}"] = found
+        return Parts(fields, motions_of(file.run, system.input_names, self.input_unit, raw), system)
+
+    def fields(self, parameters: Iterable[str]) -> list[str]:
+        """The given ones, and those of the loop as a whole."""
+        return list(dict.fromkeys([*parameters, *(f"loop.{name}" for name in _OF_LOOP)]))
+
+    def si(self, value: object, unit: str) -> float:
+        """A quantity in the field's unit, or a plain number."""
+        number, given = parse_any(value)
+        if given not in ("", unit):
+            raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
+        return number
+
+    def takes(self, name: str, data: Mapping[str, Any]) -> bool:
+        """Any field of an element: reading it tells whether the element has it."""
+        return name.partition(".")[0] in _places(data)
+
+    def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
+        """Elements stand in a list, and are called by their names."""
+        first, _, rest = name.partition(".")
+        places = _places(data)
+        return ["loop", *places[first], rest] if first in places else list(name.split("."))
+
+
+def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
+    """Where each named element stands in the file."""
+    loop = data.get("loop", {})
+    return {
+        table.get("name", table["element"]): (place, i)
+        for place in ("elements", "blocks")
+        for i, table in enumerate(loop.get(place) or [])
+        if "element" in table
+    }
+
+
+def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> LureSystem:
+    """The system of a generic loop.
+
+    Raises
+    ------
+    CaseError
+        If the parts do not fit: an improper transfer function, wrong shapes, forms mixed.
+    """
+    form = _form(loop, raw)
+    field = "loop.blocks" if form == "blocks" else "loop.elements"
+    made = {i: make_element(b, f"{field}.{i}", raw) for i, b in enumerate(blocks) if b.kind}
+    try:
+        with np.errstate(all="ignore"):  # what overflows is refused as not finite
+            if form == "state space":
+                return _from_state_space(loop, blocks, list(made.values()), raw)
+            return _from_ring(loop, blocks, made, raw)
+    except ModelError as error:
+        raise raw.refused_by_model(error, "loop") from None
+
+
+def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Nonlinearity], raw: RawCase) -> LureSystem:
+    """A ring of blocks; a transfer function with one element is one of two."""
+    ring: list[Any] = [
+        made[i] if i in made else _linear(b.others, loop, raw, f"loop.blocks.{i}") for i, b in enumerate(blocks)
+    ]
+    if loop.blocks is None:
+        ring.append(_linear({"num": loop.num, "den": loop.den}, loop, raw, "loop"))
+    gain = 1.0 if loop.gain is None else float(loop.gain.value)
+    if gain != 1.0:
+        ring.append(as_state_space(([gain], [1.0]), None if loop.time_step is None else float(loop.time_step.value)))
+    elements = [b for b in blocks if b.kind]
+    n = sum(part.A.shape[0] for part in ring if isinstance(part, StateSpace))
+    if loop.initial_state is not None and len(loop.initial_state) != n:
+        numbers = "1 number, of the one state" if n == 1 else f"{n} numbers, one for each state"
+        raise raw.refused("loop.initial_state", numbers)
+    return LureSystem.from_blocks(
+        ring,
+        delay=0.0 if loop.delay is None else float(loop.delay.value),
+        feedback=loop.feedback,
+        x0=loop.initial_state,
+        memory=[b.memory for b in elements],
+        element_names=[b.name for b in elements],
+        name=raw.name,
+    )
+
+
+def _form(loop: LoopSection, raw: RawCase) -> str:
+    """Which of the three forms of a loop is given; exactly one may be."""
+    given = {
+        "transfer function": loop.num is not None or loop.den is not None,
+        "blocks": loop.blocks is not None,
+        "state space": any(m is not None for m in (loop.A, loop.B, loop.C)),
+    }
+    forms = [name for name, there in given.items() if there]
+    if len(forms) != 1:
+        expected = "exactly one of: num and den with one element, blocks, or A, B, C with elements"
+        raise CaseError(raw.origin("loop"), "loop", " and ".join(forms) or Missing(), expected)
+    form = forms[0]
+    needed = {
+        "transfer function": ("num", "den", "elements"),
+        "blocks": ("blocks",),
+        "state space": ("A", "B", "C", "elements"),
+    }
+    for name in needed[form]:
+        if getattr(loop, name) in ((None,) if name in _MAY_BE_EMPTY else (None, [])):
+            raise CaseError(raw.origin("loop"), f"loop.{name}", Missing(), f"a value: a {form} needs it")
+    if form == "transfer function" and len(loop.elements or []) != 1:
+        expected = "one element; put several into blocks or a state space"
+        raise CaseError(raw.origin("loop.elements"), "loop.elements", f"{len(loop.elements or [])} elements", expected)
+    if form == "blocks" and loop.elements is not None:
+        raise CaseError(raw.origin("loop.elements"), "loop.elements", "given", "the elements inside blocks")
+    if form != "state space":
+        _refuse_state_space_fields(loop, raw)
+    return form
+
+
+def _refuse_state_space_fields(loop: LoopSection, raw: RawCase) -> None:
+    names = (
+        "D",
+        "constant_state",
+        "constant_input",
+        "inputs",
+        "input_matrix",
+        "input_feedthrough",
+        "states",
+        "signals",
+        "initial_input",
+        "delays",
+        "principal",
+    )
+    for name in names:
+        if getattr(loop, name):
+            raise CaseError(raw.origin(f"loop.{name}"), f"loop.{name}", "given", "it only beside A, B and C")
+
+
+def _linear(block: dict[str, Any], loop: LoopSection, raw: RawCase, field: str) -> Any:
+    step = None if loop.time_step is None else float(loop.time_step.value)
+    try:
+        return as_state_space((block["num"], block["den"]), step)
+    except ModelError as error:
+        raise raw.refused_by_model(error, f"{field}.num") from None
+
+
+def _from_state_space(
+    loop: LoopSection, blocks: tuple[Block, ...], elements: list[Nonlinearity], raw: RawCase
+) -> LureSystem:
+    gain = 1.0 if loop.gain is None else float(loop.gain.value)
+    n_outputs = sum(e.n_outputs for e in elements)
+    delay = 0.0 if loop.delay is None else float(loop.delay.value)
+    _check_rectangles(loop, raw)
+    n = len(loop.A or [])
+    if n and len((loop.A or [[]])[0]) != n:
+        raise raw.refused("loop.A", "a square matrix")
+    for name, length, what in (
+        ("initial_state", n, "numbers, one for each state"),
+        ("states", n, "names, one for each state"),
+        ("initial_input", len(loop.inputs), "numbers, one for each input"),
+        ("delays", n_outputs, "numbers, one for each output of an element"),
+    ):
+        given = getattr(loop, name)
+        if given is not None and len(given) != length:
+            raise raw.refused(f"loop.{name}", f"{length} {what}")
+    if loop.delays is not None and loop.delay is not None:
+        raise raw.refused("loop.delays", "either it or loop.delay, not both")
+    return LureSystem.build(
+        np.array(loop.A, float),
+        gain * np.array(loop.B, float),
+        np.array(loop.C, float),
+        elements,
+        D=loop.D,
+        B_input=loop.input_matrix,
+        D_input=loop.input_feedthrough,
+        input_names=loop.inputs,
+        constant_state=loop.constant_state,
+        constant_input=loop.constant_input,
+        element_names=[b.name for b in blocks],
+        signals=_signals(loop, n, n_outputs, raw),
+        x0=np.ones(n) if loop.initial_state is None else loop.initial_state,
+        v0=loop.initial_input,
+        memory=[b.memory for b in blocks],
+        delays=np.full(n_outputs, delay) if loop.delays is None else loop.delays,
+        time_step=None if loop.time_step is None else float(loop.time_step.value),
+        state_names=loop.states,
+        principal=_principal(loop, [b.name for b in blocks], raw),
+        name=raw.name,
+    )
+
+
+def _principal(loop: LoopSection, names: list[str], raw: RawCase) -> int:
+    """Number of the element at which the loop is cut for margins: the first, where nothing is said."""
+    if loop.principal is None:
+        return 0
+    if loop.principal not in names:
+        raise raw.refused("loop.principal", f"one of the elements: {', '.join(names)}")
+    return names.index(loop.principal)
+
+
+def _check_rectangles(loop: LoopSection, raw: RawCase) -> None:
+    for name in ("A", "B", "C", "D", "input_matrix", "input_feedthrough"):
+        matrix = getattr(loop, name)
+        if matrix is not None and len({len(row) for row in matrix}) > 1:
+            raise raw.refused(f"loop.{name}", "rows of equal length")
+
+
+def _signals(loop: LoopSection, n: int, n_outputs: int, raw: RawCase) -> SignalMap | None:
+    """The named signals of a state space; None leaves them to the elements."""
+    if loop.signals is None:
+        return None
+    rows_state: list[list[float]] = []
+    rows_output: list[list[float]] = []
+    rows_input: list[list[float]] = []
+    for name, row in loop.signals.items():
+        for part, given, length, rows in (
+            ("state", row.state, n, rows_state),
+            ("output", row.output, n_outputs, rows_output),
+            ("input", row.input, len(loop.inputs), rows_input),
+        ):
+            if given is not None and len(given) != length:
+                field = f"loop.signals.{name}.{part}"
+                raise raw.refused(field, f"{length} numbers")
+            rows.append(given if given is not None else [0.0] * length)
+    n_signals = len(loop.signals)
+    return SignalMap(
+        tuple(loop.signals),
+        np.array(rows_state, np.float64).reshape(n_signals, n),
+        np.array(rows_output, np.float64).reshape(n_signals, n_outputs),
+        np.array(rows_input, np.float64).reshape(n_signals, len(loop.inputs)),
+        np.array([row.constant for row in loop.signals.values()]),
+        tuple(row.unit for row in loop.signals.values()),
+    )

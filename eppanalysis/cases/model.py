@@ -1,0 +1,453 @@
+"""The case: a validated case file as a frozen noun."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from eppanalysis.arguments import checked
+from eppanalysis.cases.dimensions import remarks
+from eppanalysis.cases.elbow_case import ElbowKind
+from eppanalysis.cases.expected import Expected, make_expected
+from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, without_answers
+from eppanalysis.cases.from_system import input_tables, loop_tables
+from eppanalysis.cases.kind import Kind
+from eppanalysis.cases.loops import LoopKind
+from eppanalysis.cases.quantities import Parameter
+from eppanalysis.cases.schema import FILES, INPUTS, find_quantity, validate
+from eppanalysis.cases.toml import write_toml
+from eppanalysis.errors import CaseError
+from eppanalysis.models.devices.elbow.parameters import ElbowParameters
+from eppanalysis.models.systems.inputs import InputSignal
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.units import QuantityError, format_si, parse_quantity, write_si
+
+#: Fields whose change leaves the case's expected answers true.
+_NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
+#: What cases are of, by the names that files call them.
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind())}
+#: Units in which people read lengths.
+_FRIENDLY = {"m": "mm", "m/s": "mm/s"}
+#: Fields of an input signal that no quantity stands in.
+_NOT_A_NUMBER = ("kind", "file", "times", "values")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A validated case.
+
+    Attributes
+    ----------
+    name, title : str
+        Stem of the file; what the case is about, in a few words.
+    kind : {"elbow", "loop"}
+    source : str
+        The file, as the user gave it.
+    parameters : dict of str to Parameter
+        Every scalar parameter that is given, by its dotted name: "lock_pin.backlash", or "play.gap" (name and field of
+        an element) and "loop.gain" in a generic loop.
+    input : InputSignal, mapping of str to InputSignal, or None
+        What the external input does from t = 0 on, or any of them by name; None when the system has no input or it
+        stays where it is.
+    t_end : float
+        How long to simulate [s].
+    expected : Expected
+        What should come out.
+    """
+
+    name: str
+    title: str
+    kind: str
+    source: str
+    parameters: dict[str, Parameter]
+    input: InputSignal | Mapping[str, InputSignal] | None
+    t_end: float
+    expected: Expected
+    _raw: RawCase = field(repr=False)
+    _system: LureSystem = field(repr=False)
+    _elbow: ElbowParameters | None = field(repr=False, default=None)
+
+    @classmethod
+    @checked
+    def from_system(
+        cls,
+        loop: LureSystem,
+        name: str = "",
+        *,
+        title: str = "",
+        input: InputSignal | Mapping[str, InputSignal] | None = None,
+        t_end: float = 10.0,
+        signal: str | None = None,
+    ) -> Case:
+        """A loop that was made in Python, as a case: its elements' fields are parameters, and it can be written.
+
+        Parameters
+        ----------
+        loop : LureSystem
+        name, title : str, optional
+            Of the case; by default the loop's name.
+        input : InputSignal or mapping of str to InputSignal, optional
+            What the only external input does from t = 0 on, or any of them by name.
+        t_end : float
+            How long to simulate [s].
+        signal : str, optional
+            The signal that rows and pictures show; the first one by default.
+
+        Raises
+        ------
+        EppError
+            If a case file has no place for something in it, such as an element of a class of one's own.
+
+        Examples
+        --------
+        >>> import eppanalysis as epp
+        >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+        >>> servo = epp.Case.from_system(loop, name="servo")
+        >>> servo.value("play.gap"), epp.case_from_text(servo.to_toml()).value("play.gap")
+        (2.0, 2.0)
+        """
+        name = name or loop.name
+        data: dict[str, Any] = {
+            "kind": "loop",
+            "title": title or name,
+            "loop": loop_tables(loop),
+            "run": {"t_end": write_si(t_end, "s"), **input_tables(input)},
+        }
+        if signal is not None:
+            data["expected"] = {"signal": signal}
+        return load(RawCase(name, name, Path(), data))
+
+    def to_system(self) -> LureSystem:
+        """The system that the case describes."""
+        return self._system
+
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Where the external inputs stand at the end of the run [SI], or why they do not stand still.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> str(case("fig8a_original").operating_point)
+        'harness_position = 0.0216585'
+        """
+        return OperatingPoint.of(self._system, self.input, self.t_end)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on values that are possible and hardly meant: an angle without a unit, a length of parsecs.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> case("fig8a_original").with_values({"lock_pin.backlash": 2.5}).remarks
+        ('lock_pin.backlash is 2.5 without a unit: 2.5 rad, which are 143.239 deg; for degrees write "2.5 deg".',)
+        """
+        return remarks(self.parameters, [name for name in self.parameters if self._is_plain(name)])
+
+    def _is_plain(self, name: str) -> bool:
+        """Whether the file has a parameter as a plain number."""
+        found: Any = self._raw.data
+        for part in self._path(name):
+            found = found.get(part) if isinstance(found, dict) else found[part] if isinstance(part, int) else None
+        if isinstance(found, dict):
+            found = found.get("value")
+        return isinstance(found, int | float)
+
+    @property
+    def folder(self) -> Path:
+        """Where files that the case names are looked for, such as a recorded input signal."""
+        return self._raw.folder
+
+    @property
+    def elbow_parameters(self) -> ElbowParameters:
+        """Parameters of the elbow in SI units.
+
+        Raises
+        ------
+        CaseError
+            If the case is a generic loop.
+        """
+        if self._elbow is None:
+            raise CaseError(self.source, "kind", self.kind, "a case of the elbow")
+        return self._elbow
+
+    @property
+    def input_unit(self) -> str:
+        """SI unit of the external input; empty where it has none."""
+        return KINDS[self.kind].input_unit
+
+    @checked
+    def value(self, name: str) -> float:
+        """A parameter in SI units; of the elbow also those that follow from others or are left at their default.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or it is switched off.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> round(case("fig8a_original").value("bands.slack"), 6)
+        5.560277
+        """
+        if name in self.parameters:
+            return float(self.parameters[name].value)
+        self._check_known(name, self.source)
+        if name == "run.t_end":
+            return self.t_end
+        found = None if name.startswith("run.") else KINDS[self.kind].implied(self._elbow, name)
+        if found is None:
+            raise CaseError(self.source, name, Missing(), "a parameter that has a value in this case")
+        return found
+
+    @checked
+    def si(self, name: str, value: object) -> float:
+        """SI value of a quantity that could stand in the parameter `name`, such as "0.6 deg" for a backlash.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or the value has another dimension.
+        """
+        self._check_known(name, self.source)
+        try:
+            return KINDS[self.kind].si(value, self.unit(name)[0])
+        except QuantityError as error:
+            raise CaseError(self.source, name, value, error.expected) from None
+
+    @checked
+    def unit(self, name: str) -> tuple[str, str]:
+        """SI unit of a parameter, and the unit that people use.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter.
+        """
+        self._check_known(name, self.source)
+        if name in self.parameters:
+            return self.parameters[name].unit, self.parameters[name].friendly
+        if name.startswith("run.input."):
+            return self._unit_of_input(name.removeprefix("run.input."))
+        quantity = find_quantity(FILES[self.kind], name.split("."))
+        return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
+
+    def _unit_of_input(self, name: str) -> tuple[str, str]:
+        """Units of a field of the input signal."""
+        if name in ("size", "amplitude"):
+            return self.input_unit, _FRIENDLY.get(self.input_unit, self.input_unit)
+        if name == "rate":
+            unit = f"{self.input_unit}/s" if self.input_unit else "Hz"
+            return unit, _FRIENDLY.get(unit, unit)
+        quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
+        return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
+
+    @checked
+    def readable(self, name: str) -> tuple[str, float]:
+        """The unit that people use for a parameter, and the factor from SI to it.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter.
+        """
+        unit, shown = self.unit(name)
+        return shown, 1.0 / parse_quantity(f"1 {shown}", unit) if shown and shown != unit else 1.0
+
+    @checked
+    def text(self, name: str, value: float, digits: int = 6) -> str:
+        """A value of a parameter, given in SI units, as people write it.
+
+        Raises
+        ------
+        CaseError
+            If there is no such parameter, or `digits` is not 1 to 17.
+        """
+        if not 1 <= digits <= 17:
+            raise CaseError(self.source, "digits", digits, "1 to 17")
+        return format_si(value, *self.unit(name), digits)
+
+    @checked
+    def with_values(self, values: Mapping[str, Any], source: str = "with_values") -> Case:
+        """The same case with other values, validated again; its expected answers are dropped, as they no longer hold.
+
+        Parameters
+        ----------
+        values : mapping of str to str, number, bool, Parameter or table
+            By dotted names; plain numbers are in SI units. A field that another one stands in for (thresholds for
+            widths, prehensor mass for inertia) drops that other one; where one of the bands' thresholds or widths is
+            given, the others of its group stay where they are.
+        source : str
+            What messages call the place where the values come from.
+
+        Raises
+        ------
+        CaseError
+            If a field is not known or the case is no longer valid.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> changed = case("fig8a_original").with_values({"lock_pin.backlash": "0.5 deg"})
+        >>> str(changed.parameters["lock_pin.backlash"])
+        '0.5 deg'
+        """
+        data = _copied(self._raw.data)
+        if any(str(name) not in _NO_CHANGE_OF_SYSTEM for name in values):
+            data = without_answers(data)
+        origins = dict(self._raw.origins)
+        given: dict[str, set[str]] = {}
+        for name in values:
+            section, _, last = str(name).partition(".")
+            given.setdefault(section, set()).add(last)
+        for section, names in given.items():
+            if isinstance(data.get(section), dict):
+                data[section] = drop_alternatives(section, data[section], names)
+        for section, others in KINDS[self.kind].beside(self._elbow, data, given).items():
+            data[section] |= others
+        for name, value in values.items():
+            if not isinstance(name, str) or not name or len(name) > 200:
+                raise CaseError(source, "", name, "the dotted name of a field")
+            plain = _plain(value)
+            self._check_settable(name, plain, source)
+            path = self._path(name)
+            _set(data, path, plain, source, name)
+            # Its sections too, for what the change makes missing; fields that stay keep their own entries.
+            origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
+        return load(replace(self._raw, data=data, origins=origins))
+
+    def to_toml(self) -> str:
+        """The whole case as TOML text, without a base."""
+        return write_toml({"kind": self.kind, **self._raw.data})
+
+    def provenance(self) -> dict[str, Any]:
+        """What a result needs to be traced back: file, checksum, version and every parameter with its mark."""
+        from eppanalysis import __version__
+
+        content = json.dumps(self._raw.data, sort_keys=True, ensure_ascii=True)
+        return {
+            "case": self.name,
+            "kind": self.kind,
+            "source": self.source,
+            "sha256": hashlib.sha256(content.encode()).hexdigest(),
+            "version": __version__,
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+        }
+
+    def _known(self) -> list[str]:
+        given = (self._raw.data.get("run") or {}).get("input") or {}
+        input_signal = INPUTS[given["kind"]].model_fields if "kind" in given else {}
+        run = ["run.t_end", *(f"run.input.{name}" for name in input_signal if name not in _NOT_A_NUMBER)]
+        return list(dict.fromkeys([*KINDS[self.kind].fields(self.parameters), *run]))
+
+    def _check_known(self, name: str, source: str, shown: object = None) -> None:
+        known = self._known()
+        if name in known:
+            return
+        close = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.endswith(f".{name}")][:1]
+        hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
+        raise CaseError(source, name, "not known" if shown is None else shown, f"a known field: {hint}")
+
+    def _check_settable(self, name: str, value: Any, source: str) -> None:
+        """Refuse names that validation could not put right; the rest of the file may be set too ("run.t_end")."""
+        if name.partition(".")[0] in ("run", "expected", "title", "loop"):
+            return
+        if not KINDS[self.kind].takes(name, self._raw.data):
+            self._check_known(name, source, value)
+
+    def _path(self, name: str) -> list[str | int]:
+        return KINDS[self.kind].path(name, self._raw.data)
+
+
+def _copied(data: Any) -> Any:
+    """Tables and lists of a file once more; what they hold never changes."""
+    if isinstance(data, dict):
+        return {name: _copied(value) for name, value in data.items()}
+    return [_copied(value) for value in data] if isinstance(data, list) else data
+
+
+def load(raw: RawCase) -> Case:
+    """The case of a file that has been read and merged.
+
+    Raises
+    ------
+    CaseError
+        If anything in it is not valid.
+    """
+    file = validate(raw)
+    parts = KINDS[file.kind].parts(file, raw)
+    expected = make_expected(file.expected)
+    if expected.signal is not None and expected.signal not in parts.system.signals.names:
+        raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")
+    return Case(
+        raw.name,
+        file.title,
+        file.kind,
+        raw.source,
+        parts.parameters,
+        parts.input,
+        float(file.run.t_end.value),
+        expected,
+        raw,
+        parts.system,
+        parts.elbow,
+    )
+
+
+def json_schema(kind: str) -> dict[str, Any]:
+    """JSON schema of a case file, for editors.
+
+    Parameters
+    ----------
+    kind : {"elbow", "loop"}
+
+    Raises
+    ------
+    CaseError
+        If there is no such kind.
+    """
+    if kind not in FILES:
+        raise CaseError("json_schema", "kind", kind, " or ".join(repr(k) for k in FILES))
+    schema = FILES[kind].model_json_schema()
+    schema["properties"]["base"] = {"type": "string", "description": "Case that this one inherits from."}
+    return schema
+
+
+def _plain(value: Any) -> Any:
+    """A value as TOML would give it."""
+    if isinstance(value, Parameter):
+        text = value.value if isinstance(value.value, bool) else write_si(value.value, value.unit, value.friendly)
+        table = {"value": text, "mark": value.mark, "note": value.note}
+        if value.tolerance is not None:
+            table["tolerance"] = write_si(value.tolerance, value.unit, value.friendly)
+        return table
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):  # numpy
+        return value.tolist()
+    return value
+
+
+def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, name: str) -> None:
+    here: Any = data
+    for part in path[:-1]:
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, {})
+        elif isinstance(part, int) and isinstance(here, list):
+            here = here[part]
+        else:
+            break
+    last = path[-1]
+    if not isinstance(here, dict) or not isinstance(last, str) or not last:
+        raise CaseError(source, name, value, "the dotted name of a field")
+    here[last] = value

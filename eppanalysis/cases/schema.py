@@ -1,0 +1,333 @@
+"""What a case file may hold, as pydantic models, and their errors as one sentence."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.quantities import (
+    LONGEST_TEXT,
+    AnyQuantity,
+    Duration,
+    Parameter,
+    PositiveDuration,
+    Quantity,
+    declared_type,
+    plain_text,
+)
+from eppanalysis.errors import CaseError
+from eppanalysis.models.devices.declared import Section, declared_fields
+from eppanalysis.models.devices.elbow.parameters import ElbowParameters
+from eppanalysis.units import KINDS
+
+Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=60)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Row = Annotated[list[Number], Field(max_length=200)]
+Matrix = Annotated[list[Row], Field(max_length=200)]
+Scalar = Annotated[Parameter, AnyQuantity()]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class StepInput(_Model):
+    """A jump."""
+
+    kind: Literal["step"]
+    size: Scalar
+    time: Duration | None = None
+
+
+class StepsInput(_Model):
+    """Several jumps one after the other: when, and where it stands behind each."""
+
+    kind: Literal["steps"]
+    times: Annotated[list[Duration], Field(min_length=1, max_length=1000)]
+    values: Annotated[list[Scalar], Field(min_length=1, max_length=1000)]
+
+
+class RampInput(_Model):
+    """An input signal at constant rate."""
+
+    kind: Literal["ramp"]
+    rate: Scalar
+    start: Duration | None = None
+    stop: PositiveDuration | None = None
+
+
+class SineInput(_Model):
+    """A sine."""
+
+    kind: Literal["sine"]
+    amplitude: Scalar
+    frequency: Annotated[Parameter, Quantity("Hz", above=0)]
+    phase: Annotated[Parameter, Quantity("rad", "deg")] | None = None
+
+
+class RecordedInput(_Model):
+    """A recorded input signal, linear between its samples: a CSV file in the case's folder, or times and values."""
+
+    kind: Literal["recorded"]
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=100)] | None = None
+    times: Annotated[list[Number], Field(min_length=2, max_length=20_000)] | None = None
+    values: Annotated[list[Number], Field(min_length=2, max_length=20_000)] | None = None
+
+
+#: Input signals by their kind.
+INPUTS: dict[str, type[_Model]] = {
+    "step": StepInput,
+    "steps": StepsInput,
+    "ramp": RampInput,
+    "sine": SineInput,
+    "recorded": RecordedInput,
+}
+
+
+AnyInput = Annotated[
+    StepInput | StepsInput | RampInput | SineInput | RecordedInput,
+    Field(discriminator="kind"),
+]
+
+
+class RunSection(_Model):
+    """How the case is simulated: `input` moves the only external input, `inputs` any of them by name."""
+
+    t_end: Annotated[Parameter, Quantity("s", above=0)]
+    input: AnyInput | None = None
+    inputs: dict[Name, AnyInput] | None = None
+
+
+class CycleAnswer(_Model):
+    """A known limit cycle."""
+
+    amplitude: Positive
+    omega: Positive
+    period: Positive | None = None
+    mean: Number | None = None
+    middle: Number | None = None
+    fundamental: Number | None = None
+    stable: bool | None = None
+    largest_multiplier: Number | None = None
+    also: dict[Name, Number] = {}
+
+
+class PublishedValue(_Model):
+    """A number from the literature."""
+
+    quantity: Text
+    value: Number
+    source: Text
+    how_known: Text = ""
+    confirmed: bool = False
+
+
+class ExpectedSection(_Model):
+    """What the case should give, and who says so."""
+
+    outcome: Literal["oscillate", "settle"] | None = None
+    signal: Name | None = None
+    describing_function: list[CycleAnswer] | None = None
+    exact: list[CycleAnswer] | None = None
+    published: list[PublishedValue] = []
+    paper: Text = ""
+    finding: Text = ""
+    source: Text = ""
+    note: Text = ""
+
+
+def _section(name: str, declared: type[Section]) -> tuple[Any, Any]:
+    """Type and default of a section of a file, from what a device declares of it."""
+    held: dict[str, Any] = {}
+    for field, about in declared_fields(declared).items():
+        kind = declared_type(about)
+        held[field] = (kind | None, None) if about.optional else (kind, ...)
+    title = "".join(part.title() for part in name.split("_"))
+    summary = (declared.__doc__ or "").partition("\n")[0]
+    made = create_model(f"{title}Section", __base__=_Model, __doc__=summary, __module__=__name__, **held)
+    return made, made() if declared.left_out else ...
+
+
+#: Sections of a case of the elbow.
+SECTIONS = {name: _section(name, declared) for name, declared in ElbowParameters.sections().items()}
+_ELBOW: dict[str, Any] = {
+    "kind": (Literal["elbow"], "elbow"),
+    "title": (Text, ...),
+    **SECTIONS,
+    "run": (RunSection, ...),
+    "expected": (ExpectedSection, ExpectedSection()),
+}
+ElbowFile: Any = create_model(
+    "ElbowFile", __base__=_Model, __doc__="A case of the elbow.", __module__=__name__, **_ELBOW
+)
+
+
+class SignalRow(_Model):
+    """A named signal: weights of the states, of the elements' outputs and of the external inputs."""
+
+    state: Row | None = None
+    output: Row | None = None
+    input: Row | None = None
+    constant: Number = 0.0
+    unit: Annotated[str, Field(max_length=30)] = ""
+
+
+class LoopSection(_Model):
+    """A generic loop: a transfer function and one element, a ring of blocks, or a state space with elements."""
+
+    gain: Scalar | None = None
+    num: Row | None = None
+    den: Row | None = None
+    blocks: Annotated[list[dict[str, Any]], Field(max_length=50)] | None = None
+    A: Matrix | None = None
+    B: Matrix | None = None
+    C: Matrix | None = None
+    D: Matrix | None = None
+    constant_state: Row | None = None
+    constant_input: Row | None = None
+    inputs: list[Name] = []
+    input_matrix: Matrix | None = None
+    input_feedthrough: Matrix | None = None
+    elements: Annotated[list[dict[str, Any]], Field(max_length=50)] | None = None
+    states: list[Name] | None = None
+    signals: dict[Name, SignalRow] | None = None
+    initial_state: Row | None = None
+    initial_input: Row | None = None
+    delay: Duration | None = None
+    delays: Annotated[list[Annotated[Number, Field(ge=0)]], Field(max_length=200)] | None = None
+    time_step: PositiveDuration | None = None
+    principal: Name | None = None
+    feedback: Literal[-1, 1] = -1
+
+
+class LoopFile(_Model):
+    """A case of a generic loop."""
+
+    kind: Literal["loop"]
+    title: Text
+    loop: LoopSection
+    run: RunSection
+    expected: ExpectedSection = ExpectedSection()
+
+
+FILES: dict[str, type[BaseModel]] = {"elbow": ElbowFile, "loop": LoopFile}
+
+_SENTENCES = {
+    "string_type": "a text",
+    "list_type": "a list",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "finite_number": "a finite number",
+    "model_type": "a table of fields",
+    "model_attributes_type": "a table of fields",
+    "dict_type": "a table",
+    "string_pattern_mismatch": "a plain name of letters, digits and underscores",
+}
+#: What is too long, and what is counted in it.
+_LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
+
+
+def validate(raw: RawCase) -> Any:
+    """The validated model of a case file.
+
+    Raises
+    ------
+    CaseError
+        On the first thing that is wrong: a field that is not known before one that is missing or has a wrong value.
+    """
+    if "kind" not in raw.data and "loop" in raw.data and "drive" not in raw.data:
+        raise CaseError(raw.source, "kind", Missing(), "'loop', as the file has a section of that name")
+    kind = raw.data.get("kind", "elbow")
+    model = FILES.get(kind) if isinstance(kind, str) else None
+    if model is None:
+        raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in FILES))
+    try:
+        return model.model_validate(raw.data)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        first = min(found, key=lambda e: (e["type"] != "extra_forbidden", e["type"] == "missing"))
+        raise _case_error(dict(first), raw, model) from None
+
+
+def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> CaseError:
+    loc = [str(part) for part in error["loc"]]
+    member = {"input": 2, "inputs": 3}.get(loc[1] if loc[0] == "run" and len(loc) > 1 else "", len(loc))
+    del loc[member : member + 1]  # the name of the union's member
+    field, context = ".".join(loc), error.get("ctx", {})
+    shown: Any = error["input"]
+    if error["type"] == "extra_forbidden":
+        expected = _suggest(loc[-1], _model_at(model, loc[:-1]))
+    elif error["type"] == "missing":
+        shown, expected = Missing(), _wanted(model, loc)
+    elif error["type"] == "quantity":
+        shown, expected = context["shown"], context["expected"]
+    elif error["type"].startswith("union_tag"):
+        field, expected = f"{field}.kind", "'step', 'steps', 'ramp', 'sine' or 'recorded'"
+        shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown
+    elif error["type"] == "literal_error":
+        expected = context["expected"]
+    elif error["type"] in _LENGTHS:
+        expected = f"{_LENGTHS[error['type']][0]} of at most {context['max_length']} {_LENGTHS[error['type']][1]}"
+    elif error["type"] in _SENTENCES:
+        expected = _SENTENCES[error["type"]]
+    else:
+        expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should have ").lower()
+    return CaseError(raw.origin(field), field, shown, expected)
+
+
+def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:
+    """The model behind a dotted path; None where there is none, or several."""
+    for part in path:
+        if part.isdigit():
+            continue
+        info = model.model_fields.get(part)
+        found = (
+            [m for m in _members(info.annotation) if isinstance(m, type) and issubclass(m, BaseModel)] if info else []
+        )
+        if len(found) != 1:
+            return None
+        model = found[0]
+    return model
+
+
+def _members(annotation: Any) -> list[Any]:
+    """Everything inside a union, list or annotation."""
+    inner = getattr(annotation, "__args__", ())
+    return [annotation] if not inner else [m for a in inner for m in _members(a)]
+
+
+def _suggest(name: str, model: type[BaseModel] | None) -> str:
+    known = sorted(model.model_fields) if model is not None else []
+    if model in FILES.values():
+        known.append("base")
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"a known field in its place: did you mean {close[0]!r}?"
+    return f"a known field in its place: one of {', '.join(known)}" if known else "a known field in its place"
+
+
+def _wanted(model: type[BaseModel], loc: list[str]) -> str:
+    quantity = find_quantity(model, loc)
+    if quantity is not None:
+        kind, example = KINDS.get(quantity.unit, ("a quantity", "1"))
+        return f"{kind} such as {example!r}" if quantity.unit else f"{kind} such as {example}"
+    return "a section" if _model_at(model, loc) is not None else "a value"
+
+
+def find_quantity(model: type[BaseModel], loc: list[str]) -> Quantity | None:
+    """The kind of quantity that a field holds, None when it holds something else."""
+    parent = _model_at(model, loc[:-1])
+    info = parent.model_fields.get(loc[-1]) if parent is not None else None
+    if info is None:
+        return None
+    candidates = [*info.metadata]
+    for member in getattr(info.annotation, "__args__", ()):
+        candidates += getattr(member, "__metadata__", ())
+    return next((c for c in candidates if isinstance(c, Quantity)), None)

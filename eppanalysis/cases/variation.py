@@ -1,0 +1,192 @@
+"""What is worth varying in a case: the parameters of an elbow's design, the positive ones of another loop."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from eppanalysis.cases.model import Case
+from eppanalysis.errors import CaseError
+from eppanalysis.readable import with_unit, words
+
+_MASS = "forearm.prehensor_mass"
+#: Of an elbow: field, words, unit, lowest, highest, step; most telling first.
+_ELBOW = (
+    ("bands.range", "Gain: profile range", "lbf", 1.0, 5.0, 0.05),
+    ("lock_pin.backlash", "Backlash", "deg", 0.0, 4.0, 0.05),
+    ("pulley.friction", "Pulley friction", "", 0.0, 0.15, 0.002),
+    ("cable.stiffness", "Cable stiffness", "N/m", 500.0, 15000.0, 50.0),
+    (_MASS, "Mass in the hand", "kg", 0.05, 1.5, 0.01),
+    ("controller.delay", "Delay", "ms", 0.0, 20.0, 0.25),
+)
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A parameter with the range that it is moved over; its numbers are in the unit that people use.
+
+    Attributes
+    ----------
+    name, title, unit : str
+    per_unit : float
+        SI value of one `unit`.
+    low, high, step, value : float
+    """
+
+    name: str
+    title: str
+    unit: str
+    per_unit: float
+    low: float
+    high: float
+    step: float
+    value: float
+
+    def label(self) -> str:
+        """Title with unit."""
+        return with_unit(self.title, self.unit)
+
+
+@dataclass(frozen=True)
+class Variation(ABC):
+    """What is worth varying in a case of one kind.
+
+    Attributes
+    ----------
+    case : Case
+    has_guideline : bool
+        Whether there are guidelines for such designs.
+    example : str
+        A field and a value for it, as one sets them.
+    """
+
+    has_guideline: ClassVar[bool]
+    example: ClassVar[str]
+
+    case: Case
+
+    @abstractmethod
+    def sliders(self) -> Iterable[Slider]:
+        """Parameters with the ranges that they are moved over."""
+
+    @abstractmethod
+    def over(self) -> list[str]:
+        """Parameters that a picture may run over, most telling first."""
+
+    @abstractmethod
+    def branch(self, name: str) -> tuple[float, float, float]:
+        """Where a branch over a parameter starts, with a cycle at hand and without one, and where it stops [SI]."""
+
+    @abstractmethod
+    def axes(self) -> dict[str, str]:
+        """Axes of a map of designs, as sweeps take them; none where there are less than two."""
+
+
+class ElbowVariation(Variation):
+    """Of an elbow: its gain and its backlash before all else."""
+
+    has_guideline = True
+    example = "lock_pin.backlash = 0.5 deg"
+
+    def sliders(self) -> Iterable[Slider]:
+        """The parameters of its design; the forearm's inertia where the shell has all of it."""
+        for name, title, unit, low, high, step in _ELBOW:
+            value = current(self.case, name)
+            if value is None:
+                name, title, unit, low, high, step = "forearm.inertia", "Forearm inertia", "kg*m^2", 0.005, 0.2, 0.001
+                value = self.case.value(name)
+            per_unit = self.case.si(name, f"1 {unit}".strip())
+            shown = value / per_unit
+            yield Slider(name, title, unit.replace("*", "·"), per_unit, min(low, shown), max(high, shown), step, shown)
+
+    def over(self) -> list[str]:
+        """The backlash."""
+        return ["lock_pin.backlash"]
+
+    def branch(self, name: str) -> tuple[float, float, float]:
+        """From a backlash at which the elbow oscillates, down through the fold."""
+        return max(1.3 * self.case.value(name), math.radians(0.5)), math.radians(4.0), math.radians(0.1)
+
+    def axes(self) -> dict[str, str]:
+        """Gain against backlash."""
+        return {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
+
+
+class LoopVariation(Variation):
+    """Of any other loop: its gain and whatever is positive."""
+
+    has_guideline = False
+    example = "loop.gain = 2"
+
+    def sliders(self) -> Iterable[Slider]:
+        """Every positive parameter, from a tenth to three times of what it is."""
+        case, positive = self.case, self.over()
+        if "loop.gain" not in case.parameters and _takes(case, "loop.gain", 1.01):
+            yield Slider("loop.gain", "loop gain", "", 1.0, 0.1, 3.0, 0.01, 1.0)
+        for name, parameter in case.parameters.items():
+            value = parameter.value
+            if name not in positive or not _takes(case, name, 1.01 * value):
+                continue
+            per_unit = case.si(name, f"1 {parameter.friendly}".strip())
+            shown = value / per_unit
+            step = 10.0 ** math.floor(math.log10(shown) - 1.5)
+            yield Slider(name, words(name), parameter.friendly, per_unit, shown / 10.0, 3.0 * shown, step, shown)
+
+    def over(self) -> list[str]:
+        """The gain, what is positive, and the delay last."""
+        positive = [
+            name
+            for name, parameter in self.case.parameters.items()
+            if not isinstance(parameter.value, bool) and parameter.value > 0 and name != "loop.time_step"
+        ]
+        return sorted(positive, key=lambda name: (name != "loop.gain", name == "loop.delay"))
+
+    def branch(self, name: str) -> tuple[float, float, float]:
+        """From where the parameter is to twice of it."""
+        value = self.case.value(name)
+        return value, value, 2.0 * value
+
+    def axes(self) -> dict[str, str]:
+        """The first two parameters, around what they are."""
+        names = self.over()[:2]
+        return {name: self._around(name) for name in names} if len(names) == 2 else {}
+
+    def _around(self, name: str) -> str:
+        value, unit = self.case.value(name), self.case.unit(name)[0]
+        return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
+
+
+_KINDS: dict[str, type[Variation]] = {"elbow": ElbowVariation, "loop": LoopVariation}
+
+
+def variation_of(case: Case) -> Variation:
+    """What is worth varying in a case.
+
+    Examples
+    --------
+    >>> from eppanalysis.cases import case
+    >>> [slider.label() for slider in variation_of(case("backlash_servo")).sliders()]
+    ['loop gain', 'play gap']
+    """
+    return _KINDS[case.kind](case)
+
+
+def current(case: Case, name: str) -> float | None:
+    """Value of a field [SI], also of the mass where the case gives the inertia; None where there is none."""
+    try:
+        return case.value(name)
+    except CaseError:
+        if name != _MASS:
+            raise
+        return None
+
+
+def _takes(case: Case, name: str, value: float) -> bool:
+    """Whether a field may have a value: a transfer function has a gain in front of it, a count is a whole number."""
+    try:
+        return bool(case.with_values({name: value}))
+    except CaseError:
+        return False

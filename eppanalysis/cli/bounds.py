@@ -1,0 +1,163 @@
+"""The command ``eppanalysis bounds``: how far one parameter may go at each value of another, and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    heading,
+    load_case,
+    print_json,
+    print_table,
+    progress,
+)
+from eppanalysis.errors import EppError
+from eppanalysis.readable import count
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.tables.files import Table
+
+Field = Annotated[str, typer.Option("--over", metavar="FIELD", help="The parameter that runs, as in bands.range.")]
+Limit = Annotated[
+    str, typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded, as in lock_pin.backlash.")
+]
+Workers = Annotated[int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)]
+
+
+def bounds(
+    case: CaseName,
+    over: Field,
+    limit: Limit,
+    settings: Settings = NOTHING,
+    start: Annotated[str | None, typer.Option("--from", metavar="VALUE", help="First value of --over.")] = None,
+    stop: Annotated[str | None, typer.Option("--to", metavar="VALUE", help="Last value of --over.")] = None,
+    points: Annotated[int, typer.Option("--points", help="Number of values of --over.")] = 9,
+    within: Annotated[
+        str | None,
+        typer.Option("--within", metavar="LOW:HIGH", help='Range of --limit to look in, as in "0.1 deg:5 deg".'),
+    ] = None,
+    verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
+    margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
+    starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
+    workers: Workers = None,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
+    """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
+    from eppanalysis.methods.bounds.design import cores, design_bounds
+
+    if output is not None:
+        check_output(output)
+    found = load_case(case, settings)
+    with progress(f"bounds {found.name}") as advance:
+        result = design_bounds(
+            found,
+            over,
+            limit,
+            start=start,
+            stop=stop,
+            points=points,
+            within=range_of(within),
+            verify=verify,
+            margin=margin,
+            starts=starts,
+            seed=seed,
+            workers=cores() if workers is None else workers,
+            progress=advance,
+        )
+    if as_json:
+        print_json("bounds", [(found, result.to_dict())], settings)
+    else:
+        heading(f"{found.name}: {found.title}", settings)
+        _show(found, result)
+    if output is not None:
+        from eppanalysis.tables.files import write_result
+
+        write_result(result, bounds_columns, output)
+
+
+def bounds_columns(result: DesignBounds) -> Table:
+    """One row a cell, in SI units, for files."""
+    from eppanalysis.tables.files import Table
+
+    rows = [
+        {
+            result.over: c.value,
+            "first_order": c.first_order,
+            "harmonic": c.harmonic,
+            "order": c.order,
+            "exact": c.exact,
+            "frequency": c.frequency,
+            "safe_value": c.safe_value,
+            "runs": c.n_runs,
+            "settled": c.n_settled,
+            "verified": c.verified,
+            "finding": c.finding,
+            "message": c.message,
+        }
+        for c in result
+    ]
+    unit = result.units[result.limit]
+    units = dict.fromkeys(("first_order", "harmonic", "exact", "safe_value"), unit)
+    return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
+
+
+def range_of(text: str | None) -> tuple[str, str] | None:
+    """Both ends of LOW:HIGH.
+
+    Raises
+    ------
+    EppError
+        If it is no range.
+    """
+    if text is None:
+        return None
+    low, separator, high = text.partition(":")
+    if not separator or not low.strip() or not high.strip():
+        raise EppError(f'--within {text}: is no range; expected LOW:HIGH, as in "0.1 deg:5 deg".')
+    return low.strip(), high.strip()
+
+
+def _show(case: Case, result: DesignBounds) -> None:
+    from eppanalysis.tables.console import bounds_table
+
+    if result.own:
+        typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
+    print_table(bounds_table(result))
+    for sentence in sentences(case, result):
+        typer.echo(sentence)
+
+
+def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
+    """What the table says in words, and what is missing in it."""
+    from eppanalysis.methods.bounds.result import Finding
+
+    n_good = sum(c.verified for c in result)
+    n_bounds = sum(c.finding is Finding.BOUND for c in result)
+    if n_bounds:
+        margin = result.margin
+        yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
+    unsafe = [c for c in result if c.first_order_unsafe]
+    if unsafe:
+        worst = max(unsafe, key=lambda c: abs(c.first_order_error))
+        yield (
+            f"First order is on the unsafe side in {len(unsafe)} of them, by up to "
+            f"{100 * abs(worst.first_order_error):.3g} %."
+        )
+    elif n_bounds:
+        yield "First order is on the safe side in all of them."
+    for cell in result:
+        if cell.message and not (cell.finding is Finding.BOUND and cell.verified):
+            yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"

@@ -1,0 +1,386 @@
+"""The command line: arguments to calls, results to tables, JSON or files.
+
+Whatever computes is imported inside the command that needs it, so that ``eppanalysis --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from eppanalysis.cli.bounds import bounds
+from eppanalysis.cli.common import (
+    NOTHING,
+    Json,
+    Settings,
+    check_output,
+    expanded,
+    heading,
+    load_case,
+    print_json,
+    print_table,
+    progress,
+)
+from eppanalysis.cli.cycles import branch, cycles
+from eppanalysis.cli.explore import explore
+from eppanalysis.cli.guide import guide
+from eppanalysis.cli.identify import identify
+from eppanalysis.cli.report import report
+from eppanalysis.cli.sweep import sweep
+from eppanalysis.errors import EppError
+from eppanalysis.readable import count
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.results import Prediction, Trajectory
+    from eppanalysis.tables.files import Table
+
+
+class _Commands(TyperGroup):
+    """Turns an error that the user can act on into one sentence and exit code 2, an interrupt into one and 130."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()  # here, where a full disk is a sentence
+        except EppError as error:
+            typer.echo(str(error), err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.echo("Interrupted: nothing is kept.", err=True)
+            raise typer.Exit(130) from None
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # the reader has seen enough
+                raise
+            typer.echo(
+                f"{_place(error)}: {error.strerror or error}; expected a place to read from or write to.", err=True
+            )
+            raise typer.Exit(2) from error
+        return result
+
+
+def _place(error: OSError) -> str:
+    """Which file an error is of; the standard output is given up where none is named, as Python writes to it again."""
+    if error.filename is not None:
+        return str(error.filename)
+    with suppress(OSError, ValueError):  # no output that belongs to the system, as in a notebook
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return "standard output"
+
+
+class _Command(TyperCommand):
+    """Refuses in one sentence a word that is no choice of its option, and an option that is given twice but holds one
+    value: the first would be dropped without a word.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        values, _, options = self.make_parser(ctx).parse_args(args=list(args))
+        hints = get_type_hints(self.callback)
+        for option in options:
+            _check_choice(option, hints.get(option.name), values.get(option.name))
+        given = [option for option in options if _holds_one(option)]
+        twice = next((option for option in given if given.count(option) > 1), None)
+        if twice is not None:
+            raise EppError(f"{'/'.join(twice.opts)}: is given {given.count(twice)} times; expected it once.")
+        return super().parse_args(ctx, args)
+
+
+def _check_choice(option: Any, hint: Any, given: Any) -> None:
+    """Refuse a word that is no member of the enumeration that an option takes, where it takes one."""
+    words = next((t for t in (hint, *get_args(hint)) if isinstance(t, type) and issubclass(t, StrEnum)), None)
+    if words is None:
+        return
+    for word in given if option.multiple else [given]:
+        if word not in list(words):
+            how_many = "one or several of" if option.multiple else "one of"
+            raise EppError(f"{option.opts[0]} {word}: is not known; expected {how_many} {', '.join(words)}.")
+
+
+def _holds_one(option: Any) -> bool:
+    """Whether it is an option with one value: no argument, no flag, not repeatable."""
+    return option.param_type_name == "option" and not (option.multiple or option.is_flag or option.count)
+
+
+app = typer.Typer(
+    name="eppanalysis",
+    cls=_Commands,
+    help="Limit cycles of loops with backlash, friction and other nonlinear elements.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Cases = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="CASE",
+        help='Case files (TOML), or names of shipped cases; "truth-table" is all eight experiments of the paper.',
+        show_default=False,
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc); {case} in it stands for the case's name.",
+        show_default=False,
+    ),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _version(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
+    if version:
+        from eppanalysis import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.command(cls=_Command)
+def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
+    """Check case files: every field, its unit and its range."""
+    from eppanalysis.tables.console import parameters_table
+
+    valid, texts = [], expanded(cases)
+    for text in texts:
+        try:
+            valid.append(load_case(text, settings))
+        except EppError as error:
+            typer.echo(str(error), err=True)
+    if as_json:
+        print_json("check", [(case, {"valid": True, **case.provenance()}) for case in valid], settings)
+    else:
+        for case in valid:
+            heading(f"{case.name}: valid ({case.kind}): {case.title}", settings)
+            if len(texts) == 1:
+                print_table(parameters_table(case))
+    if len(valid) < len(texts):
+        raise typer.Exit(2)
+
+
+@app.command(cls=_Command)
+def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
+    """Predict all limit cycles with describing functions, stable and unstable."""
+    from eppanalysis.methods.describing.predict import predict_limit_cycles
+    from eppanalysis.tables.files import prediction_table
+
+    def run(case: Case) -> Prediction:
+        found = predict_limit_cycles(case)
+        len(found.margins)  # made when they are first asked for: now, before a part of the output is out
+        return found
+
+    _carry_out("predict", cases, settings, as_json, output, _Analysis(run, prediction_table, _show_prediction))
+
+
+@app.command(cls=_Command)
+def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
+    """Simulate with every switch located, and say whether the motion settles or repeats itself."""
+    from eppanalysis.methods.simulation.simulate import simulate as run_simulation
+    from eppanalysis.tables.files import trajectory_table
+
+    def run(case: Case) -> Trajectory:
+        return run_simulation(case)
+
+    _carry_out("simulate", cases, settings, as_json, output, _Analysis(run, trajectory_table, _show_trajectory))
+
+
+@app.command(cls=_Command)
+def validate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
+    """Put prediction and simulation side by side, signal by signal, with their differences in per cent.
+
+    Several cases give one table of findings and verdicts: "eppanalysis validate truth-table".
+    """
+    from eppanalysis.methods.comparison.ladder import ladder
+    from eppanalysis.tables.files import ladder_table
+
+    analysis = _Analysis(ladder, ladder_table, _show_ladder, _show_truth_table, _expected_beside)
+    _carry_out("validate", cases, settings, as_json, output, analysis)
+
+
+@app.command("cases", cls=_Command)
+def list_cases(as_json: Json = False) -> None:
+    """List the cases that ship with the package."""
+    from eppanalysis.cases import case as shipped, shipped_cases
+
+    found = [shipped(name) for name in shipped_cases()]
+    if as_json:
+        print_json("cases", [(case, None) for case in found], ())
+        return
+    from eppanalysis.tables.console import cases_table
+
+    print_table(cases_table(found))
+
+
+app.command("cycles", cls=_Command)(cycles)
+app.command("branch", cls=_Command)(branch)
+app.command("bounds", cls=_Command)(bounds)
+app.command("guide", cls=_Command)(guide)
+app.command("sweep", cls=_Command)(sweep)
+app.command("identify", cls=_Command)(identify)
+app.command("report", cls=_Command)(report)
+app.command("explore", cls=_Command)(explore)
+
+
+@dataclass(frozen=True)
+class _Analysis:
+    """What one command does with a case: compute, make a table for files, show it; and show several together."""
+
+    run: Callable[[Case], Any]
+    to_table: Callable[[Any], Table]
+    show: Callable[[Case, Any], None]
+    show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
+    beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
+
+
+def _carry_out(
+    command: str, texts: Sequence[str], settings: Sequence[str], as_json: bool, output: Path | None, analysis: _Analysis
+) -> None:
+    """Load all cases, compute, then print and write; nothing is computed when an argument is wrong."""
+    texts = expanded(texts)
+    if output is not None:
+        _check_output(output, len(texts))
+    cases = [load_case(text, settings) for text in texts]
+    if output is not None:
+        _check_names(output, cases)
+    together = analysis.show_all if len(cases) > 1 else None
+    results = []
+    for case in cases:
+        with progress(f"{command} {case.name}"):
+            results.append(analysis.run(case))
+        if not as_json and together is None:
+            typer.echo()
+            heading(f"{case.name}: {case.title}", settings)
+            analysis.show(case, results[-1])
+    if not as_json and together is not None:
+        if settings:
+            heading(f"{len(cases)} cases", settings)
+        together(cases, results)
+    if as_json:
+        found = [
+            (case, {**result.to_dict(), **(analysis.beside(case, result) if analysis.beside else {})})
+            for case, result in zip(cases, results, strict=True)
+        ]
+        print_json(command, found, settings)
+    if output is not None:
+        _write(output, cases, results, analysis)
+
+
+def _check_output(output: Path, n_cases: int) -> None:
+    check_output(output, stands_for=("case",))
+    if n_cases > 1 and "{case}" not in output.name and output.suffix.lower() != ".csv":
+        raise EppError(f"{output}: is one file for {n_cases} cases; expected {{case}} in its name, or a table (.csv).")
+
+
+def _check_names(output: Path, cases: Sequence[Case]) -> None:
+    """Refuse one name for the files of several cases."""
+    names = [case.name for case in cases]
+    for case in cases:
+        if "{case}" in output.name and names.count(case.name) > 1:
+            raise EppError(
+                f"{output}: {names.count(case.name)} cases are called {case.name}; expected a name for each."
+            )
+
+
+def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], analysis: _Analysis) -> None:
+    """One file a case where the name holds ``{case}``, else one file."""
+    from eppanalysis.tables.files import join, write_result, write_table
+
+    if "{case}" not in output.name and len(cases) > 1:
+        tables = [(case.name, analysis.to_table(result)) for case, result in zip(cases, results, strict=True)]
+        write_table(join(tables), output)
+        return
+    for case, result in zip(cases, results, strict=True):
+        name = output.name.replace("{case}", case.name)
+        write_result(result, analysis.to_table, output.with_name(name))
+
+
+def _show_prediction(case: Case, prediction: Prediction) -> None:
+    from eppanalysis.tables.console import cycles_table, margins_text
+
+    n = len(prediction)
+    typer.echo(f"{count(n, 'limit cycle')} predicted. {prediction.search}".strip())
+    if not prediction.status.ok:
+        typer.echo(prediction.status.value)
+    for warning in prediction.warnings:
+        typer.echo(f"Caution: {warning}")
+    if n:
+        print_table(cycles_table(list(prediction)))
+    if prediction.margins:
+        typer.echo(f"margins of the linearised loop: {margins_text(prediction.margins)}")
+
+
+def _show_trajectory(case: Case, run: Trajectory) -> None:
+    from eppanalysis.tables.console import cycles_table, rest_table
+
+    since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
+    typer.echo(f"{run.status.value}{since} {count(run.n_events, 'event')}.")
+    if run.limit_cycle is not None:
+        print_table(cycles_table([run.limit_cycle]))
+    elif run.settled_at:
+        print_table(rest_table(run))
+
+
+def _show_ladder(case: Case, ladder: Ladder) -> None:
+    from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
+
+    typer.echo(ladder.verdict)
+    expected = case.expected
+    if expected.finding:
+        must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
+        typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
+    print_table(ladder_table(ladder))
+    if ladder.errors:
+        typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
+    print_table(rungs_table(ladder))
+    typer.echo("errors against the exact cycle; a cycle without a number has no exact counterpart.")
+    parts = [f"search for all exact cycles {ladder.search_seconds:.2f} s"] if ladder.search is not None else []
+    if ladder.probes:
+        parts.append(f"{count(len(ladder.probes), 'run')} from the predicted cycles {ladder.probe_seconds:.2f} s")
+    if parts:
+        typer.echo("time of the rest: " + ", ".join(parts))
+
+
+def _show_truth_table(cases: Sequence[Case], ladders: Sequence[Ladder]) -> None:
+    """All cases in one table, with what is known of each beside what the run did."""
+    from eppanalysis.tables.console import TruthTable
+
+    table = TruthTable()
+    for case, ladder in zip(cases, ladders, strict=True):
+        table.add(case, ladder)
+    print_table(table.table)
+    typer.echo(table.sentence())
+
+
+def _expected_beside(case: Case, ladder: Ladder) -> dict[str, Any]:
+    """What is known of the case, for JSON."""
+    from eppanalysis.tables.console import as_found
+
+    expected = case.expected
+    known = {"paper": expected.paper, "finding": expected.finding, "must": expected.outcome}
+    return {**known, "as_found": as_found(case, ladder)}
+
+
+def main() -> None:
+    """Entry point of the command ``eppanalysis``."""
+    # Many small linear systems: threads inside the linear algebra cost more than they give.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller, who wants neither text nor a traceback about it
+            setattr(sys, name, io.StringIO())
+    app()

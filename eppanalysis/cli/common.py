@@ -1,0 +1,233 @@
+"""What all commands share: the case with its settings, and the JSON document that ``--json`` prints."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eppanalysis.errors import EppError
+from eppanalysis.progress import Progress, progress_bar
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eppanalysis.cases import Case
+
+#: Default of options that may be repeated.
+NOTHING: list[str] = []
+NO_FILES: list[Path] = []
+
+CaseName = Annotated[
+    str,
+    typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
+]
+Settings = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="FIELD=VALUE",
+        help='Override a field of every case, as in lock_pin.backlash="0.5 deg"; repeatable.',
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
+        show_default=False,
+    ),
+]
+
+
+def load_case(text: str, settings: Sequence[str]) -> Case:
+    """The case of a file or of a shipped name, with the fields of ``--set`` in place.
+
+    Raises
+    ------
+    EppError
+        If there is no such case, or a setting is not FIELD=VALUE or not valid.
+    """
+    from eppanalysis.cases import case, read_case, shipped_cases
+    from eppanalysis.errors import CaseError
+
+    if not text.strip():
+        raise CaseError("CASE", "", text, "a case file, or the name of a shipped case")
+    # A folder may bear the name of a shipped case, and is none; any other is named as what it is.
+    is_file = text.endswith(".toml") or os.path.isfile(text) or (os.path.exists(text) and text not in shipped_cases())
+    found = read_case(text) if is_file else case(text)
+    values = given_values(settings)
+    found = found.with_values(values, "--set") if values else found
+    for remark in found.remarks:
+        typer.echo(f"{found.name}: {remark}", err=True)
+    return found
+
+
+def expanded(texts: Sequence[str]) -> list[str]:
+    """Cases with the members of a group in place of its name."""
+    from eppanalysis.cases import GROUPS
+
+    return [name for text in texts for name in GROUPS.get(text, (text,))]
+
+
+def given_values(settings: Sequence[str]) -> dict[str, Any]:
+    """Fields and values of ``--set FIELD=VALUE``; what is not a TOML value ("0.5 deg") is a text."""
+    import tomllib
+
+    found: dict[str, Any] = {}
+    for text in settings:
+        name, value = split_pair(text, "--set", "FIELD=VALUE")
+        try:
+            found[name] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[name] = value
+    return found
+
+
+def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
+    """Name and value of an option that takes NAME=VALUE.
+
+    Raises
+    ------
+    EppError
+        If there is no name, no equals sign, or no value.
+
+    Examples
+    --------
+    >>> split_pair("bands.range = 1:5:41:lbf", "--axis", "FIELD=start:stop:count:unit")
+    ('bands.range', '1:5:41:lbf')
+    """
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip() or not value.strip():
+        raise EppError(f"{option} {text}: lacks a field, '=' or a value; expected {expected}.")
+    return name.strip(), value.strip()
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Progress | None]:
+    """A bar on the terminal; nothing elsewhere.
+
+    Yields
+    ------
+    callable or None
+
+    Raises
+    ------
+    EppError
+        If the numbers of what is computed inside grow beyond all range.
+    """
+    try:
+        with progress_bar(what) as advance:
+            yield advance
+    except (OverflowError, FloatingPointError, ValueError) as error:
+        if not _out_of_range(error):
+            raise
+        raise EppError(f"{what}: numbers beyond all range ({error}); expected values of ordinary magnitude.") from error
+
+
+def _out_of_range(error: ArithmeticError | ValueError) -> bool:
+    from numpy.linalg import LinAlgError
+
+    return isinstance(error, ArithmeticError | LinAlgError)
+
+
+def heading(text: str, settings: Sequence[str]) -> None:
+    """What a table is about; below it what ``--set`` has changed, as the case's own title still names the old values.
+
+    Parameters
+    ----------
+    text : str
+    settings : sequence of str
+        As ``--set`` takes them.
+    """
+    typer.secho(text, bold=True)
+    if settings:
+        typer.echo(f"with {', '.join(' = '.join(split_pair(s, '--set', 'FIELD=VALUE')) for s in settings)}")
+
+
+def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
+    """Refuse a file that cannot be written, or whose name holds braces that stand for nothing.
+
+    Parameters
+    ----------
+    path : Path
+    suffixes : sequence of str, optional
+        Pictures and tables by default.
+    stands_for : sequence of str
+        What may stand in braces in the name.
+
+    Raises
+    ------
+    EppError
+        If it cannot be written.
+    """
+    from eppanalysis.tables.files import PICTURES, TABLES, check_target
+
+    known = [f"{{{name}}}" for name in stands_for]
+    for found in re.findall(r"\{[^{}]*\}", path.name):
+        if found not in known:
+            raise EppError(f"{path}: {found} stands for nothing; expected {' or '.join(known) or 'a name without it'}.")
+    check_target(path, PICTURES + TABLES if suffixes is None else suffixes)
+
+
+def print_table(table: Table) -> None:
+    """A table on the standard output; in a file or a pipe it is not folded at the width of a console."""
+    from rich.console import Console
+
+    Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(table)
+
+
+def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:
+    """One document on the standard output: what was asked for, and the result of every case.
+
+    Parameters
+    ----------
+    command : str
+    results : sequence of (Case, plain data)
+    settings : sequence of str
+        As ``--set`` takes them.
+    """
+    import json
+
+    from eppanalysis import __version__
+
+    document = {
+        "eppanalysis": __version__,
+        "command": command,
+        "set": given_values(settings),
+        "cases": [
+            {"name": case.name, "title": case.title, "kind": case.kind, "result": result} for case, result in results
+        ],
+    }
+    sys.stdout.write(json.dumps(json_value(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def json_value(value: Any) -> Any:
+    """Plain JSON: arrays as lists, complex numbers as [real, imaginary], what is not finite as null.
+
+    Examples
+    --------
+    >>> json_value({"multipliers": (1 + 2j,), "error": float("nan")})
+    {'multipliers': [[1.0, 2.0]], 'error': None}
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): json_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [json_value(item) for item in value]
+    if isinstance(value, complex):
+        return [json_value(value.real), json_value(value.imag)]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -1,0 +1,136 @@
+"""The commands ``eppanalysis cycles`` and ``eppanalysis branch``: all exact limit cycles, and how they change."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    heading,
+    load_case,
+    print_json,
+    progress,
+)
+from eppanalysis.errors import EppError
+from eppanalysis.readable import count, quantity, readable
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.methods.continuation.branch import Branch
+    from eppanalysis.methods.search.find import CycleSearch
+    from eppanalysis.methods.search.trigger import Trigger
+
+Picture = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
+]
+
+
+def cycles(
+    case: CaseName,
+    settings: Settings = NOTHING,
+    triggers: Annotated[
+        bool, typer.Option("--trigger", help="Also the smallest disturbances that start a cycle.")
+    ] = False,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
+    """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
+    from eppanalysis.methods.search.find import find_limit_cycles
+    from eppanalysis.methods.search.trigger import trigger
+    from eppanalysis.tables.files import cycle_table, write_result
+
+    if output is not None:
+        check_output(output)
+    found = load_case(case, settings)
+    with progress(f"cycles {found.name}") as advance:
+        search = find_limit_cycles(found, progress=advance)
+        hits = trigger(found, cycles=search) if triggers else ()
+    if as_json:
+        print_json("cycles", [(found, {**search.to_dict(), "triggers": [k.to_dict() for k in hits]})], settings)
+    else:
+        heading(f"{found.name}: {found.title}", settings)
+        _show_cycles(found, search)
+        for hit in hits:
+            typer.echo(f"trigger: {_trigger_text(found, hit)}")
+    if output is not None:
+        write_result(search, lambda result: cycle_table(result.cycles), output)
+
+
+def branch(
+    case: CaseName,
+    over: Annotated[str, typer.Option("--over", metavar="FIELD", help="The parameter, as in bands.range.")],
+    start: Annotated[str, typer.Option("--from", metavar="VALUE", help="Where the branch begins.")],
+    stop: Annotated[str, typer.Option("--to", metavar="VALUE", help="Where it ends.")],
+    settings: Settings = NOTHING,
+    points: Annotated[int, typer.Option("--points", help="At most so many orbits.")] = 200,
+    as_json: Json = False,
+    output: Picture = None,
+) -> None:
+    """Follow a limit cycle over a parameter, through folds, and name every special point."""
+    from eppanalysis.methods.continuation.branch import continue_branch
+    from eppanalysis.tables.files import PICTURES, write_figure
+
+    if output is not None:
+        check_output(output, PICTURES)
+    if points < 1:
+        raise EppError(f"--points {points}: is no number of orbits; expected 1 or more.")
+    found = load_case(case, settings)
+    for option, value in (("--from", start), ("--to", stop)):
+        found.with_values({over: value}, option)
+    with progress(f"branch {found.name}"):
+        result = continue_branch(found, over, start, stop, n_points=points)
+    if as_json:
+        print_json("branch", [(found, result.to_dict())], settings)
+    else:
+        heading(f"{found.name}: {found.title}", settings)
+        _show_branch(found, over, result)
+    if output is not None:
+        write_figure(result.plot(found.expected.signal), output)
+
+
+def _show_cycles(case: Case, search: CycleSearch) -> None:
+    typer.echo(f"{count(len(search), 'limit cycle')}. {search.message} Sought with {search.search}")
+    for cycle in search:
+        name = case.expected.signal or next(iter(cycle.peak_to_peak))
+        kind = "stable  " if cycle.stable else "unstable"
+        typer.echo(
+            f"  {kind}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  {name} "
+            f"{quantity(cycle.peak_to_peak[name], cycle.units[name], 8)} peak to peak  {cycle.stability_criterion}"
+        )
+
+
+def _trigger_text(case: Case, hit: Trigger) -> str:
+    """The threshold between its two sides, with as many digits as tell them apart."""
+    system = case.to_system()
+    units = dict(zip(system.signals.names, system.signals.units, strict=False))
+    unit, factor = readable(case.input_unit if hit.name in system.input_names else units.get(hit.name, ""))
+    tail = f" {unit}".rstrip()
+    if math.isnan(hit.size):
+        return f"{hit.name} by up to {hit.tried * factor:.6g}{tail} starts no cycle."
+    for digits in range(6, 18):
+        starts, settles = (f"{value * factor:.{digits}g}" for value in (hit.starts, hit.settles))
+        if starts != settles:
+            break
+    return f"{hit.name} by {starts}{tail} starts a cycle; {settles}{tail} settles."
+
+
+def _show_branch(case: Case, over: str, result: Branch) -> None:
+    for branch in (result, *result.others):
+        value = branch.points["value"]
+        low, high = (case.text(over, float(v)) for v in (value.min(), value.max()))
+        typer.echo(f"{count(len(branch), 'orbit')} over {over} between {low} and {high}. {branch.message}")
+        for special in branch.special:
+            typer.echo(f"  {special.kind} at {case.text(over, special.value, 10)}: {special.note}")
+    for gap in result.missing:
+        low, high = (case.text(over, v) for v in (gap.low, gap.high))
+        typer.echo(f"No orbit between {low} and {high}: {gap.why}.")

@@ -1,0 +1,163 @@
+"""The command ``eppanalysis identify``: measured CSV files to a case whose parameters are marked as measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import NO_FILES, NOTHING, check_output, load_case, print_json, progress
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.identify import BenchFit, Identification
+
+_PICTURES = (".png", ".svg", ".pdf")
+_FILES = (".toml", ".csv", *_PICTURES)
+
+Measured = Annotated[Path | None, typer.Option(metavar="CSV", show_default=False)]
+Outputs = Annotated[
+    list[Path],
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of "
+        "a picture stands for tray, backlash or step.",
+        show_default=False,
+    ),
+]
+
+
+def identify(
+    case: Annotated[str, typer.Argument(metavar="CASE", help="What is known: a case file, or a shipped case.")],
+    tray: Annotated[
+        Path | None,
+        typer.Option("--tray", metavar="CSV", help="Weight tray: force, voltage [, time].", show_default=False),
+    ] = None,
+    backlash: Annotated[
+        Path | None,
+        typer.Option("--backlash", metavar="CSV", help="Cycling: angle, force [, time, torque].", show_default=False),
+    ] = None,
+    step: Annotated[
+        Path | None,
+        typer.Option("--step", metavar="CSV", help="Step: time, angle [, force, harness].", show_default=False),
+    ] = None,
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--column",
+            metavar="ROLE=HEADER:UNIT",
+            help=r'Which column is what, as in force="F (lbf):lbf"; by default headers are "force \[lbf]". Repeatable.',
+        ),
+    ] = NOTHING,
+    settings: Annotated[
+        list[str], typer.Option("--set", metavar="FIELD=VALUE", help="Override a field of the case.")
+    ] = NOTHING,
+    fit: Annotated[
+        list[str], typer.Option("--fit", metavar="FIELD", help="What the step response is to identify; repeatable.")
+    ] = NOTHING,
+    wrap: Annotated[str, typer.Option("--wrap", help="Angle at which the weight tray loads the pulley.")] = "180 deg",
+    press: Annotated[
+        str, typer.Option("--press", help="Largest torque of the hand in cycling, where none is recorded.")
+    ] = "0 N*m",
+    seed: Annotated[int, typer.Option("--seed", help="Of the starts of the step response's fit.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units.")] = False,
+    outputs: Outputs = NO_FILES,
+) -> None:
+    """Identify parameters with intervals from measured CSV files; what the data cannot identify is named."""
+    from eppanalysis.identify import identify as run
+
+    benches = [name for name, path in (("tray", tray), ("backlash", backlash), ("step", step)) if path is not None]
+    for output in outputs:
+        _check_output(output, benches)
+    chosen = _choices(columns)
+    angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
+    base = load_case(case, settings)
+    tray, backlash, step = (_measured(path) for path in (tray, backlash, step))
+    with progress("identify") as advance:
+        found = run(
+            base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
+            fit=fit or None, seed=seed, progress=advance,
+        )  # fmt: skip
+    if as_json:
+        print_json("identify", [(found.case, found.to_dict())], settings)
+    else:
+        for part in found.fits:
+            _show(part)
+    for output in outputs:
+        _write(found, output, benches)
+
+
+def _measured(path: Path | None) -> Path | None:
+    """The file, or where there is none the recording of that name that ships as an example."""
+    from eppanalysis.cases import shipped_cases_folder
+
+    if path is None or path.exists() or path.name != str(path):
+        return path
+    shipped = shipped_cases_folder() / "measured" / path.name
+    return shipped if shipped.is_file() else path
+
+
+def _choices(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
+    from eppanalysis.identify.columns import parse_choice
+
+    out: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        role, header, unit = parse_choice(text)
+        if role in out:
+            raise EppError(f"--column {text}: {role} is given twice; expected each role once.")
+        out[role] = (header, unit)
+    return out
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    from eppanalysis.errors import CaseError
+    from eppanalysis.units import QuantityError, parse_quantity
+
+    try:
+        return parse_quantity(text, unit)
+    except QuantityError as error:
+        raise CaseError(option, "", text, error.expected) from None
+
+
+def _check_output(output: Path, benches: Sequence[str]) -> None:
+    check_output(output, _FILES, stands_for=("bench",) if output.suffix.lower() in _PICTURES else ())
+    if output.suffix.lower() in _PICTURES and len(benches) > 1 and "{bench}" not in output.name:
+        raise EppError(f"{output}: is one picture for {len(benches)} tests; expected {{bench}} in its name.")
+
+
+def _show(fit: BenchFit) -> None:
+    typer.echo()
+    typer.secho(f"{fit.bench}: {fit.source}", bold=True)
+    for estimate in fit.estimates:
+        note = f" ({estimate.note})" if estimate.note and estimate.identified else ""
+        identified = "" if estimate.identified else f"  NOT IDENTIFIED BY THESE DATA: {estimate.note}"
+        typer.echo(f"  {estimate}{note}{identified}")
+    for role, left in fit.residuals.items():
+        typer.echo(
+            f"  residual of {role}: {left.rms:.3g} {left.unit} rms, autocorrelation {left.autocorrelation:+.2f}, "
+            f"drift {left.drift:+.2g} {left.unit}"
+        )
+    typer.echo("  " + " ".join([fit.limit_sentence(), *fit.notes]))
+    if not fit.status.ok:
+        typer.echo(f"  {fit.status.value}")
+
+
+def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
+    from eppanalysis.tables.files import Table, write_figure, write_table, write_text
+
+    if output.suffix.lower() == ".toml":
+        write_text(found.to_toml(), output)
+    elif output.suffix.lower() == ".csv":
+        rows = [
+            {"test": fit.bench, "parameter": e.name, **{k: v for k, v in e.to_dict().items() if k != "note"}}
+            for fit in found.fits
+            for e in fit.estimates
+        ]
+        write_table(Table.from_rows(rows), output)
+    else:
+        for name, fit in zip(benches, found.fits, strict=True):
+            write_figure(fit.plot(), output.with_name(output.name.replace("{bench}", name)))

@@ -1,0 +1,1 @@
+"""Design guidelines for any two parameters of any case."""

@@ -1,0 +1,174 @@
+"""Guidelines to files: Markdown, CSV, LaTeX, HTML, Excel by pandas; pictures; a text is never taken for a formula."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eppanalysis.errors import EppError
+from eppanalysis.readable import cut_text
+from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
+
+if TYPE_CHECKING:
+    import pandas
+
+    from eppanalysis.guides.guideline import Guide
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
+table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
+th, td { border-bottom: 1px solid #ddd; padding: .3rem .6rem; text-align: right; vertical-align: top; }
+th { border-bottom: 2px solid #888; font-weight: 600; }
+img { max-width: 100%; height: auto; }
+footer { color: #666; font-size: 12px; margin-top: 2rem; overflow-wrap: anywhere; }
+"""
+
+
+def check_file(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed for it.
+
+    Raises
+    ------
+    EppError
+        If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
+    """
+    from importlib.util import find_spec
+
+    check_target(path, FILES)
+    needed = _NEEDED.get(path.suffix.lower())
+    if needed is not None and find_spec(needed) is None:
+        raise EppError(f"{path}: needs the package {needed}; expected it installed: {_INSTALL}.")
+
+
+def write_guide(guide: Guide, path: Path) -> None:
+    """Write a guide as the ending of `path` says.
+
+    Raises
+    ------
+    EppError
+        If the ending is not known, a library that it needs is not there or too old, or the file cannot be written.
+    """
+    check_file(path)
+    if path.suffix.lower() in PICTURES:
+        write_figure(guide.plot(), path)
+        return
+    writer = _WRITERS[path.suffix.lower()]
+    with atomic(path) as part:
+        try:
+            writer(guide, part)
+        except ImportError as error:
+            raise EppError(f"{path}: cannot be written ({error}); expected what {_INSTALL} installs.") from error
+
+
+def title(guide: Guide) -> str:
+    """What the table is about."""
+    return f"Largest backlash without a limit cycle: {guide.case.title or guide.case.name}"
+
+
+def facts(guide: Guide) -> str:
+    """Where the table comes from, in one line."""
+    p = guide.provenance
+    case = p.case
+    return (
+        f"eppanalysis {case['version']}, case {case['case']} (sha256 {case['sha256'][:16]}), "
+        f"settings {json.dumps(p.settings, sort_keys=True)}"
+    )
+
+
+def _markdown(guide: Guide, path: Path) -> None:
+    frame = guide.rounded().map(lambda text: text.replace("|", "\\|"))
+    table = frame.to_markdown(index=False, disable_numparse=True)
+    lines = "\n".join(f"* {s}" for s in guide.sentences())
+    path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{facts(guide)}\n", encoding="utf-8")
+
+
+def _csv(guide: Guide, path: Path) -> None:
+    frame = guide.to_frame()
+    texts = frame.select_dtypes(exclude="number").columns
+    frame[texts] = frame[texts].map(csv_cell)
+    frame["provenance"] = [csv_cell(facts(guide)), *[""] * (len(frame) - 1)]
+    frame.to_csv(path, index=False, float_format="%.10g")
+
+
+def _latex(guide: Guide, path: Path) -> None:
+    import pandas
+
+    def table(frame: pandas.DataFrame, columns: str, head: bool) -> str:
+        style = frame.style.hide(axis="index").format(escape="latex").format_index(escape="latex", axis=1)
+        style = style if head else style.hide(axis="columns")
+        return style.to_latex(hrules=head, environment="longtable", column_format=columns)
+
+    frame = guide.rounded()
+    texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
+    # Every column has a gap on both sides of it.
+    width = f"\\dimexpr{1.0 / len(frame.columns):.4f}\\linewidth-2\\tabcolsep"
+    numbers = f">{{\\raggedleft\\arraybackslash}}p{{{width}}}" * len(frame.columns)
+    path.write_text(
+        "% Needs the packages array, booktabs and longtable; wide: best on a landscape page.\n"
+        + "{\\scriptsize\\setlength{\\tabcolsep}{3pt}\n"
+        + table(frame, numbers, True)
+        + "}\n"
+        + table(texts, "p{\\dimexpr\\linewidth-2\\tabcolsep}", False),
+        encoding="utf-8",
+    )
+
+
+def _html(guide: Guide, path: Path) -> None:
+    frame = guide.rounded()
+    style = frame.style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
+    table = style.to_html()
+    picture = io.BytesIO()
+    guide.plot().savefig(picture, format="png", dpi=160)
+    image = base64.b64encode(picture.getvalue()).decode()
+    lines = "".join(f"<li>{html.escape(s)}</li>" for s in guide.sentences())
+    name = html.escape(_one_line(title(guide)))
+    path.write_text(
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
+        f"<style>{_STYLE}</style></head>"
+        f'<body><h1>{name}</h1>{table}<ul>{lines}</ul><img alt="Three regions of the design over the profile range" '
+        f'src="data:image/png;base64,{image}"><footer>{html.escape(facts(guide))}</footer></body></html>\n',
+        encoding="utf-8",
+    )
+
+
+def _excel(guide: Guide, path: Path) -> None:
+    import pandas
+
+    frame = guide.to_frame()
+    texts = frame.select_dtypes(exclude="number").columns
+    frame[texts] = frame[texts].map(csv_cell)
+    sentences = pandas.DataFrame({"sentence": [csv_cell(s) for s in guide.sentences()]})
+    source = pandas.DataFrame({"provenance": [csv_cell(facts(guide))]})
+    with pandas.ExcelWriter(path, engine="openpyxl") as book:
+        for name, sheet in (("guideline", frame), ("sentences", sentences), ("provenance", source)):
+            sheet.to_excel(book, sheet_name=name, index=False)
+            cells = book.sheets[name]
+            cells.freeze_panes = "A2"
+            for column in cells.columns:
+                width = max(len(cut_text(c.value)) if c.value is not None else 0 for c in column)
+                cells.column_dimensions[column[0].column_letter].width = min(width + 2, 60)
+                for cell in column[1:]:
+                    if isinstance(cell.value, float):
+                        cell.number_format = "0.0000"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+_WRITERS: dict[str, Callable[[Guide, Path], None]] = {
+    ".md": _markdown,
+    ".csv": _csv,
+    ".tex": _latex,
+    ".html": _html,
+    ".xlsx": _excel,
+}
+FILES = (*_WRITERS, *PICTURES)
+#: What pandas needs for an ending besides itself.
+_NEEDED = {".md": "tabulate", ".tex": "jinja2", ".html": "jinja2", ".xlsx": "openpyxl"}
+_INSTALL = "pip install 'eppanalysis[tables]'"

@@ -1,0 +1,83 @@
+"""Pictures of identification: measured points and fit, residuals, and the intervals of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eppanalysis.plotting import BLUE, GREY, ORANGE, VERMILLION
+from eppanalysis.readable import readable, with_unit
+
+if TYPE_CHECKING:
+    from eppanalysis.identify.estimate import BenchFit, Estimate
+
+#: Points of a curve that is only drawn behind.
+_MOST_POINTS = 6000
+#: Intervals wider than this share of their value are cut, and say so.
+_WIDEST = 60.0
+
+
+def plot_bench(fit: BenchFit) -> Figure:
+    """Data with the fit over their abscissa, residuals below, intervals relative to their values on the right.
+
+    Parameters
+    ----------
+    fit : BenchFit
+    """
+    panels: Mapping[str, Any] = fit.curves["panels"]
+    figure = Figure(figsize=(9.2, 1.2 + 2.9 * len(panels)), layout="constrained")
+    grid = figure.add_gridspec(2 * len(panels), 2, width_ratios=[1.7, 1.0], height_ratios=[3.0, 1.1] * len(panels))
+    for i, (role, panel) in enumerate(panels.items()):
+        top = figure.add_subplot(grid[2 * i, 0])
+        below = figure.add_subplot(grid[2 * i + 1, 0], sharex=top)
+        _draw_panel(top, below, role, panel, str(fit.curves["x"]), bool(fit.curves.get("line")))
+        if i == 0:
+            top.legend(fontsize=7, loc="best")
+    _draw_intervals(figure.add_subplot(grid[:, 1]), fit.estimates)
+    figure.suptitle(f"{fit.bench}: {fit.limit_sentence()}", fontsize=9, x=0.01, ha="left", wrap=True)
+    return figure
+
+
+def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abscissa: str, line: bool) -> None:
+    (x_unit, x_factor), (unit, factor) = (readable(u) for u in panel["units"])
+    x = x_factor * np.asarray(panel["x"])
+    if "behind" in panel:
+        times, values = (np.asarray(a) for a in panel["behind"])
+        some = slice(None, None, max(1, times.size // _MOST_POINTS))
+        top.plot(x_factor * times[some], factor * values[some], color=GREY, linewidth=0.4, alpha=0.6, label="record")
+    style: dict[str, Any] = {"color": BLUE, "markersize": 3.0 if x.size < 500 else 1.2, "linestyle": "none"}
+    top.plot(x, factor * np.asarray(panel["y"]), ".", label="measured", zorder=3, **style)
+    marks: dict[str, Any] = {"linewidth": 1.0} if line or abscissa == "force" else {"linestyle": "none", "marker": "x"}
+    top.plot(x, factor * np.asarray(panel["fit"]), color=VERMILLION, markersize=4, label="fit", **marks)
+    below.axhline(0.0, color=GREY, linewidth=0.6)
+    below.plot(x, factor * np.asarray(panel["residual"]), ".", **style)
+    top.set_ylabel(with_unit(role, unit))
+    below.set_ylabel("residual", fontsize=8)
+    below.set_xlabel(with_unit(abscissa, x_unit))
+    top.tick_params(labelbottom=False)
+    for ax in (top, below):
+        ax.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_intervals(ax: Axes, estimates: tuple[Estimate, ...]) -> None:
+    """Every interval as a share of its own value, with the numbers beside it."""
+    for i, estimate in enumerate(estimates):
+        size = abs(estimate.value) or max(abs(estimate.high), abs(estimate.low)) or 1.0
+        ends = [100.0 * (e - estimate.value) / size for e in (estimate.low, estimate.high)]
+        low, high = (float(np.clip(e, -_WIDEST, _WIDEST)) for e in ends)
+        colour = BLUE if estimate.identified else ORANGE
+        ax.plot([low, high], [i, i], color=colour, linewidth=2.2, linestyle="-" if estimate.identified else ":")
+        ax.plot([0.0], [i], "o" if estimate.identified else "s", color=colour, markersize=5)
+        identified = "" if estimate.identified else ", not identified by these data"
+        interval = f"{estimate.text(estimate.low)} to {estimate.text(estimate.high)}{identified}"
+        text = f"{estimate.name} = {estimate.text(estimate.value)}\n{interval}"
+        ax.annotate(text, (0.02, i), (0, 6), xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7)
+    ax.axvline(0.0, color=GREY, linewidth=0.6)
+    ax.set_ylim(len(estimates) - 0.5, -0.8)
+    ax.set_yticks([])
+    ax.set_xlabel("95 % interval about the estimate [% of it]")
+    ax.spines[["top", "right", "left"]].set_visible(False)

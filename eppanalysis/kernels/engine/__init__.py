@@ -1,0 +1,1 @@
+"""The event-exact engine, compiled."""

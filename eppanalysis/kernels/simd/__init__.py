@@ -1,0 +1,1 @@
+"""Vectors and tuples in compiled code."""

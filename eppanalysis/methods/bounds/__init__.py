@@ -1,0 +1,1 @@
+"""Bounds of gains and of backlash within which no limit cycle exists."""

@@ -1,0 +1,397 @@
+"""Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
+
+Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
+exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``bounds_harmonic`` (search
+and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its equations), ``bounds_exact``,
+``bounds_verify`` and ``bounds_elasticity``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.arguments import check_counts
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities
+from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
+from eppanalysis.methods.bounds.fold import Cycle
+from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
+from eppanalysis.methods.continuation.branch import Branch
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.progress import Progress
+from eppanalysis.results.provenance import Provenance
+from eppanalysis.workers import workers as worker_processes
+
+__all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
+
+
+#: Where a bound is sought, relative to the case's own value; how far the other parameter runs.
+_WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
+_SEED = 20050901
+_MOST_FAMILIES = 3
+_SLOW = " Near the bound a cycle that has vanished decays slowly; a larger margin leaves it room."
+#: What harmonic balance may find of a cell that exact orbits are asked about.
+_CORRECTED = (Finding.BOUND, Finding.BEYOND, Finding.FAILED)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How bounds are tested: see :func:`design_bounds`."""
+
+    exact: bool = True
+    verify: bool = True
+    margin: float = 0.01
+    starts: int = 1000
+    seed: int = _SEED
+
+
+def design_bounds(
+    case: CaseLike | LureSystem,
+    over: str,
+    limit: str,
+    *,
+    start: object = None,
+    stop: object = None,
+    points: int = 9,
+    at: Sequence[object] | None = None,
+    within: tuple[object, object] | None = None,
+    exact: bool = True,
+    verify: bool = True,
+    margin: float = 0.01,
+    starts: int = 1000,
+    seed: int = _SEED,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> DesignBounds:
+    """The bound on one parameter of a case at each of a row of values of another.
+
+    Parameters
+    ----------
+    case : Case or LureSystem
+    over, limit : str
+        Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
+    start, stop : str or number, optional
+        First and last value of `over` (plain numbers are SI); 0.4 and 2 times the case's own by default.
+    points : int
+        Number of values of `over`, evenly spaced.
+    at : sequence of quantity, optional
+        The values of `over`, in place of `start`, `stop` and `points`.
+    within : (quantity, quantity), optional
+        Range of `limit` in which its bound is sought; 0.05 to 2 times the case's own value by default.
+    exact : bool
+        Correct every bound to the exact fold.
+    verify : bool
+        Test every corrected bound on both sides.
+    margin : float
+        Distance of the tests from the bound, relative to it.
+    starts : int
+        Runs of each test, from a seeded cloud of initial states and steps of the inputs.
+    seed : int
+    workers : int
+        Processes that correct and test; results do not depend on their number. More than one needs a script that is
+        guarded by ``if __name__ == "__main__"``.
+    progress : callable, optional
+        Told the number of cells done, of all cells, and nothing in words.
+
+    Returns
+    -------
+    DesignBounds
+
+    Raises
+    ------
+    EppError
+        If a parameter, a range or a setting is not valid.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    >>> found = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
+    >>> round(found[0].exact, 7), found[0].verified
+    (0.8462572, True)
+    """
+    case = require_case(case, "design_bounds")
+    check_verification(margin, starts)
+    least = {
+        "points": (points, 1),
+        "workers": (workers, 1),
+        "starts": (starts, int(verify and exact)),
+        "seed": (seed, 0),
+    }
+    check_counts("design_bounds", least)
+    if over == limit:
+        raise EppError(f"design_bounds: {over} is to run and to be bounded; expected two different parameters.")
+    values = _values(case, over, start, stop, points) if at is None else [case.si(over, v) for v in at]
+    if not values:
+        raise EppError(f"design_bounds: at is empty; expected one value of {over} or more.")
+    low, high = range_within(case, limit, within)
+    _check_pair(case, over, values[0], limit, high)
+    question = Question(case, limit, low, high, over)
+    settings = Settings(exact, verify and exact, margin, starts, seed)
+    cells = _cells(question, values, settings, workers, progress)
+    facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
+    known = {name: value_of(case, name) for name in (over, limit)}
+    return DesignBounds(
+        case=case.name,
+        over=over,
+        limit=limit,
+        units={name: case.unit(name)[0] for name in (over, limit)},
+        readable={name: case.readable(name) for name in (over, limit)},
+        own={name: value for name, value in known.items() if value is not None},
+        within=(low, high),
+        cells=tuple(cells),
+        margin=margin,
+        provenance=Provenance("design bounds", facts, case=facts_of(case)),
+        operating_point=case.operating_point,
+    )
+
+
+def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:
+    own = 0.0
+    if start is None or (stop is None and points > 1):
+        own = _own(case, over, "values for it to run over")
+    first = _RUN[0] * own if start is None else case.si(over, start)
+    last = first if points == 1 else _RUN[1] * own if stop is None else case.si(over, stop)
+    if points > 1 and first == last:
+        raise EppError(f"design_bounds: {over} runs from {start} to {stop}; expected two different values.")
+    return [float(v) for v in np.linspace(first, last, points)]
+
+
+def range_within(case: CaseLike, limit: str, within: tuple[object, object] | None) -> tuple[float, float]:
+    """The range in which a bound is sought [SI]: the one given, else about the case's own value.
+
+    Raises
+    ------
+    EppError
+        If it is empty, not valid for the case, or none is given for a parameter that is not positive.
+    """
+    if within is not None:
+        low, high = (case.si(limit, v) for v in within)
+        if not low < high:
+            raise EppError(f"design_bounds: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
+        return low, high
+    wanted = "a range (within) in which to seek its bound"
+    own = _own(case, limit, wanted)
+    if not own > 0:
+        raise EppError(f"design_bounds: {limit} is {own:g} in this case; expected {wanted}.")
+    return _allowed(case, limit, own, _WITHIN[0]), _allowed(case, limit, own, _WITHIN[1])
+
+
+def _own(case: CaseLike, name: str, wanted: str) -> float:
+    """The case's own value of a parameter [SI].
+
+    Raises
+    ------
+    EppError
+        If it has none: says what is wanted in its place.
+    """
+    own = value_of(case, name)
+    if own is None:
+        raise EppError(f"design_bounds: {name} has no value in this case; expected {wanted}.")
+    return own
+
+
+def _allowed(case: CaseLike, limit: str, own: float, factor: float) -> float:
+    """A factor of the case's own value, taken back towards it until the case is valid."""
+    why = ""
+    while abs(factor - 1.0) > 1e-3:
+        try:
+            case.with_values({limit: factor * own})
+            return factor * own
+        except EppError as error:
+            why = str(error).removesuffix(".")
+            factor = 1.0 + 0.8 * (factor - 1.0)
+    raise EppError(f"design_bounds: {limit} cannot be changed in this case ({why}); expected a parameter that can.")
+
+
+def _check_pair(case: CaseLike, over: str, value: float, limit: str, end: float) -> None:
+    """Refuse two parameters of which one, once it is given, takes the place of the other."""
+    both = case.with_values({over: value}).with_values({limit: end})
+    kept = value_of(both, over)
+    if kept is None or abs(kept - value) > 1e-9 * abs(value):
+        raise EppError(f"design_bounds: {limit} stands in the place of {over}; expected two that go side by side.")
+
+
+def _cells(
+    question: Question, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
+) -> list[BoundCell]:
+    """All cells: harmonic balance one after another, correction and tests as they come, on all workers."""
+    cells: list[BoundCell | None] = [None] * len(values)
+    waiting: dict[int, tuple[BoundCell, Future[_Checked]]] = {}
+    done = 0
+
+    def finish(i: int, cell: BoundCell, checked: _Checked | None) -> None:
+        nonlocal done
+        cells[i] = cell if checked is None else _joined(cell, checked)
+        done += 1
+        if progress is not None:
+            progress(done, len(values), "")
+
+    # The sweep itself runs in this process, so one of the workers' places is taken for part of the time.
+    with worker_processes(workers) as pool:
+        sweep = HarmonicSweep(question, each=map if pool is None else pool.map)
+        for i, value in enumerate(values):
+            here, bound = sweep.bound(value)
+            cell = _from_harmonic(value, bound)
+            if bound.fold is not None and not bound.fold.at_end:
+                cell = replace(cell, harmonic_elasticities=elasticities(here, sweep.programmes, bound.fold))
+            if not settings.exact or bound.finding not in _CORRECTED:
+                finish(i, cell, None)
+                continue
+            near = bound.fold.cycle if bound.fold is not None and bound.finding is Finding.BOUND else None
+            job = (here, near, bound.sign, settings)
+            if pool is None:
+                finish(i, cell, _check(*job))
+            else:
+                waiting[i] = cell, pool.submit(_check, *job)
+            for k in [k for k, (_, future) in waiting.items() if future.done()]:
+                ready, future = waiting.pop(k)
+                finish(k, ready, future.result())
+        for k, (ready, future) in waiting.items():
+            finish(k, ready, future.result())
+    return [c for c in cells if c is not None]
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Checked:
+    """What correction and tests of a cell gave, without what only the process that made it can hold."""
+
+    bound: ExactBound
+    verification: Verification | None
+    elasticities: dict[str, float]
+
+
+def _check(question: Question, near: Cycle | None, sign: float, settings: Settings) -> _Checked:
+    """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
+    try:
+        found = ExactBound() if near is None else correct(question, near, sign)
+        if found.cycle is None:
+            end = question.low if sign > 0 else question.high
+            other = searched(question, end if near is None else near.value, sign)
+            found = other if other.cycle is not None or other.kind or near is None else found
+        return _tested(question, found, sign, settings)
+    except (EppError, np.linalg.LinAlgError) as error:
+        return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
+
+
+def bound_of_branch(question: Question, value: float, branch: Branch, settings: Settings) -> BoundCell | None:
+    """The bound at the end of a branch of exact cycles that is known already, tested like any other.
+
+    It takes no search by harmonic balance, and holds no value of it and none of first order. Other families of cycles
+    are found by the tests, as everywhere.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    value : float
+        That value [SI].
+    branch : Branch
+        Over the limiting parameter, from cycles above their bound.
+    settings : Settings
+
+    Returns
+    -------
+    BoundCell or None
+        None where the branch has no end within the range of the question.
+    """
+    turn = turn_of(question, branch, question.low, 1.0)
+    if turn is None:
+        return None
+    cell = BoundCell(value=value, finding=Finding.BOUND)
+    try:
+        return _joined(cell, _tested(question, turn, 1.0, settings))
+    except (EppError, np.linalg.LinAlgError) as error:
+        return replace(cell, exact=turn.value, kind=turn.kind, message=f"Not verified: the tests failed ({error}).")
+
+
+def _tested(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
+    """Test one exact bound; where a test finds another family on the safe side, its bound is the next to be tested."""
+    if found.cycle is None:
+        return _Checked(found, None, {})
+    tested: Verification | None = None
+    for turns_left in reversed(range(_MOST_FAMILIES if settings.verify else 0)):
+        assert found.cycle is not None
+        tested = verify(
+            question,
+            found.value,
+            sign,
+            found.cycle,
+            margin=settings.margin,
+            n_starts=settings.starts,
+            seed=settings.seed,
+        )
+        further = farthest_turn(question, tested.safe_value, tested.cycles, sign) if turns_left else None
+        if further is None:
+            break
+        found = further
+    point = found.point
+    located = point is not None and (found.kind == Turn.FOLD or point.arc is not None)
+    known = exact_elasticities(question, point) if point is not None and located else {}
+    return _Checked(replace(found, point=None), tested, known)
+
+
+def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:
+    """A cell with what harmonic balance says; where its cycles go on to the end of the range, it says no value."""
+    beyond = bound.finding is Finding.BEYOND
+    first_beyond = bound.first_fold is not None and bound.first_fold.at_end
+    return BoundCell(
+        value=value,
+        finding=bound.finding,
+        sign=bound.sign,
+        first_order=float("nan") if first_beyond else bound.first_order,
+        harmonic=float("nan") if beyond else bound.value,
+        order=0 if beyond else bound.order,
+        error_estimate=float("nan") if beyond else bound.error_estimate,
+        frequency=bound.fold.cycle.omega / (2.0 * np.pi) if bound.fold is not None else float("nan"),
+        message=" ".join(t for t in (bound.finding.sentence, bound.message) if t),
+    )
+
+
+def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
+    """A cell with what correction and tests gave."""
+    bound, test = checked.bound, checked.verification
+    if bound.kind == Turn.END:
+        return replace(cell, finding=Finding.BEYOND, message=Finding.BEYOND.sentence)
+    if bound.cycle is None:
+        remark = f"Not corrected: {bound.message.removesuffix('.')}. Not verified."
+        return replace(cell, message=remark if cell.finding is Finding.BOUND else f"{cell.message} {remark}")
+    if cell.finding is not Finding.BOUND:
+        # Harmonic balance saw the family go on to the end of the range, or saw nothing.
+        cell = replace(cell, finding=Finding.BOUND)
+    cell = replace(
+        cell,
+        exact=bound.value,
+        kind=bound.kind,
+        frequency=1.0 / bound.period,
+        elasticities=checked.elasticities,
+        orbit=bound.cycle,
+    )
+    if test is None:
+        return replace(cell, message="Not verified.")
+    facts: dict[str, Any] = {
+        "safe_value": test.safe_value,
+        "other_value": test.other_value,
+        "n_runs": test.n_runs,
+        "n_settled": test.n_settled,
+        "n_cycles": len(test.cycles),
+        "other_orbit": test.orbit,
+        "verified": test.verified,
+    }
+    slow = not test.cycles and test.n_settled < test.n_runs
+    remark = f"Not verified: {test.message}." + _SLOW * slow
+    return replace(cell, message="" if test.verified else remark, **facts)

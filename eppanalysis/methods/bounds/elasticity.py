@@ -1,0 +1,129 @@
+"""How a bound moves with every parameter of a case: from the multipliers of the programme, with nothing solved again.
+
+At a solution of ``minimise p subject to E(X, theta(p, q)) = 0`` the derivative of the bound by another parameter q is
+that of the Lagrangian (the envelope theorem): ``dp/dq = multipliers @ dE/dtheta @ dtheta/dq``. The first two factors
+are exact (IPOPT, CasADi); the numbers theta of the loop are smooth functions of q, differentiated centrally. The
+elasticity ``(q/p) dp/dq`` says by how many per cent the bound moves when the parameter grows by one.
+
+At an exact fold the equations of the orbit, r(u, p) = 0, are singular; with the row psi that annihilates their
+derivative by u, ``dp/dq = -(psi @ dr/dq) / (psi @ dr/dp)``, where both derivatives are taken along the exact arcs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.fold import Fold, Programmes, anchored
+from eppanalysis.methods.bounds.harmonic import Question, steady_loop
+from eppanalysis.methods.bounds.numbers import gather
+from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.steps import Point, evaluate_at
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.subject import CaseLike
+
+_STEP = 1e-4
+#: Parameters that say where the motion begins or how it is recorded, not what the loop is.
+_LEFT_OUT = ("run.", "expected.")
+
+
+def parameters_of(question: Question) -> list[str]:
+    """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one.
+
+    A field that the bounded one stands in for (the forearm's inertia, say, for the prehensor's mass) has none.
+    """
+    case = question.case_at(question.high)
+    found = []
+    for name, parameter in getattr(case, "parameters", {}).items():
+        value = parameter.value
+        if isinstance(value, bool) or not value or name == question.limit or name.startswith(_LEFT_OUT):
+            continue
+        found.append(name)
+    return found
+
+
+def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict[str, float]:
+    """Elasticity of the bound of a fold by every parameter; nan where a parameter changes the structure of the loop.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    programmes : Programmes
+        Those of the fold.
+    fold : Fold
+    """
+    value = fold.cycle.value
+    numbers = question.numbers()
+    dependence = numbers.dependence(fold.plan, value)
+    _, pivot = anchored(fold.cycle.Z)
+    expressions = programmes.expressions(fold.plan, numbers.loop(value), dependence, pivot)
+    used = dependence.used
+    gradient = np.zeros(used.size)
+    gradient[used] = np.array(
+        expressions.by_numbers(fold.unknowns, dependence.at(value)[used], fold.multipliers)
+    ).ravel()
+    out = {}
+    for name in parameters_of(question):
+        slope = _slope(question, name, fold)
+        if slope is None or np.any(slope[~used] != 0.0):
+            out[name] = float("nan")
+        else:
+            out[name] = float(gradient @ slope) * question.case.value(name) / value
+    return out
+
+
+def _slope(question: Question, name: str, fold: Fold) -> np.ndarray | None:
+    """Derivative of the loop's numbers by a parameter; None where it cannot be moved."""
+    case, value = question.case_at(fold.cycle.value), question.case.value(name)
+    h = _STEP * abs(value)
+    try:
+        up, down = (gather(steady_loop(case.with_values({name: v})), fold.plan).flat() for v in (value + h, value - h))
+    except EppError:
+        return None
+    return (up - down) / (2.0 * h) if up.shape == down.shape else None
+
+
+def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
+    """Elasticity of an exact bound by every parameter; nan where a parameter changes the structure of the loop.
+
+    At a fold the equations of the orbit are singular. At a border collision those are overdetermined that are left when
+    the arc that has no duration is kept so. Either way one combination of them does not feel the orbit, only the
+    parameters.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    point : Point
+        The fold, or the border collision with the arc that has no duration there.
+    """
+    orbit = point.orbit
+    A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    if point.arc is not None:
+        A = np.delete(A, orbit.arcs.free.size + point.arc, axis=1)
+    psi = np.linalg.svd(A)[0][:, -1] / orbit.row_scale
+    by_limit = float(psi @ point.slope)
+    case = question.case_at(point.value)
+    out = {}
+    for name in parameters_of(question):
+        value = question.case.value(name)
+        h = 1e-5 * abs(value)
+        family = Family(_changed(case, name), (value - h, value + h))
+        try:
+            up, down = (
+                evaluate_at(family, orbit.arcs.event_sequence, v, orbit.y, orbit.tau).r for v in family.limits[::-1]
+            )
+        except (EppError, IndexError, ValueError):
+            out[name] = float("nan")
+            continue
+        slope = float(psi @ (up - down)) / (2.0 * h)
+        out[name] = -slope / by_limit * value / point.value
+    return out
+
+
+def _changed(case: CaseLike, name: str) -> Callable[[float], HybridSystem]:
+    return lambda value: steady_case(case.with_values({name: value}))

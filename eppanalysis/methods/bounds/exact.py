@@ -1,0 +1,191 @@
+"""From the bound by harmonic balance to the exact one: the fold of the branch of exact orbits nearest to it.
+
+A cycle of the balance a little inside the bound gives the first exact orbit, from there the branch is followed to where
+it turns back. Branches also turn back where the orbit ceases to visit a mode, with a border collision in place of a
+smooth fold; both end the family and count, and both are solved for exactly.
+
+Harmonic balance is off by a per cent or so in the waveform. Along a parameter to which the cycles hardly react this may
+be more than the whole range; there exact orbits are searched for, farther and farther from where it put the bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.fold import Cycle, balanced
+from eppanalysis.methods.bounds.harmonic import Question, steady_loop
+from eppanalysis.methods.bounds.numbers import Numbers
+from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.continuation.branch import Branch, SpecialPoint, continue_branch
+from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.harmonic.balance import cycle_of
+from eppanalysis.methods.harmonic.elements import Unsettled
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.results import LimitCycle
+
+#: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
+_INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+_OUTSIDE = 0.25
+_KINDS = {Change.FOLD: Turn.FOLD, Change.TURNING: Turn.CORNER}
+#: Where an orbit is looked for beyond a border collision, relative to its value, and how often.
+_BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
+#: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
+_N_SEARCHED = 7
+
+
+@dataclass(frozen=True, eq=False)
+class ExactBound:
+    """The exact bound, or why there is none.
+
+    Attributes
+    ----------
+    value : float
+        [SI]; nan where it could not be found.
+    period : float
+        Of the orbit at the bound [s].
+    cycle : LimitCycle or None
+        The orbit there.
+    kind : Turn
+    point : Point or None
+        The orbit with the direction of its branch.
+    message : str
+        Why there is none.
+    """
+
+    value: float = float("nan")
+    period: float = float("nan")
+    cycle: LimitCycle | None = None
+    kind: Turn = Turn.UNKNOWN
+    point: Point | None = None
+    message: str = ""
+
+
+def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
+    """The exact bound near a bound by harmonic balance.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    near : Cycle
+        The cycle of harmonic balance at its bound.
+    sign : {1, -1}
+        1 where the cycles lie above the bound.
+    """
+    message = "no exact orbit was found near the cycles of harmonic balance"
+    for share in _INSIDE:
+        inside = near.value * (1.0 + sign * share)
+        if not question.low <= inside <= question.high:
+            continue
+        stop = float(np.clip(near.value * (1.0 - sign * _OUTSIDE), question.low, question.high))
+        for start in _cycles_inside(question, near, inside):
+            branch = _branch(question, inside, stop, start)
+            if branch is None:
+                continue
+            turn = turn_of(question, branch, stop, sign)
+            if turn is not None:
+                return turn
+            message = f"the branch of exact orbits has no fold near: {branch.message[0].lower()}{branch.message[1:]}"
+    return ExactBound(message=message)
+
+
+def searched(question: Question, near: float, sign: float) -> ExactBound:
+    """The exact bound of the cycles that the exact search finds next to a value, on the side that has cycles.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    near : float
+        The bound by harmonic balance, or where else the search is to begin [SI].
+    sign : {1, -1}
+        1 where the cycles lie above the bound.
+    """
+    end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
+    if _orbits_at(question, end):
+        return ExactBound(kind=Turn.END)
+    spread = np.geomspace if question.low > 0 else np.linspace
+    for value in (float(np.clip(v, question.low, question.high)) for v in spread(near, far, _N_SEARCHED)):
+        turn = farthest_turn(question, value, _orbits_at(question, value), sign) if value != end else None
+        if turn is not None:
+            return turn
+    return ExactBound(message="no family of exact orbits was found that ends within the range")
+
+
+def _orbits_at(question: Question, value: float) -> list[LimitCycle]:
+    """All exact orbits that the search finds at a value, smallest first."""
+    return list(find_limit_cycles(question.case_at(value)))
+
+
+def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> ExactBound | None:
+    """The bound where a branch turns back; None where it does not before `stop`."""
+    turn = _last_turn(question, branch, stop, sign)
+    if turn is None:
+        return None
+    return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
+
+
+def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
+    """The farthest bound of families of which cycles at a value are known; None where none ends within the range."""
+    end = question.low if sign > 0 else question.high
+    branches = (_branch(question, value, end, cycle) for cycle in cycles)
+    turns = [turn_of(question, branch, end, sign) for branch in branches if branch is not None]
+    return min((t for t in turns if t is not None), key=lambda t: sign * t.value, default=None)
+
+
+def _branch(question: Question, start: float, stop: float, cycle: LimitCycle) -> Branch | None:
+    """The branch from a cycle near an orbit at `start`; None where there is no such orbit."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return continue_branch(question.case, question.limit, start, stop, cycle=cycle, n_points=150, max_step=0.08)
+    except (EppError, np.linalg.LinAlgError):
+        return None
+
+
+def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> SpecialPoint | None:
+    """The farthest place at which a branch turns back.
+
+    At a border collision the step on to the new sequence of events may have been taken the wrong way round. Where an
+    orbit near the one at the border collision exists beyond it, the branch goes on from there.
+    """
+    for _ in range(_MOST_COLLISIONS):
+        turns = [s for s in branch.special if s.kind in _KINDS]
+        turn = min(turns, key=lambda s: sign * s.value) if turns else None
+        if turn is None or turn.kind is Change.FOLD:
+            return turn
+        further = None
+        for share in _BEYOND:
+            value = turn.value * (1.0 - sign * share)
+            further = _branch(question, value, stop, turn.cycle) if sign * (value - stop) > 0 else None
+            if further is not None:
+                break
+        if further is None:
+            return turn
+        branch = further
+    return turn
+
+
+def _cycles_inside(question: Question, near: Cycle, value: float) -> Iterator[LimitCycle]:
+    """Cycles of harmonic balance at a value inside the bound, carried there from the bound at once, else in steps."""
+    numbers: Numbers = question.numbers()
+    here = _carried(numbers, near, [value]) or _carried(numbers, near, np.geomspace(near.value, value, 4)[1:].tolist())
+    if here is None or here.value != value:
+        # What does not balance may still be near enough to the exact orbit.
+        here = Cycle(value, *((near.Z, near.omega) if here is None else (here.Z, here.omega)))
+    try:
+        yield cycle_of(steady_loop(question.case_at(value)), here.Z, here.omega)
+    except Unsettled:
+        return
+
+
+def _carried(numbers: Numbers, near: Cycle, values: Iterable[float]) -> Cycle | None:
+    """A cycle carried to one value after the other, as far as Newton's method gets; None where it gets to none."""
+    here = None
+    for v in values:
+        here = balanced(numbers, v, here or near) or here
+    return here

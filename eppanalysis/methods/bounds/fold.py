@@ -1,0 +1,438 @@
+"""The bound by harmonic balance: the least (or largest) parameter of all periodic solutions, as a nonlinear programme.
+
+    minimise p over (waveform, omega, switching instants, memory values, p)
+    subject to the harmonic balance of order n, and switches in their order.
+
+Its solution is a fold: there a stable and an unstable cycle meet, and beyond it none is left of the family. The
+programme holds for one sequence of switches (:mod:`eppanalysis.methods.bounds.equations`). At its solution the elements
+are asked which switches they really make; where these are others, the programme is written for them and solved on from
+there. The multipliers of the equations give the derivative of the bound by every number of the loop at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
+from eppanalysis.methods.bounds.numbers import Dependence, Numbers, Plan, gather, plan_of
+from eppanalysis.methods.harmonic.balance import settled
+from eppanalysis.methods.harmonic.elements import Unsettled
+from eppanalysis.methods.harmonic.loop import Equations, Loop
+from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
+from eppanalysis.models.systems.means import mean_state
+
+_MOST_PROGRAMMES, _MOST_HOPS = 40, 3
+_GENUINE = 1e-6
+#: Of the first trust region, the shortest one that is tried: from a true cycle, and from what may be near none.
+_SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.1
+_BEYOND = (1e-4, 1e-3, 5e-3)
+#: Switches of one element this close in phase may be about to merge.
+_CLOSE = 1e-2
+_OPTIONS: dict[str, Any] = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.max_iter": 35,
+    "ipopt.tol": 1e-9,
+    "ipopt.constr_viol_tol": 1e-9,
+    "ipopt.mu_strategy": "adaptive",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """A periodic motion at a value of the parameter, as far as harmonic balance knows it.
+
+    Attributes
+    ----------
+    value : float
+        The parameter [SI].
+    Z : array, shape (F, n + 1)
+        Coefficients of the elements' free inputs.
+    omega : float
+        [rad/s].
+    """
+
+    value: float
+    Z: ComplexArray
+    omega: float
+
+    @property
+    def order(self) -> int:
+        """Highest harmonic."""
+        return self.Z.shape[1] - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A solution of the programme.
+
+    Attributes
+    ----------
+    cycle : Cycle
+        The periodic motion at the bound.
+    plan : Plan
+    unknowns, multipliers : array
+        Of the equations.
+    at_end : bool
+        The bound is the end of the range: the family goes on beyond it.
+    merging : bool
+        Two switches come together there: the family may go on with others.
+    iterations : int
+        Of IPOPT, all programmes together.
+    """
+
+    cycle: Cycle
+    plan: Plan
+    unknowns: Array
+    multipliers: Array
+    at_end: bool
+    merging: bool
+    iterations: int
+
+
+@dataclass(eq=False)
+class Programmes:
+    """Programmes by plan, written once and solved for as many loops as have the same one."""
+
+    _expressions: dict[Any, Expressions] = field(default_factory=dict)
+    _solvers: dict[Any, Any] = field(default_factory=dict)
+
+    def expressions(self, plan: Plan, loop: Loop, dependence: Dependence, pivot: int) -> Expressions:
+        """The equations of a plan."""
+        key = plan, pivot, dependence.used.tobytes()
+        if key not in self._expressions:
+            kinds = tuple(tuple(s.kind for s, _ in e.smooth) for e in loop.elements)
+            self._expressions[key] = write(plan, gather(loop, plan), dependence.used, kinds, pivot)
+        return self._expressions[key]
+
+    def solver(self, expressions: Expressions, dependence: Dependence, pivot: int) -> Any:
+        """IPOPT for a plan and the places of the numbers that depend on the parameter."""
+        key = expressions.plan, pivot, dependence.used.tobytes(), dependence.places.tobytes()
+        if key not in self._solvers:
+            self._solvers[key] = _solver(expressions, dependence)
+        return self._solvers[key]
+
+
+def _solver(expressions: Expressions, dependence: Dependence) -> Any:
+    layout = expressions.layout
+    V = ca.SX.sym("V", layout.size + 1)
+    constants = ca.SX.sym("constants", int(np.sum(expressions.used)))
+    coefficients = ca.SX.sym("coefficients", *dependence.coefficients.shape)
+    scales = ca.SX.sym("scales", layout.size)
+    sizes = ca.SX.sym("sizes", expressions.residual.size1_out(0))
+    sign = ca.SX.sym("sign")
+    theta = polynomials(dependence, expressions.used, V[-1], constants, coefficients)
+    equations = expressions.residual(V[:-1] * scales, theta) / sizes
+    dwells = [_dwells(V[s] * scales[s]) for s in layout.phases if s.stop > s.start]
+    problem = {
+        "x": V,
+        "f": sign * V[-1],
+        "g": ca.vertcat(equations, *dwells),
+        "p": ca.vertcat(constants, ca.vec(coefficients), scales, sizes, sign),
+    }
+    return ca.nlpsol("bound", "ipopt", problem, _OPTIONS)
+
+
+def _dwells(phi: Any) -> Any:
+    return ca.vertcat(phi[1:] - phi[:-1], phi[0] + TURN - phi[-1])
+
+
+def balanced(numbers: Numbers, value: float, near: Cycle) -> Cycle | None:
+    """The cycle of the balance at a value to which Newton's method comes from one that is near; None where it fails."""
+    true = settled(numbers.loop(value), near.Z, near.omega)
+    return None if true is None else Cycle(value, *true)
+
+
+def anchored(Z: ComplexArray) -> tuple[ComplexArray, int]:
+    """The motion begun where the fundamental of the first input that moves is a rising sine, and that input."""
+    pivot = int(np.argmax(np.abs(Z[:, 1]) > 0))
+    turn = -np.pi / 2 - np.angle(Z[pivot, 1])
+    return Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), pivot
+
+
+def extreme(
+    numbers: Numbers, programmes: Programmes, start: Cycle | Fold, sign: float, reach: float = 0.25
+) -> Fold | None:
+    """The least (sign 1) or largest (sign -1) parameter of the family of cycles that holds (or is near) `start`.
+
+    Parameters
+    ----------
+    numbers : Numbers
+        The loop over the parameter's range.
+    programmes : Programmes
+        What has been written before.
+    start : Cycle or Fold
+        A fold of a loop whose numbers were a little different is solved for again with the switches that it had.
+    sign : {1, -1}
+    reach : float
+        First trust region of the parameter, relative to its value.
+
+    Returns
+    -------
+    Fold or None
+        None where the programme has no solution near the start.
+    """
+    known = start if isinstance(start, Fold) else None
+    shortest = _SHORTEST if known is None else _SHORTEST_KNOWN
+    path = _Path(start.cycle if isinstance(start, Fold) else start, reach, shortest)
+    for _ in range(_MOST_PROGRAMMES):
+        step = _Step.of(numbers, programmes, path.here, sign, path.width, known)
+        known = None
+        found = None if step is None else step.solve()
+        if found is None or step is None:
+            path.back()
+        elif step.genuine(found) < _GENUINE:
+            smooth = not found.merging and step.same_switches(found)
+            beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
+            if beyond is None:
+                return path.counted(found)
+            path.arrive(found, beyond)
+        else:
+            path.hop(found, step.settled(found))
+        if path.lost:
+            return None
+    return None
+
+
+@dataclass
+class _Path:
+    """The way of the programmes from the start to the bound; lives for one call.
+
+    A solution that is none for the switches that the elements really make still leads on: the next programme is written
+    for those. Where this leads nowhere the way goes back to the last true solution, with a shorter reach.
+    """
+
+    base: Cycle
+    width: float
+    shortest: float
+    hops: int = 0
+    iterations: int = 0
+
+    def __post_init__(self) -> None:
+        self.here, self.longest = self.base, self.width
+
+    @property
+    def lost(self) -> bool:
+        """Whether no reach is short enough."""
+        return self.width < self.shortest * self.longest
+
+    def back(self) -> None:
+        """The programme had no solution."""
+        self.here, self.hops, self.width = self.base, 0, 0.4 * self.width
+
+    def hop(self, found: Fold, true: Cycle | None) -> None:
+        """The switches change on the way: on from the true solution beside it, or some times from where it led."""
+        self.iterations += found.iterations
+        self.hops += 1
+        if true is not None:
+            self.arrive(found, true)
+        elif self.hops > _MOST_HOPS:
+            self.back()
+        else:
+            self.here = found.cycle
+
+    def arrive(self, found: Fold, true: Cycle) -> None:
+        """A true solution on the way."""
+        self.iterations += found.iterations
+        self.base = self.here = true
+        self.hops, self.width = 0, min(1.5 * self.width, self.longest)
+
+    def counted(self, found: Fold) -> Fold:
+        """The bound, with the iterations of all programmes."""
+        return replace(found, iterations=self.iterations + found.iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One programme made ready: from a cycle, with the switches that the elements make there."""
+
+    numbers: Numbers
+    loop: Loop
+    plan: Plan
+    expressions: Expressions
+    dependence: Dependence
+    solver: Any
+    start: Array
+    scales: Array
+    sizes: Array
+    window: tuple[float, float]
+    sign: float
+
+    @classmethod
+    def of(
+        cls, numbers: Numbers, programmes: Programmes, here: Cycle, sign: float, width: float, known: Fold | None
+    ) -> _Step | None:
+        loop = numbers.loop(here.value)
+        Z, pivot = anchored(here.Z)
+        try:
+            if known is None:
+                plan, phases, memory = plan_of(loop, Z, here.omega)
+                start = _unknowns(loop, Z, here.omega, phases, memory)
+            else:
+                plan, start = known.plan, known.unknowns
+            dependence = numbers.dependence(plan, here.value)
+            expressions = programmes.expressions(plan, loop, dependence, pivot)
+        except (Unsettled, EppError):
+            return None
+        scales = _scales(loop, expressions, start, Z)
+        sizes = _sizes(expressions, dependence.at(here.value)[expressions.used], start, scales)
+        low, high = dependence.low, dependence.high
+        window = max(low, here.value - width * abs(here.value)), min(high, here.value + width * abs(here.value))
+        solver = programmes.solver(expressions, dependence, pivot)
+        return cls(
+            numbers,
+            loop,
+            plan,
+            expressions,
+            dependence,
+            solver,
+            np.append(start, here.value),
+            scales,
+            sizes,
+            window,
+            sign,
+        )
+
+    def _scaled(self, value: float) -> float:
+        d = self.dependence
+        return (2.0 * value - d.low - d.high) / (d.high - d.low)
+
+    def solve(self) -> Fold | None:
+        """The solution for these switches; None where IPOPT fails."""
+        layout, d = self.expressions.layout, self.dependence
+        used = self.expressions.used
+        p = np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
+        v0 = np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
+        low, high = np.full(v0.size, -np.inf), np.full(v0.size, np.inf)
+        low[-1], high[-1] = self._scaled(self.window[0]), self._scaled(self.window[1])
+        low[layout.omega], high[layout.omega] = 0.2, 5.0
+        # A waveform must not shrink to rest, which solves the equations of a loop that is linear at small amplitude.
+        pivot = self._pivot_sine()
+        amplitude = v0[pivot]
+        low[pivot], high[pivot] = (0.05 * amplitude, np.inf) if amplitude > 0 else (-np.inf, 0.05 * amplitude)
+        n_equations = self.sizes.size
+        n_dwells = sum(layout.switches)
+        found = self.solver(
+            x0=v0,
+            p=p,
+            lbx=low,
+            ubx=high,
+            lbg=np.zeros(n_equations + n_dwells),
+            ubg=np.concatenate([np.zeros(n_equations), np.full(n_dwells, np.inf)]),
+        )
+        stats = self.solver.stats()
+        v = np.array(found["x"]).ravel()
+        g = np.array(found["g"]).ravel()
+        closed = np.abs(g[:n_equations]).max() < 1e-7 and stats["return_status"] in (
+            "Solve_Succeeded",
+            "Solved_To_Acceptable_Level",
+        )
+        if not closed:
+            return None
+        unknowns = v[:-1] * self.scales
+        value = 0.5 * (d.low + d.high) + 0.5 * (d.high - d.low) * float(v[-1])
+        value = float(np.clip(value, self.numbers.low, self.numbers.high))
+        series = unknowns[: layout.n_inputs * layout.width].reshape(layout.n_inputs, layout.width)
+        Z = series[:, : layout.order + 1].astype(complex)
+        Z[:, 1:] += 1j * series[:, layout.order + 1 :]
+        # d(bound)/d(equation), in the units of both.
+        multipliers = np.array(found["lam_g"]).ravel()[:n_equations] / self.sizes * 0.5 * (d.high - d.low) * self.sign
+        ends = (self.numbers.low, self.numbers.high)
+        at_end = min(abs(value - e) for e in ends) < 1e-6 * (ends[1] - ends[0])
+        return Fold(
+            Cycle(value, Z, float(unknowns[layout.omega])),
+            self.plan,
+            unknowns,
+            multipliers,
+            at_end,
+            bool(np.any(g[n_equations:] < _CLOSE)),
+            int(stats["iter_count"]),
+        )
+
+    def _pivot_sine(self) -> int:
+        series = self.start[: self.expressions.layout.omega].reshape(-1, self.expressions.layout.width)
+        moves = np.abs(series[: self.expressions.layout.n_inputs, self.expressions.layout.order + 1])
+        pivot = int(np.argmax(moves > 0))
+        return pivot * self.expressions.layout.width + self.expressions.layout.order + 1
+
+    def at_rim(self, found: Fold) -> bool:
+        """Whether the solution is where the trust region ends, and not the range."""
+        rim = self.window[0] if self.sign > 0 else self.window[1]
+        return not found.at_end and abs(found.cycle.value - rim) < 1e-6 * abs(rim)
+
+    def genuine(self, found: Fold) -> float:
+        """Residual of the balance with what the elements really do, relative to the motion; infinite if they do not."""
+        cycle = found.cycle
+        equations = Equations(self.numbers.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
+        loop = equations.loop
+        try:
+            W, _ = loop.answers(cycle.Z, cycle.omega)
+        except Unsettled:
+            return float("inf")
+        r = equations.residual(cycle.Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
+        _, rows = equations.scales(equations.pack(cycle.Z, cycle.omega), W)
+        return float(np.abs(r / rows[:-1]).max())
+
+    def settled(self, found: Fold) -> Cycle | None:
+        """The true solution at the same value, if Newton's method comes to one that is not far off."""
+        cycle = found.cycle
+        return self._at(cycle.value, cycle)
+
+    def beyond(self, found: Fold) -> Cycle | None:
+        """A true solution a little further on, where the solution is only one for its switches."""
+        for share in _BEYOND:
+            value = found.cycle.value - self.sign * share * abs(found.cycle.value)
+            if self.numbers.low <= value <= self.numbers.high:
+                true = self._at(value, found.cycle)
+                if true is not None:
+                    return true
+        return None
+
+    def _at(self, value: float, near: Cycle) -> Cycle | None:
+        true = balanced(self.numbers, value, near)
+        return None if true is None or abs(true.omega / near.omega - 1.0) > 0.1 else true
+
+    def same_switches(self, found: Fold) -> bool:
+        """Whether the elements make just these switches at the solution."""
+        cycle = found.cycle
+        return plan_of(self.numbers.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
+
+
+def _unknowns(loop: Loop, Z: ComplexArray, omega: float, phases: tuple[Array, ...], memory: tuple[Array, ...]) -> Array:
+    W, _ = loop.answers(Z, omega)
+    n = Z.shape[1] - 1
+    x = np.zeros((loop.system.A.shape[0], n + 1), complex)
+    x[:, 0] = mean_state(loop.system, loop.value, Z[:, 0].real, W[:, 0].real)
+    x[:, 1:] = (loop.system.state_response(omega * orders(n)[1:]) @ W.T[1:, :, None])[..., 0].T
+    series = np.concatenate([Z, x])
+    rows = np.concatenate([series.real, series.imag[:, 1:]], 1)
+    return np.concatenate([rows.ravel(), [omega], *phases, *(h.ravel() for h in memory)])
+
+
+def _scales(loop: Loop, expressions: Expressions, start: Array, Z: ComplexArray) -> Array:
+    layout = expressions.layout
+    series = start[: layout.omega].reshape(-1, layout.width)
+    amplitude = np.abs(series[:, 1:]).max(1, initial=0.0)
+    size = np.where(amplitude > 0, amplitude, np.abs(series[:, 0]))
+    size = np.where(size > 0, size, size.max(initial=1e-300))
+    out = np.ones(layout.size)
+    out[: layout.omega] = np.repeat(size, layout.width)
+    out[layout.omega] = start[layout.omega]
+    for e, s in enumerate(layout.holds):
+        out[s] = max(size[e], 1e-300)
+    return out
+
+
+def _sizes(expressions: Expressions, theta: Array, start: Array, scales: Array) -> Array:
+    """Sizes of the equations: the largest change that a scaled unknown makes."""
+    jacobian = expressions.slope(start, theta)
+    J = np.abs(np.array(jacobian)) * scales
+    size = J.max(1)
+    return np.where(size > 0, size, 1.0)

@@ -1,0 +1,471 @@
+"""Bounds by harmonic balance over a sweep: which end of the range is free of cycles, and the fold at each value.
+
+The search begins where cycles exist. They are found once, by describing functions (or, where these see none, as exact
+orbits), at some values of the limiting parameter; from value to value of the other parameter they are carried over by
+Newton's method. Each bound is sought from the last one with its switches (a warm start), in first order and in the
+order at which the bound ceases to change; at every few values all families are sought from the carried cycles again
+(several starts).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
+from eppanalysis.methods.bounds.numbers import Numbers, loop_of
+from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.harmonic.balance import settled
+from eppanalysis.methods.harmonic.elements import Unsettled
+from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic.series import Array
+from eppanalysis.methods.search.find import find_limit_cycles, steady_hybrid
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle
+
+#: Orders tried in turn, and the relative difference of a bound from those of lower orders at which they end.
+ORDERS = (5, 7, 9, 13, 15)
+CHANGE = 0.03
+N_SCAN = 5
+#: Trust region of a search that comes from far; how far inside a lower order's bound a higher order begins.
+_FAR = 0.7
+_INSIDE = (0.05, 0.2, 0.5)
+#: Every so many values the families of first order are sought from far away again.
+_AFRESH = 4
+_SCALED = (0.5, 2.0)
+
+
+Each = Callable[[Callable[[float], Any], Iterable[float]], Iterable[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A case with the parameter that runs and the one that is bounded.
+
+    Attributes
+    ----------
+    case : Case
+    limit : str
+        The parameter that is bounded.
+    low, high : float
+        Range in which its bound is sought [SI].
+    over : str or None
+        The parameter that runs.
+    """
+
+    case: CaseLike
+    limit: str
+    low: float
+    high: float
+    over: str | None = None
+
+    def at(self, value: float) -> Question:
+        """The same question at a value of the parameter that runs."""
+        return self if self.over is None else replace(self, case=self.case.with_values({self.over: value}), over=None)
+
+    def case_at(self, value: float) -> CaseLike:
+        """The case with a value of the limiting parameter."""
+        return self.case.with_values({self.limit: value})
+
+    def numbers(self) -> Numbers:
+        """The loop's numbers over the limiting parameter."""
+        return Numbers(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
+
+
+def value_of(case: CaseLike, name: str) -> float | None:
+    """A parameter of a case [SI]; None where it is left out.
+
+    Raises
+    ------
+    EppError
+        If the case does not know it.
+    """
+    case.unit(name)
+    try:
+        return float(case.value(name))
+    except EppError:
+        return None
+
+
+def steady_loop(case: CaseLike) -> Loop:
+    """The loop of a case at the operating point of its limit cycles."""
+    system = case.to_system()
+    return loop_of(system, case.operating_point.vector(system))
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Where cycles exist: their side of the range, and the cycles from which bounds are sought.
+
+    Attributes
+    ----------
+    finding : Finding
+        BOUND where there are cycles at some values of the limiting parameter and none at others.
+    sign : float
+        1 where large values have cycles (the bound is the least of them), -1 where small ones have.
+    cycles : tuple of Cycle
+        At the value farthest from the bound.
+    note : str
+        What else is known.
+    """
+
+    finding: Finding
+    sign: float = 1.0
+    cycles: tuple[Cycle, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The cycles at one value of the limiting parameter: first order's, and what the exact search found.
+
+    Attributes
+    ----------
+    value : float
+        [SI]
+    predicted, exact : list of Cycle
+        As inputs of the elements, smallest first.
+    complete : bool
+        Whether every run of the exact search came to an end that it lists.
+    """
+
+    value: float
+    predicted: list[Cycle] = field(default_factory=list)
+    exact: list[Cycle] = field(default_factory=list)
+    complete: bool = False
+
+    @property
+    def there(self) -> bool | None:
+        """Whether a cycle exists; None where the exact search cannot tell."""
+        return True if self.exact else (False if self.complete else None)
+
+    @property
+    def cycles(self) -> list[Cycle]:
+        """From which harmonic balance begins: those of first order, else the exact ones."""
+        return self.predicted or self.exact
+
+
+def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
+    """Scan the range of the limiting parameter for cycles.
+
+    Whether a cycle exists at a value is what the exact search says of it: first order sees some cycles that are not
+    there, and misses others (friction with integral action, jumps).
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    n_scan : int
+        Number of values.
+    each : callable
+        How one function is called with many values: ``map``, or that of a pool of processes.
+    """
+    spread = np.geomspace if question.low > 0 else np.linspace
+    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
+    if idle(question, values):
+        return Outlook(Finding.IDLE)
+    seen = list(each(partial(_seen_at, question), values))
+    own = value_of(question.case, question.limit)
+    if all(s.there for s in seen) and own is not None and question.low < own < question.high:
+        seen = sorted([*seen, _seen_at(question, own)], key=lambda s: s.value)
+    return _outlook(question, seen)
+
+
+def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
+    """What the cycles at all values mean together."""
+    there = [s.there for s in seen]
+    if None in there:
+        # A bound is tested where it is found, so that there first order's word will do; for other answers nothing else
+        # is asked.
+        there = [bool(s.predicted) if s.there is None else s.there for s in seen]
+        if there[0] == there[-1]:
+            return Outlook(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
+    if not any(there):
+        return Outlook(Finding.NONE)
+    first = (seen[-1] if there[-1] else next(s for s, t in zip(seen, there, strict=True) if t)).cycles
+    if scales(question, first[-1]):
+        return Outlook(Finding.SCALES)
+    if there[0] and there[-1]:
+        if all(there):
+            return Outlook(Finding.ALWAYS)
+        return Outlook(Finding.BETWEEN, note=f"There is none at {_named_values(question, seen, False)}.")
+    if there[-1] or not there[0]:
+        last = max(i for i, t in enumerate(there) if t)
+        above = "" if there[-1] else f"No cycle is left above {seen[last + 1].value:.6g} either."
+        return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
+    return Outlook(Finding.BOUND, -1.0, tuple(seen[0].cycles))
+
+
+def _named_values(question: Question, seen: Sequence[_Seen], there: bool | None) -> str:
+    """The values of one answer, in the unit that people use."""
+    unit, factor = question.case.readable(question.limit)
+    return ", ".join(f"{factor * s.value:.4g} {unit}".rstrip() for s in seen if s.there is there)
+
+
+def idle(question: Question, values: Iterable[float]) -> bool:
+    """Whether the loop and its operating point are the same at all of these values of the limiting parameter."""
+    first: list[Array] | None = None
+    for value in values:
+        case = question.case_at(value)
+        loop = steady_loop(case)
+        here = [*steady_hybrid(loop.system, case.operating_point).model, loop.value]
+        if first is None:
+            first = here
+        elif not all(np.array_equal(a, b) for a, b in zip(first, here, strict=True)):
+            return False
+    return True
+
+
+def _seen_at(question: Question, value: float) -> _Seen:
+    """The cycles at a value; nothing is known where the loop cannot be searched there."""
+    case = question.case_at(value)
+    loop = steady_loop(case)
+    try:
+        predicted = predict_limit_cycles(case).cycles
+    except ModelError:  # an element without a describing function
+        predicted = ()
+    try:
+        search = find_limit_cycles(case, predicted=predicted)
+    except ModelError:
+        return _Seen(value, [_of_order_one(loop, value, c) for c in predicted])
+    first, exact = ([_of_order_one(loop, value, c) for c in found] for found in (predicted, search))
+    return _Seen(value, first, exact, not search.left_open)
+
+
+def _of_order_one(loop: Loop, value: float, cycle: LimitCycle) -> Cycle:
+    Z = inputs_of(loop, cycle)
+    return Cycle(value, Z[:, :2], cycle.omega)
+
+
+def scales(question: Question, cycle: Cycle) -> bool:
+    """Whether the cycle, made larger in proportion to the limiting parameter, is again one.
+
+    True of loops in which the parameter is the only length: play in an otherwise linear loop, say.
+    """
+    true = settled(steady_loop(question.case_at(cycle.value)), cycle.Z, cycle.omega)
+    if true is None:
+        return False
+    cycle = Cycle(cycle.value, *true)
+    for factor in _SCALED:
+        value = cycle.value * factor
+        try:
+            loop = steady_loop(question.case_at(value))
+            equations = Equations(loop, cycle.order, 0, np.ones(cycle.order))
+            Z = cycle.Z * factor
+            W, _ = loop.answers(Z, cycle.omega)
+        except (EppError, Unsettled):
+            return False
+        r = equations.residual(Z, W, loop.linear(cycle.omega, cycle.order))[:-1]
+        _, rows = equations.scales(equations.pack(Z, cycle.omega), W)
+        if not float(np.abs(r / rows[:-1]).max()) < 1e-8:
+            return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicBound:
+    """The bound by harmonic balance at one value of the parameter that runs.
+
+    Attributes
+    ----------
+    finding : Finding
+    sign : float
+        1: free below the bound; -1: free above it.
+    first_order : float
+        By describing functions [SI]; nan where there is none.
+    value : float
+        In the order chosen [SI]; nan where there is none.
+    order : int
+        The order chosen; 0 where there is none.
+    error_estimate : float
+        Largest relative difference of the bound from those of the orders from half of it on.
+    fold : Fold or None
+        Of the order chosen.
+    first_fold : Fold or None
+    message : str
+    """
+
+    finding: Finding
+    sign: float
+    first_order: float = float("nan")
+    value: float = float("nan")
+    order: int = 0
+    error_estimate: float = float("nan")
+    fold: Fold | None = None
+    first_fold: Fold | None = None
+    message: str = ""
+
+
+@dataclass
+class HarmonicSweep:
+    """Bounds at one value after another, each begun from the last; lives for one sweep.
+
+    Attributes
+    ----------
+    question : Question
+    outlook : Outlook or None
+        Of the first value.
+    folds : dict of int to Fold
+        The last fold of each order.
+    families : tuple of Fold
+        The last folds of first order, of all families that were met.
+    each : callable
+        See :func:`look`.
+    """
+
+    question: Question
+    each: Each = map
+    programmes: Programmes = field(default_factory=Programmes)
+    outlook: Outlook | None = None
+    far: tuple[Cycle, ...] = ()
+    leading: tuple[Cycle, ...] = ()
+    folds: dict[int, Fold] = field(default_factory=dict)
+    families: tuple[Fold, ...] = ()
+    last_order: int = 0
+    done: int = 0
+
+    def bound(self, value: float) -> tuple[Question, HarmonicBound]:
+        """The question and the bound at a value of the parameter that runs."""
+        question = self.question.at(value)
+        return question, self.bound_of(question)
+
+    def bound_of(self, question: Question) -> HarmonicBound:
+        """The bound of a question like the sweep's own, at one value of the parameter that runs."""
+        numbers = question.numbers()
+        if not self._ready(question, numbers):
+            assert self.outlook is not None
+            return HarmonicBound(self.outlook.finding, self.outlook.sign, message=self.outlook.note)
+        assert self.outlook is not None
+        sign, note = self.outlook.sign, self.outlook.note
+        first = self._first(numbers, sign)
+        found, error = self._chosen(numbers, sign)
+        best = found or first
+        if best is None:
+            return HarmonicBound(Finding.FAILED, sign, message=note)
+        return HarmonicBound(
+            finding=Finding.BEYOND if best.at_end else Finding.BOUND,
+            sign=sign,
+            first_order=float("nan") if first is None else first.cycle.value,
+            value=best.cycle.value,
+            order=best.cycle.order,
+            error_estimate=error,
+            fold=best,
+            first_fold=first,
+            message=note,
+        )
+
+    def _ready(self, question: Question, numbers: Numbers) -> bool:
+        """Cycles to begin from: carried over from the last value, or sought anew."""
+        carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
+        if carried and self.outlook is not None:
+            self.far = carried
+            return True
+        # A pool that is at work already is asked for nothing more.
+        self.outlook = look(question, each=self.each if self.outlook is None else map)
+        self.far = self.outlook.cycles
+        return self.outlook.finding is Finding.BOUND and bool(self.far)
+
+    def _first(self, numbers: Numbers, sign: float) -> Fold | None:
+        """First order: from the last folds of all families; where one is lost, and now and then, from far away too."""
+        found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
+        if self.done % _AFRESH == 0 or not found or None in found:
+            found += self._from_far(numbers, sign)
+        self.done += 1
+        self.families = tuple({f"{f.cycle.value:.6e}": f for f in found if f is not None}.values())
+        return _farthest(found, sign)
+
+    def _from_far(self, numbers: Numbers, sign: float) -> list[Fold | None]:
+        """The folds of first order to which the carried cycles lead."""
+        found = [extreme(numbers, self.programmes, c, sign, _FAR) for c in self.far]
+        # Higher orders begin from the cycle that led farthest; of those that led to one fold, from the largest.
+        led = [(c, f.cycle.value) for c, f in zip(self.far, found, strict=True) if f is not None]
+        led.sort(key=lambda pair: (float(f"{sign * pair[1]:.6e}"), -float(np.abs(pair[0].Z[0, 1]))))
+        self.leading = tuple(c for c, _ in led) or self.far
+        return found
+
+    def _chosen(self, numbers: Numbers, sign: float) -> tuple[Fold | None, float]:
+        """The order at which the bound ceases to change, and how far the orders from half of it on are apart."""
+        found: list[Fold] = []
+        apart = float("nan")
+        for n in (n for n in ORDERS if n >= _half(self.last_order)):
+            fold = self._of_order(numbers, sign, n, found[-1] if found else None)
+            if fold is None:
+                continue
+            self.folds[n] = fold
+            apart = _apart(fold, found)
+            found.append(fold)
+            if apart < CHANGE and found[0].cycle.order <= _half(n):
+                break
+        if not found:
+            return None, apart
+        self.last_order = found[-1].cycle.order
+        return found[-1], apart
+
+    def _of_order(self, numbers: Numbers, sign: float, n: int, lower: Fold | None) -> Fold | None:
+        """The fold of an order: from the last one, else from near that of the order below, else from carried cycles."""
+        if n in self.folds:
+            found = extreme(numbers, self.programmes, self.folds[n], sign, 0.1)
+            if found is not None:
+                return found
+        below = _farthest(self.families, sign) if lower is None else lower
+        starts = [] if below is None else (_inside(numbers, below.cycle, n, sign * share) for share in _INSIDE)
+        for start in itertools.chain(starts, (raised(numbers, c, n) for c in self.leading)):
+            found = None if start is None else extreme(numbers, self.programmes, start, sign)
+            if found is not None:
+                return found
+        return None
+
+
+def _half(order: int) -> float:
+    """The highest order that counts as half of another."""
+    return 0.5 * (order + 1)
+
+
+def _apart(fold: Fold, before: Sequence[Fold]) -> float:
+    """Largest relative difference of a bound from those of the orders from half its own on; nan where there are none.
+
+    Neighbouring orders may agree by chance while both are far off, as a short contact enters the harmonics by groups.
+    """
+    order = fold.cycle.order
+    rivals = [f.cycle.value for f in before if f.cycle.order >= 0.5 * order - 1.0]
+    return max((abs(fold.cycle.value / v - 1.0) for v in rivals), default=float("nan"))
+
+
+def _farthest(found: Sequence[Fold | None], sign: float) -> Fold | None:
+    there = [f for f in found if f is not None]
+    return min(there, key=lambda f: sign * f.cycle.value) if there else None
+
+
+def _inside(numbers: Numbers, cycle: Cycle, order: int, share: float) -> Cycle | None:
+    """A cycle of a higher order near one at its bound, away from the bound by a share of it; None if there is none.
+
+    At the bound itself the higher order may have no cycle at all.
+    """
+    value = cycle.value * (1.0 + share)
+    if not numbers.low <= value <= numbers.high:
+        return None
+    try:
+        Z = numbers.loop(value).continued(cycle.Z, cycle.omega, order)
+    except Unsettled:
+        return None
+    return balanced(numbers, value, Cycle(value, Z, cycle.omega))
+
+
+def raised(numbers: Numbers, cycle: Cycle, order: int) -> Cycle | None:
+    """The cycle in a higher order, by way of those between; None where Newton's method fails."""
+    loop, here = numbers.loop(cycle.value), cycle
+    for n in [*(n for n in (3, 5, 9) if cycle.order < n < order), order]:
+        try:
+            true = settled(loop, loop.continued(here.Z, here.omega, n), here.omega)
+        except Unsettled:
+            true = None
+        if true is not None:
+            here = Cycle(cycle.value, *true)
+    return here if here.order == order else None

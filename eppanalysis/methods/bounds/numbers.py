@@ -1,0 +1,300 @@
+"""The numbers of a loop, laid out for one sequence of switches, and how they depend on a parameter of the case.
+
+The harmonic-balance equations of :mod:`eppanalysis.methods.bounds.equations` are expressions in these numbers, so that
+their derivatives by every parameter of a case follow from two things: the derivative of the equations by the numbers
+(exact, from CasADi) and that of the numbers by the parameter (they are smooth functions of it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, Row
+from eppanalysis.methods.harmonic.loop import Loop
+from eppanalysis.methods.harmonic.series import TURN, Array
+from eppanalysis.models.systems.lure import LureSystem
+
+#: Degree of the polynomial that stands in for a number over the range of the parameter, and how well it must agree.
+DEGREE = 16
+_DEGREES = (2, 6, DEGREE)
+_AGREEMENT = 1e-9
+#: A window of the parameter reaches over this factor, and half as far again on both sides.
+_WINDOW = 1.5
+_CHECKED = (-0.9, -0.35, 0.2, 0.65, 0.97)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """The switches of one element in one period: the mode before each, its mode guard, and whether it follows at once.
+
+    Attributes
+    ----------
+    mode : int
+        Mode behind the last switch (the only one where there are none).
+    steps : tuple of (int, int, int, bool)
+        Mode before, number of the mode guard in it, mode behind, and whether it shares the instant of the one before.
+    """
+
+    mode: int
+    steps: tuple[tuple[int, int, int, bool], ...] = ()
+
+    @classmethod
+    def of(cls, element: PeriodicElement, regime: Regime) -> tuple[Sequence, int]:
+        """The sequence of a periodic regime, and the number of the switch with which it begins.
+
+        Of all the switches that do not follow another one at once the first is chosen so that equal cycles of switches
+        give equal sequences.
+        """
+        steps, mode, last = [], regime.mode, -np.inf
+        for s in regime.switches:
+            number = next(i for i, t in enumerate(element.mode_guards[mode]) if t is s.mode_guard)
+            steps.append((mode, number, s.mode, bool(s.phase == last)))
+            mode, last = s.mode, s.phase
+        turned = [(tuple(steps[i:] + steps[:i]), i) for i, step in enumerate(steps) if not step[3]]
+        if not turned:
+            return cls(regime.mode), 0
+        chosen, first = min(turned)
+        return cls(chosen[-1][2], chosen), first
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the equations are written for: the order, and the sequence of switches of every element."""
+
+    order: int
+    sequences: tuple[Sequence, ...]
+
+
+class ElementNumbers(NamedTuple):
+    """Of one element with m pieces (one behind each switch; one piece where there are none), h memory values."""
+
+    on_free: Array  # (m, outputs)
+    on_rate: Array  # (m, outputs)
+    on_memory: Array  # (m, outputs, h)
+    constant: Array  # (m, outputs)
+    guard: Array  # (switches, 3 + h): on the input, on its rate, constant, on the memory values
+    reset: Array  # (switches, h, 3 + h): the same, of what is written into the memory values
+    smooth: Array  # (functions, 4): on the input, on its rate, constant, scale
+    by_smooth: Array  # (m, outputs, functions)
+
+
+class LoopNumbers(NamedTuple):
+    """Of the linear part, and of all elements."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    state: Array  # (n,): constant part of the state rate, standing inputs included
+    inputs: Array  # (F,): constant part of the elements' free inputs
+    delays: Array
+    elements: tuple[ElementNumbers, ...]
+
+    def flat(self) -> Array:
+        """All numbers in one vector."""
+        parts = [a.ravel() for a in self[:-1]]
+        parts += [a.ravel() for e in self.elements for a in e]
+        return np.concatenate(parts)
+
+
+def gather(loop: Loop, plan: Plan) -> LoopNumbers:
+    """The numbers of a loop for a plan.
+
+    Raises
+    ------
+    ModelError
+        If an element has a clock, or other modes than the plan says.
+    """
+    s, rows = loop.system, loop.rows
+    return LoopNumbers(
+        s.A,
+        s.B,
+        s.C[rows],
+        s.D[rows],
+        s.B_input @ loop.value + s.constant_state,
+        s.D_input[rows] @ loop.value + s.constant_input[rows],
+        s.delays,
+        tuple(_element(e, q) for e, q in zip(loop.elements, plan.sequences, strict=True)),
+    )
+
+
+def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
+    a = element.automaton
+    if element.clocked:
+        raise ModelError(f"{element.name}: an element with a clock has no bound by harmonic balance.")
+    modes = [step[2] for step in sequence.steps] or [sequence.mode]
+    try:
+        mode_guards = [element.mode_guards[before][number] for before, number, _, _ in sequence.steps]
+        rows = [element.from_input[m] for m in modes]
+    except IndexError:
+        raise ModelError(f"{element.name}: its modes change with the parameter.") from None
+    n_memory = a.n_memory
+    guard, reset = np.zeros((len(mode_guards), 3 + n_memory)), np.zeros((len(mode_guards), n_memory, 3 + n_memory))
+    for i, t in enumerate(mode_guards):
+        guard[i] = [*_pair(t.row), t.constant, *t.on_memory]
+        for h in range(n_memory):
+            row = element.row(t.guard.memory_from_input[h])
+            reset[i, h] = [*_pair(row), t.guard.memory_constant[h], *t.guard.memory_from_memory[h]]
+    smooth = [[*_pair(row), s.constant, s.scale] for s, row in element.smooth]
+    return ElementNumbers(
+        np.array([[r.on_free[0] for r in group] for group in rows]),
+        np.array([[r.on_rate[0] for r in group] for group in rows]),
+        np.array([a.modes[m].from_memory for m in modes]),
+        np.array([a.modes[m].constant for m in modes]),
+        guard,
+        reset,
+        np.array(smooth, float).reshape(len(smooth), 4),
+        np.array([a.modes[m].from_smooth for m in modes]),
+    )
+
+
+def _pair(row: Row) -> tuple[float, float]:
+    return float(row.on_free[0]), float(row.on_rate[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """The numbers of a plan as polynomials of one parameter between two values (SI).
+
+    Attributes
+    ----------
+    base : array, shape (n,)
+        The numbers that do not depend on it, and zero in the places of the others.
+    places : int array, shape (k,)
+    coefficients : array, shape (k, DEGREE + 1)
+        Of the Chebyshev polynomials over the range, for the numbers at `places`.
+    used : bool array, shape (n,)
+        Which numbers are not zero throughout.
+    """
+
+    low: float
+    high: float
+    base: Array
+    places: NDArray[np.intp]
+    coefficients: Array
+    used: NDArray[np.bool_]
+
+    def at(self, value: float) -> Array:
+        """All numbers at a value."""
+        out = self.base.copy()
+        u = (2.0 * value - self.low - self.high) / (self.high - self.low)
+        out[self.places] = chebyshev.chebval(u, self.coefficients.T)
+        return out
+
+
+@dataclass(eq=False)
+class Numbers:
+    """The numbers of one case over one parameter; systems are built once for each value.
+
+    Attributes
+    ----------
+    build : callable
+        From the value (SI) of the parameter to the loop.
+    low, high : float
+        Range of the parameter.
+    """
+
+    build: Callable[[float], Loop]
+    low: float
+    high: float
+    _loops: dict[float, Loop] = field(default_factory=dict)
+    _found: dict[tuple[Plan, tuple[float, float], tuple[int, ...]], Dependence | None] = field(default_factory=dict)
+
+    def loop(self, value: float) -> Loop:
+        """The loop at a value."""
+        if value not in self._loops:
+            self._loops[value] = self.build(value)
+        return self._loops[value]
+
+    def window(self, value: float) -> tuple[float, float]:
+        """A part of the range around a value; windows overlap."""
+        if not self.low > 0:
+            return self.low, self.high
+        k = np.floor(np.log(max(value, self.low) / self.low) / np.log(_WINDOW))
+        low, high = self.low * _WINDOW ** (k - 0.5), self.low * _WINDOW ** (k + 1.5)
+        return max(self.low, float(low)), min(self.high, float(high))
+
+    def dependence(self, plan: Plan, value: float) -> Dependence:
+        """The numbers of a plan around a value.
+
+        Raises
+        ------
+        EppError
+            If the numbers are no smooth function of the parameter there.
+        """
+        shape, whole, window = Plan(1, plan.sequences), (self.low, self.high), self.window(value)
+        # Most parameters enter so simply that no windows are needed.
+        found = self._known(shape, whole, _DEGREES[:1]) or self._known(shape, window, _DEGREES)
+        if found is None:
+            raise EppError("The loop is no smooth function of the parameter over this range; expected a narrower one.")
+        return found
+
+    def _known(self, plan: Plan, window: tuple[float, float], degrees: tuple[int, ...]) -> Dependence | None:
+        if (plan, window, degrees) not in self._found:
+            self._found[plan, window, degrees] = self._fit(plan, *window, degrees)
+        return self._found[plan, window, degrees]
+
+    def _fit(self, plan: Plan, low: float, high: float, degrees: tuple[int, ...]) -> Dependence | None:
+        """The polynomials of the least of these degrees that agrees; None where none does."""
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        checks = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in _CHECKED])
+        size = np.abs(checks).max(0)
+        for degree in degrees:
+            nodes = chebyshev.chebpts1(degree + 1)
+            rows = np.array([gather(self.loop(float(middle + half * u)), plan).flat() for u in nodes])
+            to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / nodes.size)
+            to_coefficients[0] /= 2.0
+            places = np.flatnonzero(np.any(rows != rows[0], axis=0) | np.any(checks != rows[0], axis=0))
+            base = rows[0].copy()
+            base[places] = 0.0
+            c = np.zeros((places.size, DEGREE + 1))
+            c[:, : degree + 1] = (to_coefficients @ rows[:, places]).T
+            found = Dependence(low, high, base, places, c, np.any(rows != 0.0, axis=0) | np.any(checks != 0.0, axis=0))
+            at_checks = np.array([found.at(middle + half * u) for u in _CHECKED])
+            if np.all(np.abs(at_checks - checks) <= _AGREEMENT * size):
+                return found
+        return None
+
+
+def plan_of(loop: Loop, Z: NDArray[np.complex128], omega: float) -> tuple[Plan, tuple[Array, ...], tuple[Array, ...]]:
+    """The plan that the elements follow under their inputs, with the phases (m,) and memory values (m, h) of each.
+
+    Raises
+    ------
+    Unsettled
+        If an element does not answer periodically.
+    """
+    sequences, phases, memory = [], [], []
+    for element, z in zip(loop.elements, Z, strict=True):
+        regime = element.regime(z[None], omega)
+        sequence, first = Sequence.of(element, regime)
+        phi = np.array([s.phase for s in regime.switches])
+        values = np.array([s.memory for s in regime.switches]).reshape(phi.size, element.automaton.n_memory)
+        sequences.append(sequence)
+        phases.append(np.concatenate([phi[first:], phi[:first] + TURN]))
+        memory.append(np.roll(values, -first, axis=0))
+    return Plan(Z.shape[1] - 1, tuple(sequences)), tuple(phases), tuple(memory)
+
+
+def loop_of(system: LureSystem, value: Array) -> Loop:
+    """The loop made ready for harmonic balance.
+
+    Raises
+    ------
+    EppError
+        For a loop in discrete time, or with an element that has a clock.
+    """
+    if system.time_step:
+        raise EppError(f"{system.name}: a loop in discrete time has no bounds by this method; sweep it instead.")
+    loop = Loop.of(system, value)
+    for element in loop.elements:
+        if element.clocked:
+            raise EppError(f"{system.name}: {element.name} has a clock, and its loop no bounds; sweep it instead.")
+    return loop

@@ -1,0 +1,124 @@
+"""Pictures of design bounds: the boundary with its tests, a tornado of elasticities, the three regions of a design."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from eppanalysis.errors import EppError
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from eppanalysis.readable import with_unit, words
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.bounds.result import DesignBounds
+
+_MOST_BARS = 14
+_SMALLEST_BAR = 5e-4
+
+
+def plot_bounds(bounds: DesignBounds) -> Figure:
+    """The boundary over the parameter that runs: first order, harmonic balance, exact, and the simulated tests.
+
+    Filled circles are places at which every run came to rest and the search found no cycle; diamonds are exact orbits
+    on the other side. Open circles mark tests that failed.
+
+    Parameters
+    ----------
+    bounds : DesignBounds
+
+    Raises
+    ------
+    EppError
+        If no cell has a bound.
+    """
+    if not np.any(np.isfinite(bounds.array("bound"))):
+        raise EppError(f"{bounds.case}: no bound on {bounds.limit} was found, so there is nothing to draw.")
+    (x_unit, x_factor), (y_unit, y_factor) = (bounds.readable[n] for n in (bounds.over, bounds.limit))
+    x = x_factor * bounds.array("value")
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    ax = figure.add_subplot()
+    curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
+    for name, text, colour, style, width in curves:
+        ax.plot(x, y_factor * bounds.array(name), style, color=colour, linewidth=width, label=text)
+    exact = y_factor * bounds.array("exact")
+    ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label="exact fold")
+    verified = np.array([c.verified for c in bounds])
+    safe, other = y_factor * bounds.array("safe_value"), y_factor * bounds.array("other_value")
+    tested = np.isfinite(safe)
+    runs = max((c.n_runs for c in bounds), default=0)
+    circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": GREEN}
+    if np.any(tested & verified):
+        text = f"all {runs} runs come to rest, no orbit"
+        ax.plot(x[tested & verified], safe[tested & verified], **circle, markerfacecolor=GREEN, label=text)
+    if np.any(tested & ~verified):
+        ax.plot(x[tested & ~verified], safe[tested & ~verified], **circle, markerfacecolor="none", label="not verified")
+    there = np.array([c.other_orbit is not None for c in bounds])
+    if np.any(there):
+        diamond: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 4, "color": VERMILLION}
+        ax.plot(x[there], other[there], **diamond, label="exact orbit")
+    sign = next(c.sign for c in bounds if np.isfinite(c.bound))
+    best = y_factor * bounds.array("bound")
+    edge = ax.get_ylim()[0 if sign > 0 else 1]
+    ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label="free of limit cycles")
+    ax.set_xlabel(with_unit(words(bounds.over), x_unit))
+    ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(fontsize=7, framealpha=0.9)
+    ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}", fontsize=10)
+    return figure
+
+
+def plot_tornado(bounds: DesignBounds, cell: int = 0) -> Figure:
+    """Elasticities of one bound, largest first: by how many per cent it moves for one per cent of each parameter.
+
+    Parameters
+    ----------
+    bounds : DesignBounds
+    cell : int
+        Which one.
+
+    Raises
+    ------
+    EppError
+        If the cell has no elasticities.
+    """
+    chosen = bounds[cell]
+    known = chosen.elasticities or chosen.harmonic_elasticities
+    if not known:
+        raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
+    unit, factor = bounds.readable[bounds.over]
+    where = f"{words(bounds.over)} {factor * chosen.value:.3g} {unit}"
+    return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where)
+
+
+def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: str) -> Figure:
+    """Bars of elasticities by method.
+
+    Parameters
+    ----------
+    elasticities : mapping of str to mapping
+        By method and parameter; the first method orders the bars.
+    limit : str
+        The parameter that is bounded.
+    where : str
+        Operating point, in words.
+    """
+    first, *_ = elasticities.values()
+    names = [n for n, v in first.items() if np.isfinite(v) and abs(v) > _SMALLEST_BAR]
+    names = sorted(names, key=lambda n: abs(first[n]))[-_MOST_BARS:]
+    figure = Figure(figsize=(6.4, 0.9 + 0.32 * len(names)), layout="constrained")
+    ax = figure.add_subplot()
+    height = 0.8 / len(elasticities)
+    for (method, values), colour, i in zip(elasticities.items(), (BLUE, SKY, ORANGE), range(3), strict=False):
+        places = np.arange(len(names)) + (0.5 * (len(elasticities) - 1) - i) * height
+        ax.barh(places, [values.get(n, 0.0) for n in names], height, color=colour, label=method)
+    ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=8)
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
+    ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]")
+    ax.set_title(where, fontsize=10)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(fontsize=7, loc="lower right")
+    return figure

@@ -1,0 +1,238 @@
+"""A bound put to the test by methods that did not make it: the full search and a cloud of runs, on both sides.
+
+On the safe side, a margin away from the bound, the search for all exact orbits must find none and event-exact runs from
+at least a thousand seeded starts (states all round the orbit that exists at the bound, and steps of the inputs) must
+all come to rest. On the other side, the same margin away, the exact orbit is shown. Cycles that the search or a run
+does find on the safe side are handed on, for they lead to the true bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, orbits_near
+from eppanalysis.methods.search.find import CycleSearch, find_limit_cycles, start_of, steady_hybrid
+from eppanalysis.methods.search.trigger import Judge
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle, Status
+
+Array = NDArray[np.float64]
+
+#: Of the runs of a cloud, the share that begins with a step of the inputs; largest displacement, relative to the orbit.
+_STEPS, _REACH = 0.25, 4.0
+#: Length of a run in periods of the orbit. Undecided ones are looked at longer, until so many do not come to rest.
+_PERIODS, _ENOUGH = 40.0, 50
+#: So many orbits of the cloud are closed at most; relative difference of periods within which one is known already.
+_MOST_ORBITS, _SAME_PERIOD = 4, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What the tests of one bound found.
+
+    Attributes
+    ----------
+    safe_value, other_value : float
+        Where the tests were made, on the safe side and on the other one [SI].
+    n_runs, n_settled : int
+        Runs of the cloud, and those of which it is known that they came to rest.
+    search : CycleSearch
+        On the safe side.
+    cycles : tuple of LimitCycle
+        Exact ones on the safe side, found by the search or by the runs.
+    orbit : LimitCycle or None
+        The exact orbit on the other side.
+    message : str
+        What is missing; empty where nothing is.
+    """
+
+    safe_value: float
+    other_value: float
+    n_runs: int
+    n_settled: int
+    search: CycleSearch
+    cycles: tuple[LimitCycle, ...]
+    orbit: LimitCycle | None
+    message: str
+
+    @property
+    def verified(self) -> bool:
+        """Whether no cycle was found on the safe side and one on the other."""
+        return not self.message
+
+
+def verify(
+    question: Question,
+    value: float,
+    sign: float,
+    orbit: LimitCycle,
+    *,
+    margin: float,
+    n_starts: int,
+    seed: int,
+    threads: int = 1,
+) -> Verification:
+    """Test a bound on both sides.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    value : float
+        The bound [SI].
+    sign : {1, -1}
+        1 where it is free of cycles below the bound.
+    orbit : LimitCycle
+        The orbit at the bound (or one near it): it gives the size of the cloud and the length of the runs.
+    margin : float
+        Distance of the tests from the bound, relative to it.
+    n_starts : int
+        Runs of the cloud.
+    seed : int
+        Of the cloud.
+    threads : int
+        For the runs; the result does not depend on it.
+    """
+    safe, other = value * (1.0 - sign * margin), value * (1.0 + sign * margin)
+    missing = []
+    case = question.case_at(safe)
+    system = case.to_system()
+    # The predicted cycles' balances have just been followed to the bound itself.
+    search = find_limit_cycles(case, by_balance=False)
+    if len(search):
+        missing.append(f"the search finds {len(search)} limit cycle(s) on the safe side")
+    elif search.left_open:
+        missing.append("the search left a run undecided on the safe side")
+    n_settled, n_moving, met = _settling(case, orbit, n_starts, seed, threads) if n_starts else (0, 0, [])
+    if n_moving:
+        missing.append(f"{n_moving} of {n_settled + n_moving} runs did not come to rest on the safe side")
+    if n_settled + n_moving < n_starts:
+        missing.append(f"{n_starts - n_settled - n_moving} slow runs were not looked at to their end after these")
+    further = [o for o in met if not _known(o, [c.period for c in search])]
+    cycles = (*search, *(to_limit_cycle(system, o) for o in further))
+    found = _orbit_at(question, other, orbit)
+    if found is None:
+        missing.append("no exact orbit was found on the other side")
+    return Verification(safe, other, n_starts, n_settled, search, cycles, found, "; ".join(missing))
+
+
+def _orbit_at(question: Question, value: float, near: LimitCycle) -> LimitCycle | None:
+    """An exact orbit at a value: near a known one, else any that the search finds."""
+    case = question.case_at(value)
+    system = case.to_system()
+    hybrid = steady_hybrid(system, case.operating_point)
+    if near.state.size == system.A.shape[0]:
+        for orbit in orbits_near(hybrid, *start_of(hybrid, near), near.period):
+            return to_limit_cycle(system, orbit)
+    return next(iter(find_limit_cycles(case)), None)
+
+
+def _settling(
+    case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int
+) -> tuple[int, int, list[Orbit]]:
+    """How many runs of a cloud come to rest, how many do not, and the orbits on which these end.
+
+    Near its bound a cycle that has vanished slows down whatever passes its ghost, so that many runs are undecided at
+    the end of the horizon: each is looked at for longer. Only where many of these keep moving is the rest left alone.
+    """
+    system = case.to_system()
+    hybrid = steady_hybrid(system, case.operating_point)
+    size = _size(hybrid, orbit)
+    to = Judge(_PERIODS * orbit.period, size)
+    rest = _rest(hybrid, to)
+    starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
+    result = simulate_batch(_stack(hybrid, starts, system.signals.names), to.horizon, threads=threads)
+    undecided = [i for i, s in enumerate(result.status) if s is not Status.SETTLED]
+    n_settled, n_moving, found = n_starts - len(undecided), 0, list[Orbit]()
+    for i in undecided:
+        if n_moving == _ENOUGH:
+            break
+        status, run = to.ends(replace(hybrid, x0=starts[i]))
+        n_settled += status is Status.SETTLED
+        n_moving += status is not Status.SETTLED
+        closed = orbit_of(hybrid, run) if status is Status.LIMIT_CYCLE and len(found) < _MOST_ORBITS else None
+        if closed is not None and not _known(closed, [known.period for known in found]):
+            found.append(closed)
+    return n_settled, n_moving, found
+
+
+def _known(orbit: Orbit, periods: Sequence[float]) -> bool:
+    """Whether a cycle has one of these periods: runs after different steps are on one cycle in different places."""
+    return any(abs(orbit.period / known - 1.0) < _SAME_PERIOD for known in periods)
+
+
+def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:
+    """How far each state moves on the orbit; of states between whose corners nothing is seen, its own size."""
+    corners = orbit.event_states if orbit.event_states.size else orbit.state[None]
+    amplitude = np.zeros(hybrid.x0.size)
+    span = np.ptp(corners, axis=0)
+    amplitude[: hybrid.n_plant] = np.where(span > 0, span, np.abs(corners).max(axis=0))
+    return amplitude
+
+
+def _rest(hybrid: HybridSystem, to: Judge) -> Array:
+    """Where a run from the start comes to rest; the start itself if it does not."""
+    status, run = to.ends(hybrid)
+    return run.x_end if status is Status.SETTLED else hybrid.x0
+
+
+def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, seed: int) -> Array:
+    """Starts of a cloud, shape (n, states): displaced from rest, and steps of the inputs from where they stood.
+
+    The displacements have all directions and sizes from a hundredth of the orbit to four times it; the steps go from
+    twice as far as the case's own in one direction to as far in the other.
+    """
+    rng = np.random.default_rng(seed)
+    starts = np.repeat(rest[None], n, axis=0)
+    n_steps = int(_STEPS * n) if np.any(hybrid.x0[hybrid.n_plant :] != v0) else 0
+    n_moved = n - n_steps
+    direction = rng.uniform(-1.0, 1.0, (n_moved, size.size))
+    reach = _REACH * 10.0 ** rng.uniform(-2.6, 0.0, (n_moved, 1))
+    starts[:n_moved] += np.where(hybrid.compared, reach * direction * size, 0.0)
+    if n_steps:
+        inputs = hybrid.x0[hybrid.n_plant :]
+        factor = rng.uniform(-2.0, 2.0, (n_steps, 1))
+        starts[n_moved:] = hybrid.x0
+        starts[n_moved:, hybrid.n_plant :] = v0 + factor * (inputs - v0)
+    return starts
+
+
+def _stack(hybrid: HybridSystem, starts: Array, names: Sequence[str]) -> HybridStack:
+    """One system from many starts."""
+    n = len(starts)
+
+    def many(array: NDArray) -> NDArray:
+        return np.repeat(array[None], n, axis=0)
+
+    return HybridStack(
+        model=type(hybrid.model)(*(many(a) for a in hybrid.model)),
+        x0=starts,
+        modes0=many(hybrid.modes0),
+        H0=many(hybrid.H0),
+        compared=hybrid.compared,
+        time_scale=np.full(n, hybrid.time_scale),
+        signal_names=tuple(names),
+    )
+
+
+def check_verification(margin: float, n_starts: int) -> None:
+    """Refuse settings that make no sense.
+
+    Raises
+    ------
+    EppError
+        If the margin is not between 0 and 0.5, or the number of starts is negative.
+    """
+    if not 0.0 < margin < 0.5:
+        raise EppError(f"design_bounds: margin is {margin}; expected a share between 0 and 0.5.")
+    if n_starts < 0:
+        raise EppError(f"design_bounds: starts is {n_starts}; expected zero or a positive number.")

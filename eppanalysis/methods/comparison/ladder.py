@@ -1,0 +1,377 @@
+"""The ladder: the methods side by side for one loop, with their errors, and a sentence on what they mean together.
+
+The rungs themselves (first order, harmonic balance, exact orbit, simulation) are in ``rungs``. First order can be wrong
+in both directions, so every predicted cycle is put to the test: a run is started on it and another a fifth below and
+above it. What these runs do tells a cycle that exists but is not reached from this start, one that a lower cycle
+guards, and one that only the approximation has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.comparison.rungs import (
+    FACTOR,
+    Climb,
+    Clock,
+    Rung,
+    climb,
+    distance,
+    largest_harmonic,
+    load_kernels,
+)
+from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.search.find import CycleSearch
+from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.models.systems.inputs import Constant, InputSignal
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, require_case
+from eppanalysis.readable import count
+from eppanalysis.results import LimitCycle, Outcome, Prediction, Result, Status, Trajectory
+from eppanalysis.results.provenance import Provenance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Agreement(Enum):
+    """What prediction and simulation mean together."""
+
+    AGREE = "Prediction and simulation agree: the run settles on the stable cycle that first order predicts."
+    FREE = "Prediction and simulation agree: first order has no stable limit cycle, and the run settles at rest."
+    GUARDED = (
+        "A stable cycle exists as predicted, but this start does not reach it: "
+        "an unstable cycle guards the resting state."
+    )
+    NOT_PREDICTED = "The run is on a limit cycle that first order does not predict; trust the simulation."
+    NOT_THERE = (
+        "First order predicts a stable cycle, but no such cycle exists: "
+        "runs started on it, below it and above it all leave it."
+    )
+    MISSED = (
+        "First order misses stable limit cycles that exist: the exact search finds what it does not predict. "
+        "The run is on none of them by its end."
+    )
+    CONFIRMED = (
+        "The exact search confirms what first order predicts; the run itself is undecided by its end, "
+        "simulate for longer to see it there."
+    )
+    UNDECIDED = (
+        "The run is undecided by its end, so the prediction is neither confirmed nor refuted; simulate for longer."
+    )
+    DRIVEN = (
+        "An input does not stand still, so the loop has no limit cycle of its own to predict; the run is all there is."
+    )
+    NO_PREDICTION = "An element has no describing function, so first order says nothing of this loop."
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A run started on, below or above a predicted cycle, and where it went.
+
+    Attributes
+    ----------
+    cycle : int
+        Number of the predicted cycle.
+    scale : float
+        Factor on its oscillation at the start.
+    status : Status
+    peak_to_peak : float
+        Of the ladder's signal on the cycle reached; 0 at rest, nan when undecided.
+    """
+
+    cycle: int
+    scale: float
+    status: Status
+    peak_to_peak: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Ladder(Result):
+    """All methods side by side.
+
+    Attributes
+    ----------
+    signal : str
+        The signal that rows and pictures show.
+    prediction : Prediction or None
+    run : Trajectory
+    matched : int or None
+        Number of the predicted cycle that the run is on.
+    missed : tuple of int
+        Numbers of the stable exact cycles (of `search`) that first order does not predict.
+    errors : dict of str to dict of str to float
+        For the matched cycle: relative errors of "peak_to_peak", "fundamental" and "mean" (the last relative to the
+        peak-to-peak) of every named signal, and of the frequency under "frequency".
+    oscillations : int
+        Oscillations of the signal within one period of the run's cycle (its largest harmonic); frequencies are compared
+        oscillation by oscillation.
+    probes : tuple of Probe
+    probe_seconds : float
+        How long all probes took.
+    agreement : Agreement
+    verdict : str
+        Plain sentences.
+    rows : tuple of Rung
+        First order, harmonic balance, exact orbit and simulation of every cycle, with time and error of each.
+    search : CycleSearch or None
+        All exact cycles; None in discrete time, and where an input does not stand still.
+    search_seconds : float
+        How long the search for them took.
+    operating_point : OperatingPoint or None
+        Where the external inputs stand at the end of the run, or why they do not.
+    """
+
+    signal: str
+    prediction: Prediction | None
+    run: Trajectory
+    matched: int | None
+    errors: dict[str, dict[str, float]]
+    probes: tuple[Probe, ...]
+    agreement: Agreement
+    verdict: str
+    rows: tuple[Rung, ...]
+    units: dict[str, str]
+    missed: tuple[int, ...] = ()
+    oscillations: int = 1
+    probe_seconds: float = 0.0
+    search: CycleSearch | None = None
+    search_seconds: float = 0.0
+
+    in_json = (
+        "outcome agreement verdict signal matched missed oscillations errors prediction simulation=run probes "
+        "exact=search rows operating_point provenance"
+    )
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the run did."""
+        return Outcome.of(self.run.status)
+
+    @property
+    def balance(self) -> LimitCycle | None:
+        """The harmonic balance of the cycle that the run is on, if there is one."""
+        here = self.rows[-1].exact
+        found = (r.cycle for r in self.rows if r.method.startswith("harmonic balance") and r.exact == here)
+        return next(found, None) if here is not None else None
+
+    def plot(self) -> Figure:
+        """The run, its cycle beside the predicted one, and the verdict."""
+        return self.drawn("plot_ladder")
+
+
+class _Expected(Protocol):
+    @property
+    def signal(self) -> str | None: ...
+
+
+class _ExpectingCase(CaseLike, Protocol):
+    """What the ladder needs of a case besides."""
+
+    @property
+    def expected(self) -> _Expected: ...
+    def provenance(self) -> dict[str, Any]: ...
+
+
+def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
+    """Predict, simulate and compare.
+
+    Parameters
+    ----------
+    case : Case or LureSystem
+
+    Returns
+    -------
+    Ladder
+
+    Raises
+    ------
+    EppError
+        If the loop can be neither predicted nor simulated.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> result = epp.ladder(epp.case("relay_ideal_khalil79"))
+    >>> result.agreement.name, round(100 * result.errors["frequency"]["frequency"], 1)
+    ('AGREE', 2.4)
+    """
+    case = require_case(case, "ladder")
+    system, at = case.to_system(), case.operating_point
+    signal = case.expected.signal or system.signals.names[0]
+    load_kernels()
+    clock = Clock()
+    prediction, why_not = _predict(system, at)
+    predict_seconds = clock.lap()
+    run = simulate(case)
+    run_seconds = clock.lap()
+    cycles = prediction.cycles if prediction else ()
+    matched = _match(cycles, run.limit_cycle, signal)
+    held = {n: Constant(at.inputs[n] - float(v)) for n, v in zip(system.input_names, system.v0, strict=True)}
+    probes = () if system.time_step else _probes(system, cycles, held, case.t_end, signal)
+    probe_seconds = clock.lap()
+    oscillations = largest_harmonic(run.limit_cycle, signal) if run.limit_cycle else 1
+    errors = _errors(cycles[matched], run.limit_cycle, oscillations) if matched is not None and run.limit_cycle else {}
+    found = climb(system, at, (prediction, predict_seconds), (run, run_seconds), signal)
+    stays = bool(_confirmed(probes, cycles, signal))
+    agreement = _agreement(prediction, run, matched, stays, found) if at.stands else Agreement.DRIVEN
+    reasons = [why_not] if why_not and at.stands else []
+    sentences = [agreement.value, *reasons, *_cycle_sentences(run.limit_cycle, errors, signal)]
+    return Ladder(
+        signal=signal,
+        prediction=prediction,
+        run=run,
+        matched=matched,
+        errors=errors,
+        oscillations=oscillations,
+        probes=probes,
+        probe_seconds=probe_seconds,
+        agreement=agreement,
+        missed=found.missed,
+        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence, *_missed_sentences(found)]),
+        rows=found.rows,
+        search=found.search,
+        search_seconds=found.search_seconds,
+        units={"frequency": "Hz", "peak-to-peak": run.units.get(signal, ""), "mean": run.units.get(signal, "")},
+        provenance=Provenance("ladder", {"t_end": case.t_end}, case=case.provenance()),
+        operating_point=at,
+    )
+
+
+def _predict(system: LureSystem, at: OperatingPoint) -> tuple[Prediction | None, str]:
+    try:
+        return predict_limit_cycles(system, at), ""
+    except EppError as error:
+        return None, str(error)
+
+
+def _match(cycles: tuple[LimitCycle, ...], reached: LimitCycle | None, signal: str) -> int | None:
+    """The stable predicted cycle nearest to the one reached, if it is within a factor of two in frequency and size."""
+    if reached is None:
+        return None
+    near = {i: distance(c, reached, signal) for i, c in enumerate(cycles) if c.stable is not False}
+    best = min(near, key=lambda i: near[i], default=None)
+    return best if best is not None and near[best] < np.log(FACTOR) else None
+
+
+def _probes(
+    system: LureSystem, cycles: tuple[LimitCycle, ...], held: Mapping[str, InputSignal], t_end: float, signal: str
+) -> tuple[Probe, ...]:
+    """Runs from the predicted cycles: stable ones from on, below and above; unstable ones from below and above."""
+    out = []
+    for i, cycle in enumerate(cycles):
+        middle = cycle.mean_state
+        if not middle.size or cycle.state.size != system.A.shape[0]:
+            continue
+        for scale in (0.8, 1.0, 1.25) if cycle.stable else (0.5, 2.0):
+            x0 = middle + scale * (cycle.state - middle)
+            start = replace(system, x0=x0, memory=cycle.memory)
+            run = simulate(start, held, max(t_end, 60 * cycle.period), t_eval=[0.0])
+            size = {Status.SETTLED: 0.0}.get(run.status, float("nan"))
+            out.append(Probe(i, scale, run.status, run.limit_cycle.peak_to_peak[signal] if run.limit_cycle else size))
+    return tuple(out)
+
+
+def _errors(predicted: LimitCycle, reached: LimitCycle, oscillations: int) -> dict[str, dict[str, float]]:
+    """Relative errors of the prediction, signal by signal; nan where there is nothing to compare with."""
+    out = {"frequency": {"frequency": predicted.frequency / (oscillations * reached.frequency) - 1.0}}
+    for name, size in reached.peak_to_peak.items():
+        if not size > 0:
+            continue
+        fundamental = (
+            float(abs(reached.harmonics[name][oscillations])) if len(reached.harmonics[name]) > oscillations else 0.0
+        )
+        out[name] = {
+            "peak_to_peak": predicted.peak_to_peak[name] / size - 1.0,
+            "fundamental": predicted.amplitude(name) / fundamental - 1.0 if fundamental > 0 else float("nan"),
+            "mean": (predicted.mean[name] - reached.mean[name]) / size,
+        }
+    return out
+
+
+def _confirmed(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...], signal: str) -> set[int]:
+    """Predicted stable cycles near which a run stays."""
+    out = set()
+    for p in probes:
+        size = cycles[p.cycle].peak_to_peak[signal]
+        if cycles[p.cycle].stable and p.status is Status.LIMIT_CYCLE and 0.5 < p.peak_to_peak / max(size, 1e-300) < 2.0:
+            out.add(p.cycle)
+    return out
+
+
+def _agreement(
+    prediction: Prediction | None, run: Trajectory, matched: int | None, stays: bool, found: Climb
+) -> Agreement:
+    """What it all means: `stays` says whether a run started near a predicted stable cycle stays there."""
+    if prediction is None:
+        return Agreement.NO_PREDICTION
+    if run.status is Status.LIMIT_CYCLE:
+        return Agreement.AGREE if matched is not None else Agreement.NOT_PREDICTED
+    predicted = any(c.stable for c in prediction.cycles)
+    if found.missed and not (stays or found.confirmed):
+        return Agreement.MISSED
+    if run.status is not Status.SETTLED:
+        return _by_search(predicted, found)
+    if not predicted:
+        return Agreement.FREE
+    return Agreement.GUARDED if stays or found.confirmed else Agreement.NOT_THERE
+
+
+def _by_search(predicted: bool, found: Climb) -> Agreement:
+    """What the exact search says of the prediction where the run says nothing."""
+    if found.search is None:
+        return Agreement.UNDECIDED
+    if found.missed:
+        return Agreement.MISSED
+    agrees = found.confirmed if predicted else found.search.status.ok
+    return Agreement.CONFIRMED if agrees else Agreement.UNDECIDED
+
+
+def _missed_sentences(found: Climb) -> list[str]:
+    """How many of the stable exact cycles first order does not predict."""
+    if not found.missed or found.search is None:
+        return []
+    return [f"First order misses {len(found.missed)} of {count(len(found.search.stable), 'stable limit cycle')}."]
+
+
+def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
+    out = []
+    oscillations = largest_harmonic(reached, signal) if reached else 1
+    if reached and oscillations > 1:
+        out.append(
+            f"The run repeats itself only after {oscillations} oscillations of {signal} ({reached.period:.4g} s); "
+            "its frequency is compared oscillation by oscillation."
+        )
+    if errors:
+        f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
+        out.append(f"First order is off by {100 * f:+.1f} % in frequency and {100 * a:+.1f} % in the size of {signal}.")
+    return out
+
+
+def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) -> list[str]:
+    """What the runs beside the unstable cycles say of them."""
+    out = []
+    for i, cycle in enumerate(cycles):
+        below = [p for p in probes if p.cycle == i and p.scale < 1]
+        above = [p for p in probes if p.cycle == i and p.scale > 1]
+        if cycle.stable is False and below and above:
+            same = _same(below[0], above[0])
+            meaning, end = ("divides nothing here", "alike") if same else ("does divide", "differently")
+            out.append(
+                f"The unstable cycle predicted at {cycle.frequency:.4g} Hz {meaning}: "
+                f"runs started at half and at twice its size end {end}."
+            )
+    return out
+
+
+def _same(a: Probe, b: Probe) -> bool:
+    if a.status is not b.status:
+        return False
+    return a.status is not Status.LIMIT_CYCLE or abs(a.peak_to_peak - b.peak_to_peak) <= 1e-3 * abs(b.peak_to_peak)

@@ -1,0 +1,128 @@
+"""Picture of a ladder: the run, its cycle beside the predicted and the balanced one, and the prediction."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from eppanalysis.methods.comparison.ladder import Ladder
+from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, VERMILLION, label_of, label_time, with_name
+from eppanalysis.results import LimitCycle, Prediction
+from eppanalysis.results.picture import one_period, plot_nyquist
+
+Array = NDArray[np.float64]
+
+
+def plot_ladder(ladder: Ladder) -> Figure:
+    """The run in time, its steady motion with the predicted cycle over it, and the picture of the prediction.
+
+    Two signals are drawn: the ladder's own, and the force that the controller reads (or the next signal that there is).
+
+    Parameters
+    ----------
+    ladder : Ladder
+    """
+    others = [name for name in ladder.run.signals if name != ladder.signal]
+    second = "sensor_force" if "sensor_force" in others else others[0] if others else None
+    names = [ladder.signal] if second is None else [ladder.signal, second]
+    n = len(names)
+    figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout=ConstrainedLayoutEngine(wspace=0.08))
+    grid = figure.add_gridspec(2 * n, 2, height_ratios=[1.0] * n + [2.6 / n] * n)
+    runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
+    close = [figure.add_subplot(grid[n + i, 0]) for i in range(n)]
+    for name, ax in zip(names, runs, strict=True):
+        label, factor = label_of(name, ladder.run.units)
+        ax.plot(ladder.run.t, factor * ladder.run.signals[name], color=BLUE, linewidth=0.7)
+        ax.set_ylabel(label)
+    draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
+    for name, ax in zip(names, close, strict=True):
+        draw(ax, ladder, name)
+    for panels, text in ((runs, "time [s]"), (close, "time [s]")):
+        label_time(panels, text)
+    for ax in close:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+    for ax in (*runs, *close):
+        ax.spines[["top", "right"]].set_visible(False)
+    close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
+    _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
+    text = with_name(ladder.verdict, ladder.provenance.subject)
+    figure.suptitle(textwrap.fill(text, 108), fontsize=9, x=0.01, ha="left")
+    return figure
+
+
+def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
+    """Two periods of the run's cycle (a few oscillations of a long one); predicted and balanced in phase in
+    the middle.
+    """
+    cycle = ladder.run.limit_cycle
+    assert cycle is not None
+    label, factor = label_of(name, ladder.run.units)
+    time, waveform = one_period(cycle)
+    both = np.concatenate([time, time + cycle.period])
+    ax.plot(both, factor * np.tile(waveform[name], 2), color=BLUE, linewidth=1.3, label="simulated")
+    if ladder.matched is not None and ladder.prediction is not None:
+        guess = ladder.prediction[ladder.matched]
+        ax.plot(both, factor * _in_phase(ladder, guess, name, both), "--", color=VERMILLION, lw=1.3, label="predicted")
+    balance = ladder.balance
+    if balance is not None:
+        ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=ORANGE, lw=1.6, label="balanced")
+    if ladder.oscillations > 2:
+        half = 2.0 * cycle.period / ladder.oscillations
+        ax.set_xlim(cycle.period - half, cycle.period + half)
+    ax.set_ylabel(label)
+
+
+def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Array:
+    """A signal of an approximate cycle over two periods of the run's, with the phases equal in the middle."""
+    cycle = ladder.run.limit_cycle
+    assert cycle is not None
+    shift = np.angle(cycle.harmonics[ladder.signal][ladder.oscillations]) - np.angle(guess.harmonics[ladder.signal][1])
+    angle = guess.omega * (time - cycle.period) + shift
+    waves = (c * np.exp(1j * k * angle) for k, c in enumerate(guess.harmonics[name]))
+    return np.sum([np.real(wave) for wave in waves], axis=0)
+
+
+def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
+    """How a run comes to rest (all of one that does not), and the reach of the stable cycles predicted and missed."""
+    run = ladder.run
+    label, factor = label_of(name, run.units)
+    y = factor * run.signals[name]
+    ax.plot(run.t, y, color=BLUE, linewidth=1.3, label="simulated")
+    bands = []
+    for cycle in ladder.prediction or ():
+        if cycle.stable:
+            half = 0.5 * factor * cycle.peak_to_peak[name]
+            middle = factor * cycle.mean[name]
+            bands.append((middle - half, middle + half))
+            ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
+    text = "stable cycle that first order misses"
+    for cycle in () if ladder.search is None else [ladder.search[number] for number in ladder.missed]:
+        half, middle = 0.5 * factor * cycle.peak_to_peak[name], factor * cycle.mean[name]
+        bands.append((middle - half, middle + half))
+        style: dict[str, Any] = {"facecolor": "none", "edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
+        ax.axhspan(*bands[-1], **style, label=text)
+        text = ""
+    ax.set_ylabel(label)
+    if run.settled_at and np.ptp(y) > 0:
+        edges = [abs(edge - float(y[-1])) for band in bands for edge in band]
+        reach = 1.5 * max(0.02 * float(np.ptp(y)), *edges, 0.0)
+        near = np.abs(y - y[-1]) < reach
+        first = int(np.argmax(near))
+        ax.set_ylim(y[-1] - reach, y[-1] + reach)
+        ax.set_xlim(0.9 * run.t[first], max(1.3 * run.settled_since, run.t[min(first + 50, run.t.size - 1)]))
+
+
+def _draw_prediction(ax: Axes, prediction: Prediction | None) -> None:
+    if prediction is None:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no describing function", transform=ax.transAxes, ha="center", color=GREY)
+    else:
+        plot_nyquist(prediction, ax)
+        ax.spines[["top", "right"]].set_visible(False)

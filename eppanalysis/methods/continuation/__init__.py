@@ -1,0 +1,1 @@
+"""Branches of exact orbits over a parameter, their folds, borders and period doublings."""

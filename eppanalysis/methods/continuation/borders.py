@@ -1,0 +1,106 @@
+"""Where two events of an orbit merge: the orbit with an arc of no duration, exactly, and the sequence beyond it.
+
+A visit to a mode that becomes ever shorter ends with its two events at one instant, as where friction holds the drive
+for a moment less and less long. In the dwell time of that arc the branch is smooth where in its parameter it may bend
+like a root, so that Newton's method, asked for a dwell time of zero, arrives where steps along the branch shrink to
+nothing. The same motion without the visit is an orbit too, with its own branch: where that one leads back, both meet in
+a border collision (a non-smooth fold: di Bernardo et al., Piecewise-smooth Dynamical Systems, 2008, chapter 8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from eppanalysis.methods.continuation.steps import Point, admissible, bend, make_point, near, point_across, step
+from eppanalysis.methods.orbits.guess import Guess, make_guess
+from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, solve
+
+#: Arcs that are tried, soonest first; farthest border, relative to the parameter's range.
+_MOST_ARCS, _REACH = 3, 1e-2
+#: How far beyond a border the new sequence must hold.
+_BEYOND = (1e-6, 1e-5, 1e-4, 1e-3)
+
+
+def borders(point: Point, ahead: bool = True) -> Iterator[Point]:
+    """Nearby orbits on the same branch of which an arc has no duration, the one that is reached soonest first.
+
+    Parameters
+    ----------
+    point : Point
+    ahead : bool
+        Whether they are looked for in the direction of the branch, or behind.
+    """
+    tau, m = point.orbit.tau, point.orbit.arcs.free.size
+    rate = -point.tangent[m:-1] if ahead else point.tangent[m:-1]
+    waits = point.orbit.arcs.event_sequence.at_once != 1
+    soon = np.where(waits & (rate > 0), tau / np.where(rate > 0, rate, 1.0), np.inf)
+    for arc in np.argsort(soon)[:_MOST_ARCS].tolist():
+        found = _without_duration(point, arc) if np.isfinite(soon[arc]) else None
+        if found is not None:
+            yield found
+
+
+def _without_duration(point: Point, arc: int) -> Point | None:
+    """The orbit of the same sequence with a dwell time of zero."""
+    row = np.zeros(point.unknowns.size)
+    row[point.orbit.arcs.free.size + arc] = 1.0
+    found = point_across(point, point.unknowns - point.orbit.tau[arc] * row, row)
+    if found is None or abs(found.value - point.value) > _REACH * point.family.width:
+        return None
+    others = np.delete(found.orbit.tau, arc)
+    if np.any(others < -1e-12 * found.orbit.period) or not near(found.orbit, point.orbit):
+        return None
+    return replace(found, arc=arc)
+
+
+def across(border: Point, way: float) -> tuple[Point | None, bool]:
+    """Beyond a border: the orbit without the visit that has no duration there, and whether the branch turns back.
+
+    Parameters
+    ----------
+    border : Point
+    way : {1, -1}
+        Whether the parameter grows or falls on the way to the border.
+    """
+    guess = _without_visit(border)
+    orbit = None if guess is None else solve(border.orbit.hybrid, guess)
+    if orbit is None or not orbit.residual < CONVERGED or not near(orbit, border.orbit):
+        return None, False
+    for share in _BEYOND:
+        for turns_back in (False, True):
+            begin = make_point(border.family, border.value, orbit, None, -way if turns_back else way)
+            new = step(begin, share)
+            if new is not None and bend(begin, new) < 0.4 and admissible(new):
+                return new, turns_back
+    return None, False
+
+
+def border_collision(inside: Point, new: Point | None) -> Point:
+    """Where a branch turns back from one sequence to another: what the longer one visits has no duration there.
+
+    Parameters
+    ----------
+    inside, new : Point
+        Last point of the old sequence, and first of the new one.
+    """
+    if new is None or new.orbit.arcs.n_arcs < inside.orbit.arcs.n_arcs:
+        return next(borders(inside), inside)
+    return next(borders(new, ahead=False), inside)
+
+
+def _without_visit(border: Point) -> Guess | None:
+    """The orbit at a border without the two events that meet there; None where they do not undo each other."""
+    whole: Orbit = border.orbit
+    if border.arc is None or whole.arcs.n_timers or whole.arcs.n_arcs < 4:
+        return None
+    orbit = whole.rotated((border.arc - 1) % whole.arcs.n_arcs)
+    it, n = orbit.arcs.event_sequence, orbit.arcs.n_state
+    if not np.array_equal(it.modes[0], it.modes[2]):
+        return None
+    kept = np.r_[0, 3 : it.guards.size]
+    starts = orbit.starts[kept][:, np.r_[0:n, orbit.arcs.memory]]
+    tau = np.concatenate([[orbit.tau[:3].sum()], orbit.tau[3:]])
+    return make_guess(orbit.hybrid, it.modes[kept], it.guards[2:], starts, tau)

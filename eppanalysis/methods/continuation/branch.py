@@ -1,0 +1,471 @@
+"""Branches of exact orbits over a parameter of a case: pseudo-arclength through folds and changes of event sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import check_counts
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation.borders import across, border_collision, borders
+from eppanalysis.methods.continuation.cover import Gap, gaps
+from eppanalysis.methods.continuation.doubling import doubled, half_alike
+from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.labels import Change, crossing, difference
+from eppanalysis.methods.continuation.steps import (
+    LEAST_STEP,
+    Point,
+    admissible,
+    astray,
+    bend,
+    beyond,
+    last_admissible,
+    locate,
+    make_point,
+    other_sequence,
+    point_at,
+    signal_ranges,
+    step,
+)
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
+from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, orbits_near
+from eppanalysis.methods.search.find import find_limit_cycles, same_orbit
+from eppanalysis.methods.simulation.simulate import judge, run_hybrid, simulate
+from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results.provenance import Provenance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+#: What is added to the reason of a gap in which other cycles were searched for.
+_SOUGHT = "an exact search in this part found no cycle that leads on through it"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialPoint(Brief):
+    """A point of a branch where something changes.
+
+    Attributes
+    ----------
+    kind : Change
+    value : float
+        The parameter [SI].
+    note : str
+        What changes, in words.
+    cycle : LimitCycle
+        The orbit there.
+    index : int
+        Number of the branch's point after it.
+    point : Point
+        The orbit and the branch's direction, from which others may go on.
+    """
+
+    kind: Change
+    value: float
+    note: str
+    cycle: LimitCycle
+    index: int
+    point: Point = field(repr=False)
+
+    in_json = "kind value note index cycle"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Result):
+    """Exact orbits along a branch, in its own order.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    points : dict of str to array
+        "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
+        "<signal>" for the peak-to-peak of every signal.
+    special : tuple of SpecialPoint
+    status : Status
+    message : str
+        How the branch ended, at both ends.
+    simulated : dict of str to array
+        Points of runs for comparison, where asked for.
+    ends : (str, str)
+        How it ends at its first and at its last point.
+    missing : tuple of Gap
+        Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
+    others : tuple of Branch
+        Branches of other cycles, followed where this one leaves a part of the range without having turned back.
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
+    """
+
+    parameter: str
+    unit: str
+    points: dict[str, Array]
+    special: tuple[SpecialPoint, ...]
+    status: Status
+    message: str
+    signals: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    simulated: dict[str, Array] = field(default_factory=dict)
+    ends: tuple[str, str] = ("", "")
+    missing: tuple[Gap, ...] = ()
+    others: tuple[Branch, ...] = ()
+
+    in_json = "parameter unit status message points special simulated missing others operating_point provenance"
+
+    def __len__(self) -> int:
+        return int(self.points["value"].size)
+
+    @property
+    def folds(self) -> tuple[SpecialPoint, ...]:
+        """Where the branch turns back: a stable and an unstable cycle meet."""
+        return tuple(s for s in self.special if s.kind is Change.FOLD)
+
+    def plot(self, signal: str | None = None, at: float | None = None) -> Figure:
+        """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
+        return self.drawn("plot_branch", signal, at)
+
+
+def continue_branch(
+    case: CaseLike | LureSystem,
+    parameter: str,
+    start: object,
+    stop: object,
+    *,
+    cycle: LimitCycle | None = None,
+    origin: SpecialPoint | None = None,
+    n_points: int = 200,
+    max_step: float = 0.02,
+    n_simulated: int = 0,
+    n_others: int = 3,
+) -> Branch:
+    """The branch of exact limit cycles over a parameter, stable and unstable, through its folds.
+
+    Where it covers a part of the range only, and has not turned back, cycles are searched for in the rest, and their
+    branches followed too.
+
+    Parameters
+    ----------
+    case : Case or LureSystem
+    parameter : str
+        Dotted name of the field.
+    start, stop : str or number
+        Range of the parameter (plain numbers are SI).
+    cycle : LimitCycle, optional
+        Exact or predicted cycle at `start` from which the branch begins. By default the cycle on which the case's run
+        ends there, or at `stop`, or any cycle found at `stop` or `start`.
+    origin : SpecialPoint, optional
+        A period doubling of another branch over this parameter: the branch of cycles of twice the period begins there.
+    n_points : int
+        At most so many orbits.
+    max_step : float
+        Longest step along the branch, relative to the parameter's range and the motion's size.
+    n_simulated : int
+        Number of values, evenly over the range, at which the case is simulated for comparison.
+    n_others : int
+        At most so many branches besides; none where `cycle` or `origin` says which branch is wanted.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    EppError
+        If no limit cycle is found at either end, the range is empty, or no cycle of twice the period leaves at
+        `origin`.
+    """
+    case = require_case(case, "continue_branch")
+    check_counts(
+        "continue_branch", {"n_points": (n_points, 1), "n_simulated": (n_simulated, 0), "n_others": (n_others, 0)}
+    )
+    if not 0.0 < max_step <= 1.0:
+        raise EppError(f"continue_branch: max_step is {max_step}; expected more than 0 and 1 at most.")
+    first, last = case.si(parameter, start), case.si(parameter, stop)
+    if not first != last:
+        raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
+    limits = min(first, last), max(first, last)
+    family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
+    walk = Walk(case, parameter, family, limits, n_points, max_step)
+    if origin is None:
+        value, orbit = _seed(case, parameter, family, (first, last), cycle)
+        if orbit.motion is not None:
+            raise EppError("continue_branch: cycles are not followed where what is behind a dead time moves.")
+        branch = walk.run((value, orbit))
+    else:
+        branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
+    branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)
+    if n_simulated == 0:
+        return branch
+    return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))
+
+
+def _with_others(walk: Walk, branch: Branch, most: int) -> Branch:
+    """The branch, with those of cycles found in what it does not cover, and what even these leave."""
+    others: list[Branch] = []
+    tried: list[float] = []
+    while len(others) < most:
+        left = [v for g in _gaps(walk, branch, others) if not g.turns for v in _places(walk, g) if v not in tried]
+        if not left:
+            break
+        tried.append(left[0])
+        found = _branch_from(walk, left[0])
+        others += [found] if found is not None else []
+    missing = _gaps(walk, branch, others)
+    if tried:
+        missing = tuple(g if g.turns else replace(g, why=f"{g.why}; {_SOUGHT}") for g in missing)
+    part = " Together they cover" if others else " It covers"
+    message = branch.message + (f"{part} a part of the range asked for." if missing else "")
+    return replace(branch, message=message, missing=missing, others=tuple(others))
+
+
+def _gaps(walk: Walk, branch: Branch, others: Sequence[Branch]) -> tuple[Gap, ...]:
+    # A fold lies between two points, a little beyond both.
+    folds = [([s.index for s in b.special], [s.value for s in b.special]) for b in (branch, *others)]
+    values = [np.insert(b.points["value"], *at) for b, at in zip((branch, *others), folds, strict=True)]
+    return gaps(walk.limits, list(zip(values, [b.ends for b in (branch, *others)], strict=True)))
+
+
+def _places(walk: Walk, gap: Gap) -> list[float]:
+    """Where other cycles are searched for: at the end of the range, and in the middle of the gap."""
+    return [*(v for v in (gap.low, gap.high) if v in walk.limits), 0.5 * (gap.low + gap.high)]
+
+
+def _branch_from(walk: Walk, value: float) -> Branch | None:
+    """The longest of the branches of the cycles that the exact search finds at a value."""
+    found = []
+    with suppress(EppError, np.linalg.LinAlgError):
+        for orbit in _orbits_found(walk.case, walk.parameter, walk.family, value):
+            with suppress(EppError, np.linalg.LinAlgError):
+                found.append(replace(walk, special=[]).run((value, orbit)))
+    return max(found, key=lambda b: float(np.ptp(b.points["value"])), default=None)
+
+
+def _simulated(case: CaseLike, parameter: str, values: Array) -> dict[str, Array]:
+    """Where the case's own run ends on a cycle: the parameter, frequency and peak-to-peak of every signal."""
+    rows: list[dict[str, float]] = []
+    for value in values.tolist():
+        cycle = simulate(case.with_values({parameter: value})).limit_cycle
+        if cycle is not None:
+            rows.append({"value": value, "frequency": cycle.frequency, **cycle.peak_to_peak})
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+
+
+def steady_case(case: CaseLike) -> HybridSystem:
+    """The hybrid system of a case at its operating point.
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system, or an input that does not stand still.
+    """
+    return steady_hybrid(case.to_system(), case.operating_point)
+
+
+def _seed(
+    case: CaseLike, parameter: str, family: Family, ends: tuple[float, float], cycle: LimitCycle | None
+) -> tuple[float, Orbit]:
+    """A first orbit: from the cycle given, from a run at either end, or from a search there."""
+    if cycle is not None:
+        hybrid = family.at(ends[0])
+        for orbit in orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period):
+            return ends[0], orbit
+        raise EppError(f"continue_branch: there is no exact orbit near the given cycle at {parameter} = {ends[0]:.6g}.")
+    for value in ends:
+        hybrid = steady_case(case.with_values({parameter: value}))
+        run = run_hybrid(hybrid, case.t_end, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
+        status, found = judge(hybrid, run, case.t_end)
+        if status is Status.LIMIT_CYCLE:
+            closed = orbit_of(family.at(value), run, float(found[1]))
+            if closed is not None:
+                return value, closed
+    for value in ends[::-1]:
+        for orbit in _orbits_found(case, parameter, family, value):
+            return value, orbit
+    raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
+
+
+def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit]:
+    """The orbits of all cycles that the exact search finds at a value, smallest first."""
+    hybrid = family.at(value)
+    for known in find_limit_cycles(case.with_values({parameter: value})):
+        yield from islice(orbits_near(hybrid, *start_of(hybrid, known), known.period), 1)
+
+
+@dataclass
+class Walk:
+    """One branch under way; lives for one call."""
+
+    case: CaseLike
+    parameter: str
+    family: Family
+    limits: tuple[float, float]
+    n_points: int
+    max_step: float
+    special: list[tuple[Change, Point, str, int]] = field(default_factory=list)
+
+    def run(self, seed: tuple[float, Orbit]) -> Branch:
+        """Both directions from the seed."""
+        value, orbit = seed
+        inward = 1.0 if value - self.limits[0] <= self.limits[1] - value else -1.0
+        begin = make_point(self.family, value, orbit, None, inward)
+        points, why = self.along(begin, self.n_points)
+        back: list[Point] = []
+        other = "begins at the given value"
+        if not self._at_limit(value):
+            forward, self.special = self.special, []
+            back, other = self.along(make_point(self.family, value, orbit, None, -inward), self.n_points - len(points))
+            n = len(back)
+            turned = [(k, p, note, n - 1 - i) for k, p, note, i in self.special]
+            self.special = turned[::-1] + [(k, p, note, i + n - 1) for k, p, note, i in forward]
+            points = back[::-1][:-1] + points
+        return self._branch(points, (other, why))
+
+    def run_off(self, begin: Point) -> Branch:
+        """Away from where the branch leaves another one."""
+        points, why = self.along(begin, self.n_points)
+        return self._branch(points, ("leaves the branch of half the period", why))
+
+    def _at_limit(self, value: float) -> bool:
+        return min(abs(value - x) for x in self.limits) < 1e-9 * self.family.width
+
+    def along(self, point: Point, n_points: int) -> tuple[list[Point], str]:
+        """Points from `point` on in the direction of its tangent, until the range, the count or the branch ends."""
+        points, ds = [point], 0.25 * self.max_step
+        while len(points) < n_points:
+            new = step(points[-1], ds)
+            lost = astray(points[-1], new)
+            if lost and ds > LEAST_STEP:
+                ds *= 0.3
+                continue
+            if new is None or lost or not admissible(new):
+                new, why = self._lost(points, points[-1]) if lost else self._change(points, ds)
+                if new is None:
+                    return points, why
+                points.append(new)
+                ds = 0.25 * self.max_step
+                continue
+            if not self.limits[0] <= new.value <= self.limits[1]:
+                end = self._to_limit(points[-1], new)
+                if end is not None:
+                    points.append(end)
+                return points, "leaves the range"
+            if self._watch(points[-1], new, len(points)):
+                return points, "joins the branch of half its period"
+            points.append(new)
+            if len(points) > 20 and same_orbit(points[0].orbit, new.orbit) and _same_value(points[0], new):
+                return points, "closes on itself"
+            ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
+        return points, "stops at the number of points asked for"
+
+    def _to_limit(self, point: Point, new: Point) -> Point | None:
+        limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
+        return point_at(point, new, limit)
+
+    def _lost(self, points: list[Point], last: Point) -> tuple[Point | None, str]:
+        """Go on where Newton does not with the old sequence."""
+        way = float(np.sign(last.tangent[-1])) or 1.0
+        for border in borders(last):
+            new, back = across(border, way)
+            if new is not None:
+                return self._crossed(points, border, new, back), ""
+        new = self._crossed(points, last, *beyond(last))
+        return new, "ends where no orbit continues it"
+
+    def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
+        """Cross a change of the sequence of events."""
+        inside, outside = last_admissible(points[-1], ds)
+        # One step may hold both a fold and, behind it, the change.
+        if self._watch(points[-1], inside, len(points)):
+            return None, "joins the branch of half its period"
+        new, back = other_sequence(inside, outside)
+        if new is None:  # the old sequence, no longer true, may lead back to where it came from
+            return self._lost(points, inside)
+        if back:
+            inside = border_collision(inside, new)
+        return self._crossed(points, inside, new, back), "ends where no orbit continues it"
+
+    def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
+        note = difference(inside.orbit, None if new is None else new.orbit)
+        if new is not None and _same_motion(points, new):
+            new = None
+        kind = Change.END if new is None else (Change.TURNING if back else Change.SEQUENCE)
+        self._note(kind, inside, note, len(points))
+        return new
+
+    def _watch(self, old: Point, new: Point, index: int) -> bool:
+        """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
+        if old.turn * new.turn < 0:
+            found = locate(old, new, lambda p: p.turn, 1e-11)
+            if found is not None and half_alike(found.orbit):
+                self._note(
+                    Change.PERIOD_DOUBLING, found, "the cycle of half the period, which this branch leaves", index
+                )
+                return True
+            if found is not None:
+                self._note(Change.FOLD, found, "a stable and an unstable cycle, or two unstable ones, meet", index)
+            return False
+        if is_stable(old.multipliers) != is_stable(new.multipliers):
+            kind, test = crossing(old, new)
+            found = locate(old, new, test, 1e-9)
+            if found is not None:
+                self._note(kind, found, f"a multiplier leaves the unit circle ({kind})", index)
+        return False
+
+    def _note(self, kind: Change, point: Point, note: str, index: int) -> None:
+        self.special.append((kind, point, note, index))
+
+    def _branch(self, points: list[Point], ends: tuple[str, str]) -> Branch:
+        system = self.case.to_system()
+        names = system.signals.names
+        ranges = np.array([signal_ranges(p.orbit) for p in points])
+        sizes = ranges[:, 1] - ranges[:, 0]
+        data = {
+            "value": np.array([p.value for p in points]),
+            "period": np.array([p.orbit.period for p in points]),
+            "frequency": np.array([1.0 / p.orbit.period for p in points]),
+            "stable": np.array([is_stable(p.multipliers) for p in points]),
+            "multiplier": np.array([float(np.max(np.abs(p.multipliers), initial=0.0)) for p in points]),
+            "residual": np.array([p.orbit.residual for p in points]),
+        }
+        data |= {name: sizes[:, i] for i, name in enumerate(names)}
+        special = tuple(
+            SpecialPoint(kind, p.value, note, to_limit_cycle(system, p.orbit), i, p)
+            for kind, p, note, i in self.special
+        )
+        failed = any(s.kind is Change.END for s in special)
+        return Branch(
+            parameter=self.parameter,
+            unit=self.case.unit(self.parameter)[0],
+            points=data,
+            special=special,
+            status=Status.NOT_CONVERGED if failed else Status.CONVERGED,
+            message=f"One end {ends[0]}; the other {ends[1]}.",
+            ends=ends,
+            signals=tuple(names),
+            units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+            provenance=Provenance("pseudo-arclength continuation", {"limits": self.limits}, case=facts_of(self.case)),
+            operating_point=self.case.operating_point,
+        )
+
+
+def _same_value(one: Point, other: Point) -> bool:
+    return abs(one.value - other.value) < 1e-3 * one.family.width
+
+
+def _same_motion(points: list[Point], new: Point) -> bool:
+    """Whether a new point only repeats the one before it, so that the branch would run to and fro."""
+    if len(points) < 2:
+        return False
+    it = new.orbit.arcs.event_sequence.key
+    return it == points[-1].orbit.arcs.event_sequence.key

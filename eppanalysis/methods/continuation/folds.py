@@ -1,0 +1,235 @@
+"""Curves of folds: where in the plane of two parameters a stable and an unstable limit cycle are born together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import check_counts
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation.branch import Walk, continue_branch, steady_case
+from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.steps import Point, admissible, make_point, other_sequence, point_across, step
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.results import LimitCycle, Result, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+#: Into how many steps a way along a curve of folds is divided at most before a branch is asked instead.
+_FEW = 8
+#: How far aside of a fold a branch begins, relative to the parameter there, and most orbits on the way.
+_ASIDE = (0.1, 0.3, 0.8)
+_MOST_ASIDE = 60
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoldCurve(Result):
+    """Folds over two parameters.
+
+    Attributes
+    ----------
+    parameters : (str, str)
+        The one in which the cycles fold, and the one that runs.
+    values : array, shape (k, 2)
+        Both at each fold [SI].
+    period : array, shape (k,)
+        Of the cycle there [s].
+    multiplier : array, shape (k,)
+        Its largest Floquet multiplier, which is 1 but for rounding.
+    status : Status
+    message : str
+        How the curve ended.
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs, as for a :class:`Branch`.
+    """
+
+    parameters: tuple[str, str]
+    values: Array
+    period: Array
+    multiplier: Array
+    status: Status
+    message: str
+
+    in_json = "parameters values period multiplier status message operating_point provenance"
+
+
+def continue_folds(
+    case: CaseLike | LureSystem,
+    parameter: str,
+    other: str,
+    limits: tuple[object, object],
+    over: tuple[object, object],
+    *,
+    cycle: LimitCycle | None = None,
+    n_points: int = 21,
+) -> FoldCurve:
+    """The fold in `parameter` at each of a row of values of `other`.
+
+    Parameters
+    ----------
+    case : Case or LureSystem
+    parameter, other : str
+        Dotted names: the parameter in which the cycles fold, and the one that runs.
+    limits : (quantity, quantity)
+        Range of `parameter` in which the first fold is looked for, and the curve followed.
+    over : (quantity, quantity)
+        Values of `other` from the first to the last.
+    cycle : LimitCycle, optional
+        A cycle at the first of `limits` and of `over`.
+    n_points : int
+        Number of values of `other`.
+
+    Returns
+    -------
+    FoldCurve
+        Ends early, with status NOT_CONVERGED, where the curve of folds does (a cusp, or a change of sequence).
+
+    Raises
+    ------
+    EppError
+        If there is no fold at the first value of `other`.
+    """
+    case = require_case(case, "continue_folds")
+    check_counts("continue_folds", {"n_points": (n_points, 1)})
+    rows = np.linspace(case.si(other, over[0]), case.si(other, over[1]), n_points)
+    low, high = sorted(case.si(parameter, v) for v in limits)
+    first = case.with_values({other: float(rows[0])})
+    branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
+    if not branch.folds:
+        raise EppError(f"continue_folds: the branch over {parameter} has no fold at {other} = {rows[0]:.6g}.")
+    walk = _FoldWalk(case, parameter, other, (low, high))
+    found = [branch.folds[0].point]
+    message = "The curve covers all values asked for."
+    for here, value in zip(rows, rows[1:], strict=False):
+        new = walk.reach(found[-1], float(here), float(value))
+        if new is None:
+            message = f"The curve ends before {other} = {value:.6g}: no fold continues it within the limits."
+            break
+        found.append(new)
+    return FoldCurve(
+        parameters=(parameter, other),
+        values=np.column_stack([[p.value for p in found], rows[: len(found)]]),
+        period=np.array([p.orbit.period for p in found]),
+        multiplier=np.array([float(np.max(np.abs(p.multipliers))) for p in found]),
+        status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
+        message=message,
+        provenance=Provenance("fold curve", {"limits": (low, high), "over": rows.tolist()}, case=facts_of(case)),
+        operating_point=case.operating_point,
+    )
+
+
+@dataclass
+class _FoldWalk:
+    """A curve of folds under way; lives for one call."""
+
+    case: CaseLike
+    parameter: str
+    other: str
+    limits: tuple[float, float]
+    slope: float = 0.0
+    drift: Array | None = None
+
+    def family(self, value: float, near: float) -> Family:
+        """The systems over `parameter`, around `near`, at a value of `other`."""
+        case, reach = self.case.with_values({self.other: value}), 0.05 * abs(near)
+        window = max(near - reach, self.limits[0]), min(near + reach, self.limits[1])
+        return Family(lambda v: steady_case(case.with_values({self.parameter: v})), self.limits, window)
+
+    def reach(self, fold: Point, here: float, there: float) -> Point | None:
+        """The fold at another value of `other`: in a few steps along the curve, else by a branch at that value."""
+        at, d = here, there - here
+        begin = fold
+        while abs(there - at) > 1e-12 * abs(there - here):
+            d = there - at if abs(d) > abs(there - at) else d
+            new = self._next(fold, self.family(at + d, fold.value + self.slope * d), d)
+            if new is None:
+                d *= 0.5
+                if abs(d) < abs(there - here) / _FEW:
+                    return self._by_branch(begin, here, there)
+                continue
+            self._remember(fold, new, d)
+            fold, at, d = new, at + d, 1.5 * d
+        return fold
+
+    def _remember(self, old: Point, new: Point, d: float) -> None:
+        """How the fold and its orbit move with `other`, as a secant for the next one."""
+        self.slope = (new.value - old.value) / d
+        same = old.orbit.arcs.event_sequence.key == new.orbit.arcs.event_sequence.key
+        self.drift = (new.unknowns - old.unknowns) / d if same else None
+
+    def _next(self, fold: Point, family: Family, d: float) -> Point | None:
+        """The fold in a neighbouring family, from the last one."""
+        u = fold.unknowns + (0.0 if self.drift is None or self.drift.size != fold.unknowns.size else d * self.drift)
+        u[-1] = fold.value + self.slope * d
+        moved = point_across(replace(fold, family=family, before=None), u)
+        for _ in range(4):
+            new = None if moved is None else _fold_near(moved)
+            if new is None or moved is None or not self.limits[0] <= new.value <= self.limits[1]:
+                return None
+            if admissible(new):
+                return new
+            moved, _ = other_sequence(moved, new)
+        return None
+
+    def _by_branch(self, fold: Point, here: float, there: float) -> Point | None:
+        """The fold on a branch that begins aside of the last one, on its stable side, at the new value of `other`."""
+        foretold = fold.value + self.slope * (there - here)
+        for share in _ASIDE:
+            distance = abs(foretold - fold.value) + share * abs(fold.value)
+            aside = _aside(self.case.with_values({self.other: here}), self.parameter, fold, distance)
+            folds = [] if aside is None else self._folds_from(aside, fold.value < aside.value, here, there)
+            if folds:
+                new = min(folds, key=lambda p: abs(p.value - foretold))
+                self.slope, self.drift = (new.value - fold.value) / (there - here), None
+                return new
+        return None
+
+    def _folds_from(self, aside: Point, outward: bool, here: float, there: float) -> list[Point]:
+        """Folds of the branch at the new value of `other` that begins at an orbit of the old one."""
+        system = self.case.with_values({self.other: here, self.parameter: aside.value}).to_system()
+        cycle, limit = to_limit_cycle(system, aside.orbit), self.limits[0 if outward else 1]
+        case = self.case.with_values({self.other: there})
+        try:
+            branch = continue_branch(case, self.parameter, aside.value, limit, cycle=cycle, n_points=100)
+        except EppError:
+            return []
+        return [s.point for s in branch.folds]
+
+
+def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:
+    """The last stable orbit, at most so far in the parameter, on one of the two branches that meet in a fold."""
+    limits = fold.value - distance, fold.value + distance
+    family = Family(lambda v: steady_case(case.with_values({parameter: v})), limits)
+    for tangent in (fold.tangent, -fold.tangent):
+        begin = make_point(family, fold.value, fold.orbit, tangent)
+        points, _ = Walk(case, parameter, family, limits, _MOST_ASIDE, 0.05).along(begin, _MOST_ASIDE)
+        stable = [p for p in points[1:] if is_stable(p.multipliers)]
+        if stable:
+            return stable[-1]
+    return None
+
+
+def _fold_near(point: Point) -> Point | None:
+    """Secant steps along the branch to where the parameter turns."""
+    s0, f0 = 0.0, point.turn
+    s1 = 1e-3
+    best = point
+    for _ in range(15):
+        if abs(best.turn) < 1e-11:
+            return best
+        new = step(point, s1)
+        if new is None:
+            return None
+        f1 = new.turn
+        if abs(f1) < abs(best.turn):
+            best = new
+        if f1 == f0:
+            break
+        s0, s1, f0 = s1, float(np.clip(s1 - f1 * (s1 - s0) / (f1 - f0), -0.3, 0.3)), f1
+    return best if abs(best.turn) < 1e-9 else None

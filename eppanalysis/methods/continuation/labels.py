@@ -1,0 +1,68 @@
+"""What special points of a branch are called: which multiplier leaves the unit circle, which events come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.methods.orbits.shooting import Orbit
+from eppanalysis.methods.simulation.stability import is_stable
+
+
+class Change(StrEnum):
+    """What happens at a special point of a branch."""
+
+    FOLD = "fold"
+    PERIOD_DOUBLING = "period doubling"
+    TORUS = "torus"
+    BRANCH_POINT = "branch point"
+    SEQUENCE = "change of sequence"
+    TURNING = "turning change of sequence"
+    END = "end"
+
+
+def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
+    """Which way a multiplier crosses the unit circle, and the test function for it."""
+    unstable = new if not is_stable(new.multipliers) else old
+    values = unstable.multipliers
+    leading = values[np.abs(values) >= 1.0][-1]
+    if abs(leading.imag) > 1e-9:
+        return Change.TORUS, lambda p: _nearest(p.multipliers, leading) - 1.0
+    if leading.real < 0:
+        return Change.PERIOD_DOUBLING, lambda p: _determinant(p, 1.0)
+    return Change.BRANCH_POINT, lambda p: _determinant(p, -1.0)
+
+
+def _determinant(point: Point, sign: float) -> float:
+    """Product of (multiplier + sign), from the scaled return map."""
+    P, scale = point.orbit.return_map, point.orbit.scale[point.orbit.arcs.free]
+    return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
+
+
+def _nearest(values: NDArray[np.complex128], leading: complex) -> float:
+    return float(np.abs(values[np.argmin(np.abs(values - leading))]))
+
+
+def difference(old: Orbit, new: Orbit | None) -> str:
+    """Which events come and go at a change of the sequence."""
+    if new is None:
+        return "the sequence of events changes and no orbit continues it"
+
+    def names(orbit: Orbit) -> list[str]:
+        model, it = orbit.hybrid.model, orbit.arcs.event_sequence
+        return [
+            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_names[g]}"
+            + (" at once" if at_once == 1 else "")
+            for g, at_once in zip(it.guards, it.at_once, strict=True)
+            if g >= 0
+        ]
+
+    before, after = names(old), names(new)
+    gone = sorted({n for n in before if before.count(n) > after.count(n)})
+    come = sorted({n for n in after if after.count(n) > before.count(n)})
+    parts = [f"appears: {', '.join(come)}"] * bool(come) + [f"disappears: {', '.join(gone)}"] * bool(gone)
+    return "; ".join(parts) or "events change their order"

@@ -1,0 +1,101 @@
+"""Bifurcation diagram of a branch of orbits."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eppanalysis.methods.continuation.branch import Branch
+from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    STABILITY,
+    VERMILLION,
+    chosen,
+    label_of,
+    panels_of,
+    show_constant,
+    with_name,
+)
+from eppanalysis.readable import readable, with_unit, words
+
+Array = NDArray[np.float64]
+
+
+def plot_branch(branch: Branch, signal: str | None = None, at: float | None = None) -> Figure:
+    """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
+
+    Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
+    top. Parts of the range asked for that have no orbit are hatched, with the reason in the legend. Angles are in
+    degrees, lengths in millimetres.
+
+    Parameters
+    ----------
+    branch : Branch
+    signal : str, optional
+        Whose peak-to-peak is drawn; the first by default.
+    at : float, optional
+        Value of the parameter that a dotted line marks [SI].
+
+    Raises
+    ------
+    EppError
+        If the branch has no such signal.
+    """
+    name = chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
+    x_unit, x_factor = readable(branch.unit)
+    label, factor = label_of(name, branch.units)
+    figure, panels = panels_of(2, height=2.4)
+    figure.suptitle(with_name("", branch.provenance.subject), fontsize=10)
+    for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
+        y = scale * branch.points[key]
+        for one in (branch, *branch.others):
+            _draw_branch(ax, one, name, key, x_factor, scale)
+            y = np.append(y, scale * one.points[key])
+        for gap in branch.missing:
+            edges: dict[str, Any] = {"facecolor": GREY, "alpha": 0.18, "linewidth": 0, "hatch": "xx"}
+            ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"no orbit: {gap.why}")
+        if key in branch.simulated:
+            runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
+            ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
+            y = np.append(y, runs[1])
+        show_constant(ax, y)
+        if at is not None:
+            ax.axvline(x_factor * at, color=GREY, linestyle=":")
+        ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
+        ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
+    handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
+    panels[0].legend(handles.values(), [textwrap.fill(text, 48) for text in handles], fontsize=8)
+    return figure
+
+
+def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, scale: float) -> None:
+    """One curve of the diagram with its special points."""
+    value, stable = across * branch.points["value"], branch.points["stable"]
+    y = scale * branch.points[key]
+    for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
+        # A piece belongs to the stability of its first point; the other kind leaves a gap.
+        piece = (stable == kind) | np.append(False, stable[:-1] == kind)
+        if np.any(piece):
+            ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=STABILITY[kind])
+    for special in branch.special:
+        height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
+        _mark_special(ax, special.kind, across * special.value, scale * height)
+
+
+def _mark_special(ax: Axes, kind: str, x: float, y: float) -> None:
+    """A filled diamond for a fold, a filled triangle for a period doubling, an open square for the rest."""
+    if kind == Change.FOLD:
+        ax.plot(x, y, "D", color=ORANGE, markersize=5, label="fold")
+    elif kind == Change.PERIOD_DOUBLING:
+        ax.plot(x, y, "^", color="black", markersize=6, label="period doubling")
+    else:
+        ax.plot(x, y, "s", color=GREY, markerfacecolor="none", markersize=5, label="other special point")

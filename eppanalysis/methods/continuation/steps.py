@@ -1,0 +1,398 @@
+"""Steps along a branch of exact orbits: the corrector, its tangent, and the tests for special points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.orbits.guess import Guess
+from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, close_orbit, evaluate, next_guess, solve
+
+Array = NDArray[np.float64]
+
+#: A corrector has converged when the residual, relative to the motion, is below this and Newton has stopped moving.
+TOLERANCE = 1e-11
+_MOST_ITERATIONS = 9
+#: Change of the unknowns that is rounding.
+_STILL = 1e-11
+#: A test function this far below its first value may be stopped by rounding.
+_NOISE = 1e-6
+#: Largest predicted bend of the branch over a step, relative to the step.
+_GENTLE = 0.1
+#: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost.
+LEAST_STEP, _MOST_BEND = 1e-6, 0.4
+
+
+def evaluate_at(
+    family: Family, event_sequence: EventSequence, value: float, y: Array, tau: Array, like: Arcs | None = None
+) -> Orbit:
+    """Residual and derivative at a value; what the system itself sets in y (its inputs) is taken from it."""
+    hybrid = family.at(value)
+    y = y.copy()
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), y, tau)
+
+
+def slope_at(family: Family, orbit: Orbit, value: float) -> Array:
+    """Derivative of the residual with respect to the parameter, by central differences at fixed unknowns."""
+    h = 1e-6 * max(abs(value), 1e-3 * family.width)
+    it, like = orbit.arcs.event_sequence, orbit.arcs
+    up = evaluate_at(family, it, value + h, orbit.y, orbit.tau, like).r
+    down = evaluate_at(family, it, value - h, orbit.y, orbit.tau, like).r
+    return (up - down) / (2.0 * h)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An orbit on a branch, with the direction of the branch there.
+
+    Attributes
+    ----------
+    value : float
+        The parameter (SI).
+    orbit : Orbit
+    slope : array, shape (m + p,)
+        Derivative of the residual with respect to the parameter.
+    tangent : array, shape (m + p + 1,)
+        Direction of (unknowns, parameter); of unit length in the branch's own measure.
+    before : (float, array, array), optional
+        Distance, slope and tangent of the point from which this one was reached.
+    arc : int, optional
+        At a border between two sequences of events: the arc that has no duration.
+    """
+
+    family: Family
+    value: float
+    orbit: Orbit
+    slope: Array
+    tangent: Array
+    before: tuple[float, Array, Array] | None = None
+    arc: int | None = None
+
+    @property
+    def turn(self) -> float:
+        """Rate of the parameter along the branch, relative to its range: zero at a fold."""
+        return float(self.tangent[-1] / self.family.width)
+
+    @cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Floquet multipliers."""
+        return self.orbit.multipliers
+
+    @cached_property
+    def unknowns(self) -> Array:
+        """Free part of the start, dwell times, parameter; shape (m + p + 1,)."""
+        return np.concatenate([self.orbit.y[self.orbit.arcs.free], self.orbit.tau, [self.value]])
+
+    def ahead(self, ds: float) -> tuple[Array, Array]:
+        """Unknowns and slope at a distance along the branch, as this point and the one before foretell them."""
+        plain = self.unknowns + ds * self.tangent
+        if self.before is None:
+            return plain, self.slope
+        way, slope, tangent = self.before
+        bent = (0.5 * ds * ds / way) * (self.tangent - tangent)
+        size = self.orbit.column_scale
+        # Beside a grazing contact the branch bends like a square root, so the points before it predict nothing
+        # (docs/theory/exact_orbits.md, Branches).
+        if np.max(np.abs(bent[:-1]) / size) > _GENTLE * np.max(np.abs(ds * self.tangent[:-1]) / size):
+            return plain, self.slope
+        return plain + bent, self.slope + (ds / way) * (self.slope - slope)
+
+
+def weights(orbit: Orbit, width: float) -> Array:
+    """Measure of the branch: mean square of the relative change of the start, and the parameter over its range."""
+    m, p = orbit.arcs.free.size, orbit.tau.size
+    w = np.zeros(m + p + 1)
+    w[:m] = 1.0 / (m * orbit.scale[orbit.arcs.free] ** 2)
+    w[-1] = 1.0 / width**2
+    return w
+
+
+def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, sign: float = 1.0) -> Point:
+    """The point with its tangent, turned along an earlier tangent (or so that the parameter changes by `sign`)."""
+    slope = slope_at(family, orbit, value)
+    w = weights(orbit, family.width)
+    row = np.zeros(w.size) if along is None else w * along
+    if along is None:
+        row[-1] = sign / family.width
+    right = np.zeros(w.size)
+    right[-1] = 1.0
+    t = bordered(orbit, slope, row, right)
+    return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)))
+
+
+def bordered(orbit: Orbit, slope: Array, row: Array, right: Array) -> Array:
+    """Solve [[A, slope], [row]] s = right, scaled."""
+    columns = np.concatenate([orbit.column_scale, [1.0]])
+    size = np.abs(slope / orbit.row_scale).max()
+    columns[-1] = 1.0 / size if size > 0 else 1.0
+    scaled = np.abs(row * columns).max()
+    rows = np.concatenate([orbit.row_scale, [1.0 / scaled if scaled > 0 else 1.0]])
+    K = np.vstack([np.column_stack([orbit.A, slope]), row])
+    rows[-1] = 1.0 / rows[-1]
+    K = K / rows[:, None] * columns
+    if not (np.all(np.isfinite(K)) and np.all(np.isfinite(right))):
+        return np.full_like(right, np.nan)  # LAPACK would complain on the terminal
+    try:
+        return np.linalg.solve(K, right / rows) * columns
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(K, right / rows, rcond=None)[0] * columns
+
+
+def step(point: Point, ds: float) -> Point | None:
+    """The point at a distance along the branch with the same sequence of events; None when Newton fails."""
+    found = _corrected(point, _along(point), ds, *point.ahead(ds))
+    return None if found is None else _arrived(point, ds, found)
+
+
+def _arrived(point: Point, ds: float, found: _Found) -> Point:
+    """The orbit found at a distance from a point, with the direction of the branch there."""
+    new = make_point(point.family, found.value, found.orbit, point.tangent)
+    return replace(new, before=(ds, point.slope, point.tangent)) if ds != 0.0 else new
+
+
+def _along(point: Point) -> Array:
+    """Row that measures the distance along the branch."""
+    return weights(point.orbit, point.family.width) * point.tangent
+
+
+class _Found(NamedTuple):
+    """Where a corrector arrives."""
+
+    value: float
+    orbit: Orbit
+    unknowns: Array
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
+def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _Found | None:
+    """Newton from u to the orbit in a plane across `row`, at a distance from a point."""
+    family, like = point.family, point.orbit.arcs
+    m = like.free.size
+    best = np.inf
+    for i in range(_MOST_ITERATIONS):
+        y = point.orbit.y.copy()
+        y[like.free] = u[:m]
+        try:
+            orbit = evaluate_at(family, like.event_sequence, float(u[-1]), y, u[m:-1], like)
+        except (EppError, ModelError):
+            return None
+        if not orbit.residual < 1e3:
+            return None
+        right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
+        change = bordered(orbit, slope, row, right)
+        size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
+        still = (orbit.residual < TOLERANCE and size < 1e-9) or size < _STILL
+        if orbit.residual < CONVERGED and (still or size > 0.5 * best):
+            return _Found(float(u[-1]), orbit, u)
+        if i > 3 and size > best:
+            return None
+        best = min(best, size)
+        u = u + change
+    return None
+
+
+def point_at(old: Point, new: Point, value: float) -> Point | None:
+    """The point at a value of the parameter between two points of one sequence; None when Newton fails."""
+    share = (value - old.value) / (new.value - old.value)
+    family, like, m = old.family, old.orbit.arcs, old.orbit.arcs.free.size
+    u = old.unknowns + share * (new.unknowns - old.unknowns)
+    y = old.orbit.y.copy()
+    y[like.free] = u[:m]
+    hybrid = family.at(value)
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    orbit = solve(hybrid, Guess(like.event_sequence, y, u[m:-1]))
+    if not orbit.residual < CONVERGED:
+        return None
+    found = make_point(family, value, orbit, old.tangent)
+    return found if bend(old, found) < _MOST_BEND else None
+
+
+def point_across(point: Point, u: Array, row: Array | None = None) -> Point | None:
+    """The point in the plane through unknowns u, across `row` or a point's tangent, that Newton finds from u."""
+    row = _along(point) if row is None else row
+    found = _corrected(point, row, float(row @ (u - point.unknowns)), u, point.slope)
+    return None if found is None else _arrived(point, 0.0, found)
+
+
+def bend(old: Point, new: Point) -> float:
+    """How much the direction turns between two points: one less the cosine of the angle."""
+    w = weights(new.orbit, new.family.width)
+    size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
+    return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+
+
+def admissible(point: Point) -> bool:
+    """Whether the engine, started on the orbit, meets the same events."""
+    return _true(point.orbit)
+
+
+def _true(orbit: Orbit) -> bool:
+    return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and next_guess(orbit) is None
+
+
+def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
+    """Where `test` changes its sign between a point and a later one of its sequence, by regula falsi (Illinois).
+
+    It ends at the tolerance, or where rounding keeps the test from becoming smaller.
+    """
+    row = _along(point)
+    ends = [(0.0, point, test(point)), (float(row @ (far.unknowns - point.unknowns)), far, test(far))]
+    if ends[0][2] * ends[1][2] > 0:
+        return None
+    best, least = min(((p, abs(f)) for _, p, f in ends), key=lambda pair: pair[1])
+    reach, size, moved, in_vain = abs(ends[1][0]), max(abs(f) for _, _, f in ends), -1, 0
+    for _ in range(40):
+        (a, _, f_a), (b, _, f_b) = ends
+        if abs(b - a) < 1e-14 * reach:
+            break
+        c = (a * f_b - b * f_a) / (f_b - f_a)
+        found = _between(point, row, ends[0][:2], ends[1][:2], c) or step(point, c)
+        if found is None:
+            return best
+        f_c = test(found)
+        in_vain = 0 if abs(f_c) < least else in_vain + 1
+        if in_vain == 0:
+            best, least = found, abs(f_c)
+        if least < tolerance or (in_vain > 1 and least < _NOISE * size):
+            break
+        side = int(f_c * f_b > 0)
+        ends[side] = c, found, f_c
+        if side == moved:  # an end that stays counts half, or it might stay for ever
+            s, p, f = ends[1 - side]
+            ends[1 - side] = s, p, 0.5 * f
+        moved = side
+    return best
+
+
+def _between(
+    point: Point, row: Array, one: tuple[float, Point], other: tuple[float, Point], distance: float
+) -> Point | None:
+    """The point at a distance from `point`, between two known ones: the cubic through both with their tangents."""
+    (a, first), (b, last) = one, other
+    share, whole = (distance - a) / (b - a), last.unknowns - first.unknowns
+    begin, end = ((b - a) / float(row @ p.tangent) * p.tangent for p in (first, last))
+    bent = (3.0 - 2.0 * share) * whole - (2.0 - share) * begin - (1.0 - share) * end
+    u = first.unknowns + share * (begin + share * bent)
+    found = _corrected(point, row, distance, u, first.slope + share * (last.slope - first.slope))
+    return None if found is None else _arrived(point, distance, found)
+
+
+def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Point, Point]:
+    """Points on both sides of where the sequence of events ceases to be true."""
+    a, inside, at_a = 0.0, None, point.unknowns
+    row = _along(point)
+    far = _corrected(point, row, ds, *point.ahead(ds))
+    b, outside, at_b = ds, far, None if far is None else far.unknowns
+    for _ in range(n_halvings):
+        c = 0.5 * (a + b)
+        u, slope = point.ahead(c)
+        # Two known orbits predict a third one between them better than one orbit alone does.
+        found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)
+        if found is None or not _true(found.orbit):
+            b = c
+            if found is not None:
+                outside, at_b = found, found.unknowns
+        else:
+            a, inside, at_a = c, found, found.unknowns
+    first = point if inside is None else _arrived(point, a, inside)
+    return first, first if outside is None else _arrived(point, b, outside)
+
+
+def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
+    """Beyond a change of the sequence: the orbit with the new one, and whether the branch turns back there.
+
+    Just beyond a grazing contact the new visit grows like a root, and no step that the branch can take leads on from
+    there: then the new sequence is taken up a little further on.
+    """
+    first: tuple[Point, bool] | None = None
+    for new, turns_back in _others(inside, outside):
+        first = first or (new, turns_back)
+        same = turns_back == first[1] and _same_sequence(new.orbit, first[0].orbit)
+        if same and not astray(new, step(new, LEAST_STEP)):
+            return new, turns_back
+    return first or (None, False)
+
+
+def astray(point: Point, new: Point | None) -> bool:
+    """Whether a step from a point has lost the branch."""
+    return new is None or bend(point, new) > _MOST_BEND
+
+
+def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
+    """Orbits beyond a change of the sequence, ever further on, and whether the branch turns back to them.
+
+    At a grazing contact Newton's range shrinks to nothing, so the old sequence, though no longer true, is followed a
+    little further until the new one can be closed from what the engine makes of it.
+    """
+    family = inside.family
+    way = float(np.sign(inside.tangent[-1])) or 1.0
+    for reach in (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 5e-3, 2e-2):
+        virtual = outside if reach == 0.0 else step(inside, reach)
+        guess = None if virtual is None else next_guess(virtual.orbit)
+        if virtual is None or guess is None:
+            continue
+        for turns_back in (False, True):
+            value = 2.0 * inside.value - virtual.value if turns_back else virtual.value
+            found = _close_at(family, value, guess)
+            if found is None or not near(found, inside.orbit) or _same_sequence(found, inside.orbit):
+                continue
+            if turns_back and found.arcs.event_sequence.guards.size == inside.orbit.arcs.event_sequence.guards.size:
+                continue
+            yield make_point(family, value, found, None, -way if turns_back else way), turns_back
+
+
+def beyond(point: Point) -> tuple[Point | None, bool]:
+    """Where Newton cannot go on with the old sequence (two events merge): the orbit with a new one a little further."""
+    family, width = point.family, point.family.width
+    sign = np.sign(point.tangent[-1]) or 1.0
+    for turns_back in (False, True):
+        way = -sign if turns_back else sign
+        for share in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
+            value = point.value + way * share * width
+            found = _close_at(family, value, point.orbit.guess)
+            if found is None or _same_sequence(found, point.orbit) or not near(found, point.orbit):
+                continue
+            return make_point(family, value, found, None, way), turns_back
+    return None, False
+
+
+def _close_at(family: Family, value: float, guess: Guess) -> Orbit | None:
+    try:
+        hybrid = family.at(value)
+    except EppError:
+        return None
+    y = guess.y.copy()
+    y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+    return close_orbit(hybrid, replace(guess, y=y))
+
+
+def _same_sequence(one: Orbit, other: Orbit) -> bool:
+    return one.arcs.event_sequence.cyclic_key == other.arcs.event_sequence.cyclic_key
+
+
+def near(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits could be neighbours on a branch."""
+    if abs(one.period / other.period - 1.0) > 0.05:
+        return False
+    (low, high), (other_low, other_high) = signal_ranges(one), signal_ranges(other)
+    span = np.where(other_high > other_low, other_high - other_low, np.inf)
+    return bool(max(np.max(np.abs(low - other_low) / span), np.max(np.abs(high - other_high) / span)) < 0.1)
+
+
+def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
+    """Smallest and largest value of every signal, exactly."""
+    from eppanalysis.kernels.orbits import extents
+
+    arcs = orbit.arcs
+    low, high = np.empty(arcs.Y.shape[1]), np.empty(arcs.Y.shape[1])
+    extents(arcs.channels, arcs.F, arcs.S, arcs.smooth, arcs.Y, arcs.Ys, orbit.starts, orbit.tau, low, high)
+    return low, high

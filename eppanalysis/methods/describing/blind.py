@@ -1,0 +1,227 @@
+"""Where first order cannot see: cycles that only harmonics make, sticking that integral action ends, no state of rest.
+
+All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
+a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
+comes to rest meanwhile: where it grows without end, sticking and slipping alternate (Armstrong-Helouvry, Dupont and
+Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
+stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
+from eppanalysis.methods.describing.quality import Point, stability
+from eppanalysis.methods.describing.search import Found, frequency_nodes, frequency_scales
+from eppanalysis.methods.harmonic.elements import Unsettled
+from eppanalysis.methods.harmonic.loop import Loop
+from eppanalysis.models.elements.base import Nonlinearity
+
+#: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
+_NEAR, _PLACES = 0.3, 3
+#: Distance, in logarithms of amplitude and frequency, within which a place is that of a predicted cycle.
+_BESIDE = 0.1
+#: Orders of the balances that are tried, the share by which the last may differ from the one before, and the one by
+#: which a cycle differs from a predicted one.
+_ORDERS, _SETTLED, _OTHER = (3, 9, 15), 0.03, 0.2
+#: Share of the terms of a static balance below which they balance.
+_BALANCED = 1e-9
+
+
+def blind_spots(
+    balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found
+) -> tuple[str, ...]:
+    """Sentences about cycles that the loop may have beside the predicted ones; empty for most loops."""
+    places = _near_misses(balance, points, found)
+    known = [m for e in estimates for m in e.oscillations]
+    without_rest = [] if any(stability(balance, p)[0] for p in points) else _no_rest(balance)
+    return tuple([*_made_by_harmonics(balance, places, known), *_stick_slip(balance), *without_rest])
+
+
+def _made_by_harmonics(balance: Balance, places: list[Array], known: list[BalancedOscillation]) -> Iterator[str]:
+    """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
+    if not places:
+        return
+    try:
+        loop = Loop.with_means(balance.system, balance.static)
+    except ModelError:
+        return
+    for x in places:
+        a, phase, b, omega = (v[0] for v in balance.unpack(x[None]))
+        here = _refined(BalancedOscillation.of(balance, loop, a, phase, b, float(omega)))
+        if here is None or any(_same(here, m) for m in known):
+            continue
+        known.append(here)
+        yield (
+            "Harmonics make a cycle that first order does not have: its loop gain misses one by "
+            f"{100.0 * np.expm1(abs(x[-1])):.2g} % near {omega:.4g} rad/s, and a balance of {here.order} harmonics "
+            f"stands at {here.omega:.4g} rad/s, with {2.0 * abs(here.Z[0, 1]):.4g} peak to peak of the fundamental at "
+            f"{balance.system.element_names[0]}."
+        )
+
+
+def _same(one: BalancedOscillation, other: BalancedOscillation) -> bool:
+    """Whether two motions are nearly as fast and as large."""
+    sizes = [np.append(np.abs(m.Z[:, 1]), m.omega) for m in (one, other)]
+    return bool(np.abs(sizes[0] / sizes[1] - 1.0).max() < _OTHER)
+
+
+def _refined(start: BalancedOscillation) -> BalancedOscillation | None:
+    """The balance with harmonics near a motion, if it is settled; None otherwise."""
+    here, last = start, start
+    try:
+        for order in _ORDERS:
+            if order > start.loop.highest(start.omega):
+                return None
+            found = here.with_harmonics(order)
+            if found is None:
+                return None
+            here, last = found, here
+        change = float(np.abs(here.measures / last.measures - 1.0).max())
+        return here if change < _SETTLED and not here.grazes else None
+    except Unsettled:
+        return None
+
+
+def _near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list[Array]:
+    """Vectors of unknowns at which the loop gain comes nearest to one without reaching it, nearest first."""
+    if balance.m == 1 and balance.owner.size == 1 and balance.system.elements[0].n_inputs == 1:
+        places = _misses_of_one(balance)
+    else:
+        places = [x for curve in found.curves for x in _extrema(curve)]
+    pivot = balance.pivot
+    cycles = np.array([[np.log(p.amplitude[pivot]), np.log(p.omega)] for p in points]).reshape(-1, 2)
+    near = [x for x in places if abs(x[-1]) < _NEAR and np.all(np.abs(cycles - x[:2]).max(1) > _BESIDE)]
+    return sorted(near, key=lambda x: abs(float(x[-1])))[:_PLACES]
+
+
+def _extrema(curve: Array) -> Iterator[Array]:
+    """Points of a curve where the missing gain is least, on either side of none."""
+    size = np.abs(curve[:, -1])
+    same = np.sign(curve[:-2, -1]) == np.sign(curve[2:, -1])
+    yield from curve[1:-1][same & (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])]
+
+
+def _misses_of_one(balance: Balance) -> list[Array]:
+    """For one element without a mean: amplitudes and frequencies at which ``N L`` is nearest to one."""
+    thresholds = np.abs(np.asarray(balance.system.elements[0].thresholds(), float)).ravel()
+    thresholds = np.unique(thresholds[(thresholds > 0) & np.isfinite(thresholds)])[:20]
+    if not thresholds.size or np.any(balance.prescribed):
+        return []
+    coarse = np.geomspace(thresholds.min() / 3.0, 30.0 * thresholds.max(), 160)
+    above = thresholds[:, None] * (1.0 + np.geomspace(1e-3, 0.3, 12))
+    amplitude, omega = np.unique(np.concatenate([coarse, above.ravel()])), frequency_nodes(balance.system, 30)
+    mean, gain = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))
+    if np.abs(mean).max() > 1e-9 * (np.abs(gain[:, 0]) * amplitude).max():
+        return []
+    loop = gain[:, 0, None] * balance.linear(omega)[None, :, 0, 0]
+    off = np.abs(np.log(np.where(np.abs(loop) > 0, loop, 1e-300)))
+    inner, least = off[1:-1, 1:-1], np.ones(off[1:-1, 1:-1].shape, bool)
+    for i in (-1, 0, 1):
+        for k in (-1, 0, 1):
+            least &= inner <= off[1 + i : off.shape[0] - 1 + i, 1 + k : off.shape[1] - 1 + k]
+    places = np.argwhere(least & (inner < _NEAR)) + 1
+    return [np.array([np.log(amplitude[i]), np.log(omega[k]), 0.0, off[i, k]]) for i, k in places]
+
+
+def _stick_slip(balance: Balance) -> Iterator[str]:
+    """Friction that is greater at rest than in motion, where the loop pulls ever harder while it sticks."""
+    system = balance.system
+    for i, e in enumerate(system.elements):
+        if e.sticks_and_slips and _winds_up(balance, i):
+            yield (
+                f"{system.element_names[i]} sticks, which first order does not see, and integral action does not let "
+                "it stick for ever: the loop may hunt, in cycles of sticking and slipping that are not predicted here."
+            )
+
+
+def _winds_up(balance: Balance, element: int) -> bool:
+    """Whether the force that holds an element's input at rest grows without end.
+
+    It does where the response from the force to the input falls at least as ``s**2`` towards ``s = 0``: one zero there
+    is that of a speed, the others are the loop's integrators.
+    """
+    scales = frequency_scales(balance.system)
+    if not scales.size or balance.system.time_step:
+        return False
+    omega = scales.min() * np.array([1e-5, 1e-4])
+    size = np.array([abs(_response(balance, element, w)) for w in omega])
+    return bool(np.all(size > 0) and np.log10(size[1] / size[0]) > 1.5)
+
+
+def _response(balance: Balance, element: int, omega: float) -> complex:
+    """From an element's output to its input, the loop closed by gains of the others (which ones does not matter)."""
+    mine = balance.owner == element
+    L = balance.linear(np.array([omega]))[0]
+    spans = [np.abs(np.asarray(e.thresholds(), float)).max(initial=0.0) or 1.0 for e in balance.system.elements]
+    gain = np.nan_to_num(balance.evaluate(2.0 * np.array([spans]), np.zeros((1, balance.m)), np.ones(1))[1][0])
+    selector = (balance.owner[:, None] == np.arange(balance.m)) * np.where(mine, 0.0, gain)[:, None]
+    closed = np.linalg.solve(np.eye(balance.m) - L @ selector, L[:, mine].sum(1))
+    return complex(closed[element])
+
+
+def _no_rest(balance: Balance) -> Iterator[str]:
+    """Elements that jump over the only output with which the loop could stand still."""
+    system = balance.system
+    for i, e in enumerate(system.elements):
+        if not np.any(e.jumps):
+            continue
+        for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
+            jump = _jumped_over(e, on_bias, on_mean, prescribed)
+            if jump is None or _slides(balance, i, float(e.jumps[jump])):
+                continue
+            edge = float(e.breakpoints[jump])
+            below, above = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
+            yield (
+                f"The loop has no state of rest: {system.element_names[i]} would have to give "
+                f"{(prescribed - on_bias * edge) / on_mean:.4g} but jumps from {below:.4g} to {above:.4g} where its "
+                f"input passes {edge:.4g}; the loop hunts across it, in a motion that is not predicted here."
+            )
+            break
+
+
+def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, float, float]]:
+    """Static balances that are left of one element alone, ``on_bias b + on_mean mean = prescribed``."""
+    mine = balance.owner == element
+    others = np.arange(balance.m) != element
+    rest = np.hstack([balance.on_bias[:, others], balance.on_mean[:, ~mine]])
+    rest = rest[:, np.any(rest, 0)] / np.abs(rest).max(0)[np.any(rest, 0)]
+    u, s, _ = np.linalg.svd(rest)
+    rank = int(np.sum(s > _BALANCED * s.max(initial=0.0)))
+    for k in u[:, rank:].T:
+        on_bias, on_mean = float(k @ balance.on_bias[:, element]), float(k @ balance.on_mean[:, mine].sum(1))
+        if on_mean:
+            yield on_bias, on_mean, float(k @ balance.prescribed)
+
+
+def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> int | None:
+    """Number of the jump across which a static balance changes sign, if it holds on no piece of the element."""
+    edges = e.breakpoints
+    excess = [
+        on_bias * edges + on_mean * (slope * edges + offset) - prescribed
+        for slope, offset in ((e.slopes[:-1], e.intercepts[:-1]), (e.slopes[1:], e.intercepts[1:]))
+    ]
+    size = np.abs(on_bias * edges) + abs(prescribed) + np.abs(on_mean) * np.abs(e.output(edges)[0])
+    left, right = (np.where(np.abs(x) <= _BALANCED * size, 0.0, np.sign(x)) for x in excess)
+    turns = on_bias + on_mean * e.slopes
+    # From minus infinity to the first edge, between edges, and from the last one on.
+    ends = [-np.sign(turns[:1]) if turns[0] else left[:1], right]
+    begins, stops = np.concatenate(ends), np.append(left, np.sign(turns[-1]) if turns[-1] else right[-1])
+    if np.any(begins * stops <= 0):
+        return None
+    across = np.flatnonzero(left * right < 0)
+    return int(across[0]) if across.size else None
+
+
+def _slides(balance: Balance, element: int, jump: float) -> bool:
+    """Whether the loop pulls an element back at once on either side of a jump, so that it rests there."""
+    system = balance.system
+    if system.time_step or np.any(system.delays):
+        return False
+    out = system.output_slices[element]
+    return float(np.sum(system.C[balance.rows[element]] @ system.B[:, out])) * jump < 0

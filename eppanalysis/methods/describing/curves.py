@@ -1,0 +1,314 @@
+"""Roots on curves: along one variable, and along solution curves of the harmonic balance (where lambda passes one).
+
+Pairs of roots near a fold are found because every local extremum is located before signs are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton
+
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+#: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
+_REACH = 4.0
+_MOST_STEPS = 60
+
+
+def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float = 1e-9) -> list[float]:
+    """All roots of `f` that the nodes bracket, or that an extremum between them reveals.
+
+    Parameters
+    ----------
+    f : callable
+    x, y : array, shape (n,)
+        Ascending nodes and ``f(x)``; intervals with a value that is not finite are left out.
+    accept : float, optional
+        Largest ``|f|`` at a root, which tells roots from jumps.
+
+    Returns
+    -------
+    list of float
+        Ascending.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1.0, 1.0, 6)
+    >>> [round(r, 9) for r in roots_along(lambda t: t * t - 1e-6, x, x * x - 1e-6)]
+    [-0.001, 0.001]
+    """
+    brackets = [(x[i], x[i + 1]) for i in np.flatnonzero(_changes(y))]
+    for i in _dips(y):
+        sign = np.sign(y[i])
+        found = minimize_scalar(
+            lambda t, s=sign: s * f(t), bounds=(x[i - 1], x[i + 1]), method="bounded", options={"xatol": 1e-12}
+        )
+        if sign * f(found.x) < 0:
+            brackets += [(x[i - 1], found.x), (found.x, x[i + 1])]
+    roots = []
+    for low, high in brackets:
+        root = _bracketed(f, low, high)
+        if root is not None and abs(f(root)) < accept:
+            roots.append(root)
+    return sorted(set(roots))
+
+
+def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
+    """:func:`roots_along` for a function of many points at once, which seeks all of its roots together."""
+    at, dip = np.flatnonzero(_changes(y)), _dips(y)
+    low, high = [x[at]], [x[at + 1]]
+    sign = np.sign(y[dip])
+    left, best, right = x[dip - 1], x[dip], x[dip + 1]
+    f_left, f_best, f_right = (sign * y[i] for i in (dip - 1, dip, dip + 1))
+    for _ in range(_MOST_STEPS):
+        rise = np.maximum(f_left, f_right) - f_best
+        k = np.flatnonzero((f_best >= 0) & (f_best < _REACH * rise) & (right - left > 1e-12))
+        if not k.size:
+            break
+        after = right[k] - best[k] > best[k] - left[k]
+        u = best[k] + (1.0 - _GOLDEN) * np.where(after, right[k] - best[k], left[k] - best[k])
+        value = sign[k] * f(u)
+        better = value < f_best[k]
+        # The better of the two points stays inside, the other one becomes the end on its side.
+        for end, f_end, side in ((left, f_left, after == better), (right, f_right, after != better)):
+            end[k[side]] = np.where(better, best[k], u)[side]
+            f_end[k[side]] = np.where(better, f_best[k], value)[side]
+        best[k], f_best[k] = np.where(better, u, best[k]), np.where(better, value, f_best[k])
+    turned = f_best < 0
+    low += [x[dip - 1][turned], best[turned]]
+    high += [best[turned], x[dip + 1][turned]]
+    roots = between(lambda t, _: f(t), np.concatenate(low), np.concatenate(high))
+    roots = roots[np.isfinite(roots)]
+    return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
+
+
+def between(f: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array) -> Array:
+    """Roots of ``f(x, number)`` in brackets (n,), each with its number; not-a-number without a change of sign.
+
+    By false position in which an end that stays counts half (the Illinois rule), every third step a halving. Where f is
+    zero over a stretch, a point of it.
+    """
+    low, high = low.copy(), high.copy()
+    every = np.arange(low.size)
+    f_low, f_high = f(low, every), f(high, every)
+    out = np.where(f_low == 0, low, np.where(f_high == 0, high, np.nan))
+    todo = np.flatnonzero(f_low * f_high < 0)
+    for step in range(2 * _MOST_STEPS):
+        if not todo.size:
+            break
+        share = np.clip(f_low[todo] / (f_low[todo] - f_high[todo]), 1e-3, 1 - 1e-3) if step % 3 else 0.5
+        x = low[todo] + share * (high[todo] - low[todo])
+        value = f(x, todo)
+        left = (value < 0) == (f_low[todo] < 0)
+        f_low[todo], f_high[todo] = (
+            np.where(left, value, 0.5 * f_low[todo]),
+            np.where(left, 0.5 * f_high[todo], value),
+        )
+        low[todo], high[todo] = np.where(left, x, low[todo]), np.where(left, high[todo], x)
+        out[todo] = x
+        narrow = high[todo] - low[todo] <= 4e-16 * np.maximum(np.abs(low[todo]), np.abs(high[todo]))
+        todo = todo[(value != 0) & ~narrow]
+    return out
+
+
+def _bracketed(f: Callable[[float], float], low: float, high: float) -> float | None:
+    try:
+        return float(brentq(f, low, high, xtol=1e-300, rtol=8.9e-16, maxiter=200))
+    except (ValueError, RuntimeError):
+        return None
+
+
+def _changes(y: Array) -> NDArray[np.bool_]:
+    ok = np.isfinite(y[:-1]) & np.isfinite(y[1:])
+    return ok & ((y[:-1] < 0) != (y[1:] < 0))
+
+
+def _dips(y: Array) -> NDArray[np.intp]:
+    """Interior nodes nearer to zero than both neighbours, all of one sign, from which zero is within reach.
+
+    Between its nodes a curve does not go much further than it goes from node to node.
+    """
+    ok = np.isfinite(y)
+    middle = ok[1:-1] & ok[:-2] & ok[2:]
+    same = ((y[1:-1] < 0) == (y[:-2] < 0)) & ((y[1:-1] < 0) == (y[2:] < 0))
+    lower = (np.abs(y[1:-1]) <= np.abs(y[:-2])) & (np.abs(y[1:-1]) <= np.abs(y[2:]))
+    way = np.maximum(np.abs(y[:-2] - y[1:-1]), np.abs(y[2:] - y[1:-1]))
+    return np.flatnonzero(middle & same & lower & (np.abs(y[1:-1]) < _REACH * way)) + 1
+
+
+def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
+    """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
+    from contourpy import LineType, contour_generator
+
+    if min(values.shape) < 2:  # of a loop without gain there is one frequency, and no line in a plane
+        return []
+    masked = np.ma.masked_invalid(values.T)
+    generator = contour_generator(
+        np.arange(len(x)), np.arange(len(y)), masked, line_type=LineType.Separate, corner_mask=True
+    )
+    return [np.asarray(line) for line in generator.lines(0.0)]
+
+
+def at_index(nodes: Array, index: Array) -> Array:
+    """Values between nodes, at fractional indices."""
+    return np.interp(index, np.arange(len(nodes)), nodes)
+
+
+def crossings(balance: Balance, curves: list[Array]) -> Array:
+    """Limit cycles (n, 3 m + 1) along curves of exact solutions (points in order, shape (n_curve, 3 m + 1))."""
+    pairs: list[tuple[Array, Array]] = []
+    dips: list[Array] = []
+    for curve in curves:
+        F, near = curve[:, -1], _near(curve)
+        pairs += [(curve[i], curve[i + 1]) for i in np.flatnonzero(_changes(F) & near)]
+        dips += [curve[i - 1 : i + 2] for i in _dips(F) if near[i - 1] and near[i] and abs(F[i]) < 1.0]
+    if dips:
+        pairs += _split_at_extrema(balance, *np.stack(dips, axis=1))
+    if not pairs:
+        return np.zeros((0, 3 * balance.m + 1))
+    start, end = (np.array(side) for side in zip(*pairs, strict=True))
+    return _close(balance, start, end)
+
+
+def _near(curve: Array) -> NDArray[np.bool_]:
+    """Whether neighbours are close enough to belong together."""
+    return np.abs(np.diff(curve[:, :2], axis=0)).max(-1) < 1.0
+
+
+def settle(balance: Balance, lines: list[Array], splits: int = 0) -> list[Array]:
+    """Bring polylines of approximate solutions onto the solution curves, all points at once.
+
+    Parameters
+    ----------
+    lines : list of array (n, 3 m + 1)
+    splits : int, optional
+        Points put between neighbours, so that features narrower than the grid show.
+    """
+    lines = [line for line in lines if len(line) > 1]
+    if not lines:
+        return []
+    if splits:
+        lines = [_split(line, splits) for line in lines]
+    start = np.concatenate(lines)
+    normals = np.concatenate([_weigh(balance, line, np.gradient(line, axis=0)) for line in lines])
+    X, ok = newton(balance, start, normals)
+    ok &= np.abs(X - start)[:, :2].max(-1) < 1.0
+    ends = np.cumsum([len(line) for line in lines])[:-1]
+    return [x[k] for x, k in zip(np.split(X, ends), np.split(ok, ends), strict=True)]
+
+
+def _split(line: Array, splits: int) -> Array:
+    parts = (np.arange(splits + 1) / (splits + 1))[None, :, None]
+    dense = (line[:-1, None] + parts * np.diff(line, axis=0)[:, None]).reshape(-1, line.shape[1])
+    return np.concatenate([dense, line[-1:]])
+
+
+def _weigh(balance: Balance, X: Array, chord: Array) -> Array:
+    """Normal of the plane across a chord, with biases measured by their amplitudes and lambda left out."""
+    m = balance.m
+    a, _, b, _ = balance.unpack(X)
+    normal = chord.copy()
+    normal[:, 2 * m : 3 * m] /= (a + 0.1 * np.abs(b)) ** 2
+    normal[:, -1] = 0.0
+    flat = np.abs(normal).max(-1) == 0
+    normal[flat, 0] = 1.0
+    return normal
+
+
+def _between(balance: Balance, points: list[Array], weights: list[Array], chord: Array) -> tuple[Array, NDArray]:
+    guess = np.sum([w[:, None] * p for w, p in zip(weights, points, strict=True)], axis=0)
+    return newton(balance, guess, _weigh(balance, points[0], chord), 8, ON_THE_WAY)
+
+
+def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array) -> list[tuple[Array, Array]]:
+    """Golden section for the extremum of ln lambda in [left, right]; brackets on both sides where the sign turns.
+
+    It also ends where zero is out of reach: what is left of the way to the extremum, from the best point so far, is
+    taken to be less than twice the way from there up to the ends (of a smooth curve it soon is a small part of it).
+    """
+    sign = np.where(middle[:, -1] < 0, -1.0, 1.0)
+    low, high = -np.ones(len(left)), np.ones(len(left))
+    f_low, f_best, f_high = (sign * X[:, -1] for X in (left, middle, right))
+    best, X_best = np.zeros(len(left)), middle.copy()
+
+    def searched() -> NDArray[np.intp]:
+        rise = np.maximum(f_low, f_high) - f_best
+        return np.flatnonzero((f_best >= 0) & (f_best < 2.0 * rise) & (high - low > 1e-9))
+
+    for _ in range(60):
+        k = searched()
+        if not k.size:
+            break
+        after = high[k] - best[k] > best[k] - low[k]
+        u = best[k] + (1.0 - _GOLDEN) * np.where(after, high[k] - best[k], low[k] - best[k])
+        weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
+        X, ok = _between(balance, [left[k], middle[k], right[k]], weights, right[k] - left[k])
+        f = np.where(ok, sign[k] * X[:, -1], np.inf)
+        better = f < f_best[k]
+        # The better of the two points stays inside, the other one becomes the end on its side.
+        for end, f_end, side in ((low, f_low, after == better), (high, f_high, after != better)):
+            end[k[side]] = np.where(better, best[k], u)[side]
+            f_end[k[side]] = np.where(better, f_best[k], f)[side]
+        best[k[better]], f_best[k[better]], X_best[k[better]] = u[better], f[better], X[better]
+    turned = np.flatnonzero(f_best < 0)
+    return [pair for i in turned for pair in ((left[i], X_best[i]), (X_best[i], right[i]))]
+
+
+def _close(balance: Balance, start: Array, end: Array) -> Array:
+    """One limit cycle between each pair of points on either side of lambda = 1: false position, then Newton."""
+    chord = end - start
+    low, high = np.zeros(len(start)), np.ones(len(start))
+    f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
+    X, before, done = start.copy(), np.zeros(len(start)), np.zeros(len(start), bool)
+    for _ in range(60):
+        k = np.flatnonzero(~done)
+        if not k.size:
+            break
+        u = low[k] + np.clip(f_low[k] / (f_low[k] - f_high[k]), 0.02, 0.98) * (high[k] - low[k])
+        X[k], ok = _between(balance, [start[k], end[k]], [1.0 - u, u], chord[k])
+        f = np.where(ok, X[k, -1], 0.0)
+        left = (f < 0) == (f_low[k] < 0)
+        # The Illinois rule halves the value at an end that stays twice; else regula falsi stalls where lambda bends.
+        side = np.where(left, -1.0, 1.0)
+        weight = np.where(side == before[k], 0.5, 1.0)
+        low[k], high[k] = np.where(left, u, low[k]), np.where(left, high[k], u)
+        f_low[k], f_high[k] = np.where(left, f, weight * f_low[k]), np.where(left, weight * f_high[k], f)
+        before[k] = side
+        done[k] = (np.abs(f) < 1e-7 * np.abs(chord[k, -1])) | (high[k] - low[k] < 1e-9)
+    return polish(balance, X)
+
+
+def polish(balance: Balance, X: Array) -> Array:
+    """Newton at lambda = 1; points that do not converge or run away are dropped."""
+    if not len(X):
+        return X
+    start = X.copy()
+    start[:, -1] = 0.0
+    normal = np.zeros_like(X)
+    normal[:, -1] = 1.0
+    out, ok = newton(balance, start, normal, 20)
+    return out[ok & (np.abs(out - start)[:, :2].max(-1) < 0.3)]
+
+
+def distinct(balance: Balance, X: Array, tolerance: float = 1e-7) -> Array:
+    """Each limit cycle once, in ascending order of amplitude at the pivot."""
+    kept: list[Array] = []
+    m = balance.m
+    for x in X[np.argsort(X[:, 0], kind="stable")]:
+        scale = np.ones_like(x)
+        a, _, _, _ = balance.unpack(x[None])
+        scale[2 * m : 3 * m] = a[0]
+        if not any(np.abs(_wrapped(x - y, m) / scale)[:-1].max() < tolerance for y in kept):
+            kept.append(x)
+    return np.array(kept).reshape(-1, X.shape[1])
+
+
+def _wrapped(difference: Array, m: int) -> Array:
+    out = difference.copy()
+    out[3 : 2 * m : 2] = np.angle(np.exp(1j * out[3 : 2 * m : 2]))
+    return out

@@ -1,0 +1,408 @@
+"""Global search for several elements, or one whose describing function depends on frequency.
+
+One element, the pivot, is given an amplitude and a frequency; all other inputs and all means then follow from the
+balance of the rest (Picard iteration to come near, Newton to the end). What remains is one complex number, the loop
+gain around the pivot. Its zero-phase contours in the plane of (amplitude, omega) are solution curves of the loop
+with an artificial gain; where that gain is one there is a limit cycle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, ComplexArray, newton, solve_rows
+from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
+from eppanalysis.methods.describing.search import Found, frequency_scales
+from eppanalysis.methods.describing.trace import Box, trace
+from eppanalysis.models.systems.lure import LureSystem
+
+_PER_DECADE = 9
+_INNER_STEPS = 16
+_GAIN_RANGE = 2.5
+_MOST_SEEDS = 150
+_LEVELS = (0.0, 0.7, -0.7)
+_SAME_CURVE = 0.15
+
+
+def choose_pivot(system: LureSystem) -> int:
+    """Element whose input, once given, leaves the fewest of the others in loops of their own; the pin if it ties."""
+    rows = [s.start for s in system.input_slices]
+    m = len(rows)
+    owner = np.repeat(np.arange(m), [e.n_outputs for e in system.elements])
+    scales = frequency_scales(system)
+    middle = float(np.exp(np.log(scales).mean())) if scales.size else 1.0
+    response = np.abs(system.frequency_response(np.array([middle * 1.2345]))[0][rows])
+    feeds = np.array([[response[i, owner == j].max() > 0 for j in range(m)] for i in range(m)])
+
+    def burden(p: int) -> tuple[int, int, int]:
+        rest = [i for i in range(m) if i != p]
+        reach = feeds[np.ix_(rest, rest)].astype(int)
+        for _ in range(m):
+            reach = np.minimum(reach + reach @ reach, 1)
+        in_loops = int(sum((reach[i] * reach[:, i]).sum() - reach[i, i] for i in range(len(rest))))
+        return in_loops, -system.elements[p].n_inputs, p
+
+    return min(range(m), key=burden)
+
+
+def search_several(balance: Balance) -> Found:
+    """All limit cycles on the solution curves that cross the grid over (amplitude of the pivot, omega)."""
+    amplitude, omega = _pivot_nodes(balance), _omega_nodes(balance)
+    L = balance.system.frequency_response(omega)[:, balance.rows, :]
+    pieces: list[Array] = []
+    sheets = _sheets(balance, amplitude, omega, L)
+    for X, loop in sheets:
+        with np.errstate(all="ignore"):
+            sine = loop.imag / np.abs(loop)
+        for path in contour_lines(amplitude, omega, sine):
+            pieces += _pieces(X, loop, path)
+    limits = [(float(np.log(g[0])), float(np.log(g[-1]))) for g in (amplitude, omega)]
+    box = Box(limits[0], limits[1], _GAIN_RANGE)
+    curves = _extend(balance, settle(balance, pieces), box)
+    seeds = _seeds(balance, sheets)
+    curves += _grow(balance, _apart(seeds, curves), box)
+    cycles = [polish(balance, seeds[seeds[:, -1] == 0.0]), crossings(balance, curves)]
+    search = (
+        f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
+        f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "
+        f"rad/s, all other amplitudes and means solved for at each ({len(sheets)} branches); {len(curves)} curves of "
+        "zero phase followed to their ends, with all local extrema of the loop gain located."
+    )
+    return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search)
+
+
+def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:
+    """Stretches of a contour with a positive loop gain that is not hopelessly far from one."""
+    points, values = _interpolate(X, loop, path)
+    with np.errstate(all="ignore"):
+        points[:, -1] = -np.log(np.abs(values))
+        good = np.all(np.isfinite(points), -1) & (values.real > 0) & (np.abs(points[:, -1]) < _GAIN_RANGE)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    return [points[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+
+
+def _extend(balance: Balance, curves: list[Array], box: Box) -> list[Array]:
+    """Continue each curve beyond both of its ends; the grid only samples it."""
+    curves = [c for c in curves if len(c) > 1]
+    if not curves:
+        return []
+    start = np.array([end for c in curves for end in (c[0], c[-1])])
+    outward = np.array([step for c in curves for step in (c[0] - c[1], c[-1] - c[-2])])
+    paths = trace(balance, start, outward, box)
+    return [np.concatenate([paths[2 * i][::-1], c, paths[2 * i + 1]]) for i, c in enumerate(curves)]
+
+
+def _seeds(balance: Balance, sheets: list[tuple[Array, ComplexArray]]) -> Array:
+    """Solutions at a few artificial gains, by Newton from points of the grid that are not far off in phase and gain.
+
+    They reach curves that run between the points of the grid, or along the edge of a region without solutions.
+    """
+    starts = []
+    for X, loop in sheets:
+        near = np.isfinite(loop) & (np.abs(np.angle(loop)) < 1.4) & (np.abs(np.log(np.abs(loop))) < 2.5)
+        points = X[near]
+        starts.append(points[:: max(1, len(points) // _MOST_SEEDS)])
+    start = np.concatenate([np.zeros((0, 3 * balance.m + 1)), *starts])
+    levels = np.repeat(_LEVELS, len(start))
+    start = np.tile(start, (len(_LEVELS), 1))
+    start[:, -1] = levels
+    normal = np.zeros_like(start)
+    normal[:, -1] = 1.0
+    X, ok = newton(balance, start, normal, 18, ON_THE_WAY)
+    ok &= np.abs(X - start)[:, :2].max(-1, initial=0.0) < 4.0
+    return np.concatenate([distinct(balance, X[ok & (levels == level)]) for level in _LEVELS])
+
+
+def _apart(seeds: Array, curves: list[Array]) -> Array:
+    """Seeds that lie on none of the known curves."""
+    columns = [0, 1, -1]
+    known = np.concatenate([c[:, columns] for c in curves]) if curves else np.zeros((0, 3))
+    keep = [not len(known) or np.abs(known - x[columns]).max(-1).min() > _SAME_CURVE for x in seeds]
+    return seeds[np.array(keep, bool)]
+
+
+def _grow(balance: Balance, seeds: Array, box: Box) -> list[Array]:
+    """Curves through seeds, each traced once."""
+    curves: list[Array] = []
+    while len(seeds):
+        start = np.repeat(seeds[:1], 2, axis=0)
+        outward = np.zeros_like(start)
+        outward[:, 0] = (1.0, -1.0)
+        left, right = trace(balance, start, outward, box)
+        curves.append(np.concatenate([left[::-1], seeds[:1], right]))
+        seeds = _apart(seeds[1:], curves)
+    return curves
+
+
+def _interpolate(X: Array, loop: ComplexArray, path: Array) -> tuple[Array, ComplexArray]:
+    """Unknowns and loop gain at fractional indices (bilinear; contour points lie on edges of the grid)."""
+    i, j = (np.clip(np.floor(path[:, k]).astype(int), 0, X.shape[k] - 2) for k in (0, 1))
+    u, v = path[:, 0] - i, path[:, 1] - j
+    points, values = np.zeros((len(path), X.shape[2])), np.zeros(len(path), complex)
+    for di, wi in ((0, 1 - u), (1, u)):
+        for dj, wj in ((0, 1 - v), (1, v)):
+            weight = wi * wj
+            used = weight > 0
+            points[used] += weight[used, None] * X[i + di, j + dj][used]
+            values[used] += weight[used] * loop[i + di, j + dj][used]
+    return points, values
+
+
+def _pivot_nodes(balance: Balance) -> Array:
+    """Amplitudes of the pivot: around its thresholds, its load and the distance of the load from the thresholds."""
+    element = balance.system.elements[balance.pivot]
+    thresholds = np.abs(np.asarray(element.thresholds(), float)).ravel()
+    load = abs(float(balance.operating_bias[balance.pivot]))
+    sizes = np.concatenate([thresholds, [load], np.abs(load - thresholds)])
+    top = sizes.max(initial=0.0)
+    sizes = sizes[sizes > 1e-9 * top]
+    if not sizes.size:
+        sizes = _foreign_scales(balance)
+    low, high = sizes.min() / 30, sizes.max() * 100
+    nodes = [np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 1)]
+    spread = np.array([-0.1, -0.03, -0.01, -1e-3, -1e-6, 1e-6, 1e-3, 0.01, 0.03, 0.1])
+    nodes.append((thresholds[:, None] * (1.0 + spread)).ravel())
+    out = np.unique(np.concatenate(nodes))
+    return out[out > 0]
+
+
+def _foreign_scales(balance: Balance) -> Array:
+    """Amplitudes for a pivot without thresholds: where its gain brings the thresholds of the others into play."""
+    middle = _middle(balance)
+    response = np.abs(balance.linear(middle)[0])
+    own = balance.owner == balance.pivot
+    a, every = _gains(balance, middle)
+    gains = every[:, own].max(-1)
+    out = []
+    for i in balance.others:
+        reach = response[i, own].max()
+        for threshold in np.abs(np.asarray(balance.system.elements[i].thresholds(), float)).ravel():
+            if threshold > 0 and reach > 0:
+                out.append(a[int(np.argmin(np.abs(np.log(gains * a * reach / threshold))))])
+    return np.unique(out) if out else usual_amplitudes(balance)[[balance.pivot]]
+
+
+def _middle(balance: Balance) -> Array:
+    """A frequency [rad/s], shape (1,), amid the poles and zeros of the linear part."""
+    scales = frequency_scales(balance.system)
+    return np.array([float(np.exp(np.log(scales).mean())) if scales.size else 1.0])
+
+
+def _gains(balance: Balance, omega: Array) -> tuple[Array, Array]:
+    """Amplitudes (na,) of any size, and sizes (na, nw) of all gains there without a mean."""
+    a = np.geomspace(1e-40, 1e40, 801)
+    zero = np.zeros((a.size, balance.m))
+    return a, np.abs(balance.evaluate(a[:, None] + zero, zero, np.full(a.size, omega[0]))[1])
+
+
+def usual_amplitudes(balance: Balance) -> Array:
+    """An amplitude for the input of each element, shape (m,), that goes with the units of the loop.
+
+    It is the element's largest threshold or its load; where it has neither (a relay, a cube), what the steps of all
+    elements make of it through the linear part, or where its gain makes up for that of the linear part.
+    """
+    middle = _middle(balance)
+    response = np.abs(balance.linear(middle)[0])
+    a, gains = _gains(balance, middle)
+    outputs = np.nan_to_num(a[:, None] * gains)
+    # The output of an element that steps does not fall with its input.
+    steps = response @ np.where(outputs[20] < 2.0 * outputs[0], outputs[0], 0.0)
+    out = np.zeros(balance.m)
+    for i, e in enumerate(balance.system.elements):
+        thresholds = np.abs(np.asarray(e.thresholds(), float)).ravel()
+        out[i] = thresholds.max(initial=0.0) or abs(balance.operating_bias[i]) or steps[i]
+        if not out[i]:
+            own = balance.owner == i
+            loop = gains[:, own].max(-1) * response[:, own].max()
+            crosses = np.flatnonzero((loop[1:] > 1.0) != (loop[:-1] > 1.0))
+            out[i] = a[crosses[0]] if crosses.size else 1.0
+    return out
+
+
+def _omega_nodes(balance: Balance) -> Array:
+    """Frequencies: poles and zeros of the linear part, and of the loop with each element at its steepest."""
+    system = balance.system
+    scales = np.concatenate([frequency_scales(system), _stiff_scales(balance)])
+    if system.time_step:
+        top = np.pi / system.time_step
+        low = min(float(scales.min(initial=top)), top) / 100
+        return np.unique(np.concatenate([np.geomspace(low, 0.999 * top, 60), np.linspace(0.0, top, 62)[1:-1]]))
+    low, high = (scales.min() / 3, scales.max() * 3) if scales.size else (1e-6, 1e6)
+    nodes = [np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)]
+    if np.any(system.delays):
+        # Resolve the first turn and a half of the phase; beyond it plants with inertia pass little.
+        nodes.append(np.arange(1, 32) * 0.3 / system.delays.max())
+    return np.unique(np.concatenate(nodes))
+
+
+def _stiff_scales(balance: Balance) -> Array:
+    """Natural frequencies with the elements as springs of their steepest gain."""
+    system = balance.system
+    gain = np.zeros((system.B.shape[1], balance.m))
+    for i, e in enumerate(system.elements):
+        thresholds = np.abs(np.asarray(e.thresholds(), float)).ravel()
+        middle = float(np.median(thresholds)) if thresholds.size and np.any(thresholds > 0) else 0.0
+        if middle > 0:
+            a = middle * np.geomspace(0.1, 1e4, 40)
+            values = e.describing_function(a, 0.0, 1.0)[1]
+            gain[system.output_slices[i], i] = np.nan_to_num(np.abs(values)).reshape(40, -1).max(0)
+    springs = system.B @ gain @ system.C[balance.rows]
+    both = np.concatenate([np.linalg.eigvals(system.A + springs), np.linalg.eigvals(system.A - springs)])
+    if system.time_step:
+        both = np.log(both[np.abs(both) > 1e-9].astype(complex)) / system.time_step
+    sizes = np.abs(both)
+    return sizes[sizes > 1e-7 * sizes.max(initial=0.0)]
+
+
+def _sheets(balance: Balance, amplitude: Array, omega: Array, L: ComplexArray) -> list[tuple[Array, ComplexArray]]:
+    """Solutions of everything but the pivot on the grid, from several starts; each different one a sheet of its own."""
+    sheets: list[tuple[Array, ComplexArray]] = []
+    for number, start in enumerate(_starts(balance)):
+        if number and not _differs(balance, amplitude, omega, L, start, sheets):
+            continue
+        X, loop, ok = _solve_grid(balance, amplitude, omega, L, start, 2)
+        loop = np.where(ok & _new(X, sheets), loop, np.nan)
+        sheets.append((X, loop))
+    return sheets
+
+
+def _solve_grid(
+    balance: Balance, amplitude: Array, omega: Array, L: ComplexArray, start: tuple[Array, float], rounds: int
+) -> tuple[Array, ComplexArray, NDArray]:
+    na, nw = len(amplitude), len(omega)
+    grid = np.stack(np.broadcast_arrays(np.log(amplitude)[:, None], np.log(omega)[None, :]), -1).reshape(-1, 2)
+    Lg = np.tile(L, (na, 1, 1))
+    X, loop, ok = inner_newton(balance, start_points(balance, grid, Lg, *start), Lg)
+    for _ in range(rounds):
+        X, loop, ok = _lend(balance, X, loop, ok, Lg, (na, nw))
+    return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
+
+
+def _new(X: Array, sheets: list[tuple[Array, ComplexArray]], stride: int = 1) -> NDArray[np.bool_]:
+    """Where a solution is none of those that are known."""
+    new = np.ones(X.shape[:2], bool)
+    for known, loop in sheets:
+        there = np.isfinite(loop[::stride, ::stride])
+        a, b = known[::stride, ::stride, 2:-1], X[:, :, 2:-1]
+        new &= ~(there & np.all(np.abs(a - b) <= 1e-5 * (1e-6 + np.abs(b)), -1))
+    return new
+
+
+def _differs(
+    balance: Balance,
+    amplitude: Array,
+    omega: Array,
+    L: ComplexArray,
+    start: tuple[Array, float],
+    sheets: list[tuple[Array, ComplexArray]],
+) -> bool:
+    """Whether a start leads to solutions that are not known yet, judged on a ninth of the grid."""
+    X, _, ok = _solve_grid(balance, amplitude[::3], omega[::3], L[::3], start, 0)
+    return int((ok & _new(X, sheets, 3)).sum()) > 3
+
+
+def _starts(balance: Balance) -> list[tuple[Array, float]]:
+    """Where the inner solution begins: biases, and an amplitude relative to the thresholds (small and large)."""
+    zero = np.zeros(balance.m)
+    starts = [(balance.operating_bias, 1.0)]
+    if balance.m > 1:
+        starts.append((balance.operating_bias, 1e-3))
+    if np.any(balance.operating_bias):
+        starts.append((zero, 1.0))
+    return starts
+
+
+def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: float) -> Array:
+    """Amplitudes and phases of the others for given biases, by repeated linear solution."""
+    m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
+    a: Array = np.tile(level * usual_amplitudes(balance), (n, 1))
+    a[:, p] = np.exp(grid[:, 0])
+    b = np.broadcast_to(bias, (n, m))
+    Z = a.astype(complex)
+    omega = np.exp(grid[:, 1])
+    for _ in range(6 if len(o) else 0):
+        N = balance.evaluate(a, b, omega)[1]
+        starts = [s.start for s in balance.system.output_slices]
+        G: ComplexArray = np.asarray(np.add.reduceat(L * N[:, None, :], starts, axis=-1), complex)
+        matrix = np.eye(len(o)) - G[:, o[:, None], o[None, :]]
+        right = G[:, o, p] * a[:, [p]]
+        Z[:, o] = _complex_solve(matrix, right)
+        a[:, o] = np.maximum(np.abs(Z[:, o]), 1e-300)
+    return balance.pack(a, np.angle(Z), b, omega, np.ones(n))
+
+
+def _complex_solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
+    good = np.all(np.isfinite(matrix), (1, 2)) & np.all(np.isfinite(right), 1)
+    safe = np.where(good[:, None, None], matrix, np.eye(matrix.shape[-1]))
+    try:
+        out = np.linalg.solve(safe, np.where(good[:, None], right, 0.0)[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        out = np.einsum("nij,nj->ni", np.linalg.pinv(safe), np.where(good[:, None], right, 0.0))
+    return np.where(good[:, None], out, np.nan)
+
+
+def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, ComplexArray, NDArray]:
+    """Solve for all but the pivot's own equation at fixed amplitude and frequency of the pivot.
+
+    Returns
+    -------
+    (X, loop, converged) : array (nb, 3 m + 1), complex array (nb,), bool array (nb,)
+        `loop` is the gain once around the loop, cut at the pivot's input.
+    """
+    m, p = balance.m, balance.pivot
+    rows = np.array([r for r in range(3 * m) if r not in (p, m + p)])
+    columns = np.arange(2, 3 * m)
+    X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
+    alive = np.all(np.isfinite(X), -1)
+    with np.errstate(all="ignore"):
+        for _ in range(_INNER_STEPS):
+            todo = np.flatnonzero(alive & ~done)
+            if not todo.size:
+                break
+            x = X[todo]
+            a, phase, b, omega = balance.unpack(x)
+            slopes = balance.slopes(a, b, omega, free_pivot=False)
+            R, J = balance.assemble(x, slopes, a * np.exp(1j * phase), b, L[todo], None)
+            loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
+            step, regular = solve_rows(J[:, rows[:, None], columns], R[:, rows])
+            scale = np.ones_like(step)
+            scale[:, 2 * (m - 1) :] = a + 0.1 * np.abs(b)
+            size = (np.abs(step) / scale).max(-1)
+            x[:, 2 : 3 * m] -= step * np.minimum(1.0, 1.0 / np.maximum(size, 1e-300))[:, None]
+            X[todo] = x
+            within = np.abs(x[:, 2 : 2 * m]).max(-1, initial=0.0) < 300
+            alive[todo] = regular & np.isfinite(x).all(-1) & within
+            done[todo] = (size < 1e-7) & regular
+    return X, loop, done & alive
+
+
+def _lend(
+    balance: Balance, X: Array, loop: ComplexArray, ok: NDArray, L: ComplexArray, shape: tuple[int, int]
+) -> tuple[Array, ComplexArray, NDArray]:
+    """Try points without a solution again, from the solution of a neighbour on the grid."""
+    index = np.arange(len(X)).reshape(shape)
+    good = ok.reshape(shape)
+    lender = np.full(shape, -1)
+    for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        rolled, valid = np.roll(index, shift, axis), np.roll(good, shift, axis)
+        edge = [slice(None), slice(None)]
+        edge[axis] = slice(0, 1) if shift == 1 else slice(-1, None)
+        valid = valid.copy()
+        valid[tuple(edge)] = False
+        lender = np.where(~good & valid & (lender < 0), rolled, lender)
+    todo = np.flatnonzero(lender.ravel() >= 0)
+    if not todo.size:
+        return X, loop, ok
+    trial = X[lender.ravel()[todo]].copy()
+    trial[:, :2] = X[todo, :2]
+    trial, new_loop, solved = inner_newton(balance, trial, L[todo])
+    X, loop, ok = X.copy(), loop.copy(), ok.copy()
+    took = todo[solved]
+    X[took], loop[took], ok[took] = trial[solved], new_loop[solved], True
+    return X, loop, ok
+
+
+def pivot_balance(system: LureSystem, value: Array) -> Balance:
+    """Balance of a loop with several elements, at the pivot that suits the search."""
+    return Balance.of(system, choose_pivot(system), value)

@@ -1,0 +1,27 @@
+"""The Nyquist picture of a loop that is cut at one element, the others frozen. Computes nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+
+from eppanalysis.plotting import GREEN, draw_nyquist
+from eppanalysis.readable import words
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.describing.frozen import FrozenLoop
+
+
+def plot_frozen(loop: FrozenLoop) -> Figure:
+    """G(j omega) of the rest of the loop, -1/N of the element at the cut, and the motion that the rest is frozen at."""
+    figure = Figure(figsize=(5.6, 4.4), layout="constrained")
+    ax = figure.add_subplot()
+    meets = [] if loop.point is None else [loop.point]
+    draw_nyquist(ax, loop.response, loop.locus, meets)
+    mark: dict[str, Any] = {"mfc": "none", "mec": GREEN, "mew": 1.8, "markersize": 9, "linestyle": "none"}
+    for point in meets:
+        ax.plot([point.real], [point.imag], marker="o", label="the cycle", zorder=5, **mark)
+    ax.set_title(f"Nyquist, cut at {words(loop.element)}", fontsize=10)
+    ax.legend(fontsize=7, loc="best", framealpha=0.9)
+    return figure

@@ -1,0 +1,172 @@
+"""Describing-function prediction: all limit cycles that first-order harmonic balance with bias has.
+
+The equations are in ``describing_balance``, the searches in ``describing_search`` (one element) and
+``describing_multi`` (several), stability in ``describing_quality``, error estimates in ``describing_error``, what a
+picture needs in ``describing_picture``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.blind import blind_spots
+from eppanalysis.methods.describing.error import Estimate, error_estimate
+from eppanalysis.methods.describing.margins import linear_margins
+from eppanalysis.methods.describing.multi import choose_pivot, search_several
+from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
+from eppanalysis.methods.describing.quality import Point, point, stability
+from eppanalysis.methods.describing.search import search_one
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.means import mean_state
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.results import LimitCycle, Prediction, Status
+from eppanalysis.results.provenance import Provenance
+
+__all__ = ["linear_margins", "predict_limit_cycles"]
+
+#: Relative residual of the balance up to which a cycle is one.
+_RESIDUAL = 1e-9
+_METHOD = "describing function"
+
+
+class Deferred(Mapping[str, Any]):
+    """Values by name that are computed when they are first asked for.
+
+    Most predictions are never drawn and their margins never read, and the margins alone load all of python-control.
+    """
+
+    def __init__(self, make: Callable[[], Mapping[str, Any]]) -> None:
+        self._make = make
+
+    @cached_property
+    def _values(self) -> Mapping[str, Any]:
+        with np.errstate(all="ignore"):
+            return self._make()
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return repr(self._values)
+
+
+def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> Prediction:
+    """All limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+
+    Returns
+    -------
+    Prediction
+        Cycles in ascending order of amplitude at the first element's input, which is in sine phase.
+
+    Raises
+    ------
+    ModelError
+        If an element has no describing function, an input is unknown, or the static balance does not determine the
+        means.
+    EppError
+        If an input does not stand still.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> prediction = epp.predict_limit_cycles(loop)
+    >>> [(round(c.omega, 6), round(c.amplitude("x"), 6), c.stable) for c in prediction]
+    [(1.414214, 0.212207, True)]
+    """
+    system, at = standing(system, operating_point, "predict_limit_cycles")
+    value = at.vector(system)
+    system, coordinates = system.with_integrators_apart
+    with np.errstate(all="ignore"):
+        if not system.elements:
+            raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
+        single = len(system.elements) == 1 and system.elements[0].n_inputs == 1 and system.elements[0].n_outputs == 1
+        balance = Balance.of(system, 0 if single else choose_pivot(system), value)
+        found = search_one(balance) if single else search_several(balance)
+        points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
+        points = [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+        estimates = [error_estimate(balance, p) for p in points]
+        cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
+        warnings = blind_spots(balance, points, estimates, found)
+        if single:
+            curves = Deferred(partial(nyquist_curves, balance, points, cycles))
+        else:
+            curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
+    return Prediction(
+        cycles=cycles,
+        status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
+        search=found.search,
+        warnings=warnings,
+        curves=curves,
+        margins=Deferred(partial(linear_margins, system)),
+        provenance=_made_by(system, at),
+        operating_point=at,
+    )
+
+
+def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:
+    """One predicted cycle; `coordinates` bring the state of the balance's loop back to that of the user."""
+    system, value = balance.system, at.vector(balance.system)
+    turn = np.exp(-1j * p.phase[0])
+    W = p.gain * (p.amplitude * np.exp(1j * p.phase) * turn)[balance.owner]
+    signals = system.signals
+    # Phasors stand for Im(P exp(j omega t)) = Re(-j P exp(j omega t)).
+    c1 = -1j * (system.signal_response(np.array([p.omega]))[0] @ W)
+    x = mean_state(system, value, p.bias, p.mean)
+    c0 = signals.C @ x + signals.D @ p.mean + signals.D_input @ value + signals.constant
+    stable, criterion = stability(balance, p)
+    period = 2.0 * np.pi / p.omega
+    time = np.linspace(0.0, period, 129)
+    wave = np.exp(1j * p.omega * time)
+    names = signals.names
+    response = system.state_response(np.array([p.omega]))[0] @ W
+    return LimitCycle(
+        method=_METHOD,
+        status=Status.CONVERGED,
+        period=period,
+        mean={n: float(c) for n, c in zip(names, c0, strict=True)},
+        peak_to_peak={n: 2.0 * float(abs(c)) for n, c in zip(names, c1, strict=True)},
+        harmonics={n: np.array([a, b], complex) for n, a, b in zip(names, c0, c1, strict=True)},
+        stable=stable,
+        stability_criterion=criterion,
+        residual=p.residual,
+        error_estimate=estimate.error,
+        time=time,
+        waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
+        state=coordinates @ (x + response.imag),
+        memory=tuple(
+            e.memory_of((p.mean + W.imag)[ws]) for e, ws in zip(system.elements, system.output_slices, strict=True)
+        ),
+        units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
+        mean_state=coordinates @ x,
+        elements={
+            n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
+            for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
+        },
+        harmonic_content=estimate.content,
+        provenance=_made_by(system, at),
+        operating_point=at,
+    )
+
+
+def _made_by(system: LureSystem, at: OperatingPoint) -> Provenance:
+    return Provenance(_METHOD, {"system": system.name, "input": dict(at.inputs)}, {"residual": _RESIDUAL})

@@ -1,0 +1,239 @@
+"""Stability of a predicted limit cycle (its error estimate is in ``describing_error``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
+from eppanalysis.models.systems.means import equilibrate
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One limit cycle of the balance with what its checks need (no batch dimension).
+
+    Attributes
+    ----------
+    amplitude, phase, bias : array, shape (m,)
+    omega : float
+    mean, gain : array, shape (nw,)
+    jacobian : array, shape (3 m, 3 m + 1)
+    slopes_of_mean, slopes_of_gain : tuple of array, shape (nw,)
+        Derivatives by ln a, bias and ln omega.
+    residual : float
+    """
+
+    amplitude: Array
+    phase: Array
+    bias: Array
+    omega: float
+    mean: Array
+    gain: ComplexArray
+    jacobian: Array
+    slopes_of_mean: tuple[Array, ...]
+    slopes_of_gain: tuple[ComplexArray, ...]
+    residual: float
+
+
+def point(balance: Balance, x: Array) -> Point:
+    """Everything about one solution vector (3 m + 1,)."""
+    X = x[None]
+    a, phase, b, omega = balance.unpack(X)
+    slopes = balance.slopes(a, b, omega)
+    _, J = balance.residual(X)
+    return Point(
+        amplitude=a[0],
+        phase=phase[0],
+        bias=b[0],
+        omega=float(omega[0]),
+        mean=slopes.mean[0],
+        gain=slopes.gain[0],
+        jacobian=J[0],
+        slopes_of_mean=tuple(d[0] for d in slopes.d_mean),
+        slopes_of_gain=tuple(d[0] for d in slopes.d_gain),
+        residual=float(balance.largest_residual(X)[0]),
+    )
+
+
+def growth(balance: Balance, p: Point) -> float:
+    """Growth rate per relative rise of amplitude, d(sigma)/d(ln a) [1/s], of Loeb's criterion; negative is stable.
+
+    The amplitude of the pivot is perturbed, all other unknowns follow, and the balance is solved for
+    ``s = sigma + j omega``; L and the frequency-dependent gains are analytic in s, so that
+    ``d/d sigma = -j d/d omega``. (Loeb 1956; Gelb and Vander Velde 1968, section 3.3.)
+    """
+    m = balance.m
+    by_omega = p.jacobian[:m, 1] + 1j * p.jacobian[m : 2 * m, 1]
+    by_sigma = -1j * by_omega
+    column = np.concatenate([by_sigma.real, by_sigma.imag, np.zeros(m)])
+    matrix = np.column_stack([column, p.jacobian[:, 1:-1]])
+    size = np.maximum(np.abs(matrix).max(1), 1e-300)
+    solution = np.linalg.lstsq(matrix / size[:, None], -p.jacobian[:, 0] / size, rcond=None)[0]
+    return float(solution[0]) * p.omega
+
+
+def slow_growth(balance: Balance, p: Point) -> float | None:
+    """Rate mu > 0 [1/s] of a real perturbation ``exp(mu t)`` of all amplitudes, phases and means together, or None.
+
+    Loeb's criterion for several unknowns: a perturbed phasor passes the linear part at ``j omega + mu``, a perturbed
+    mean at mu. The determinant of the perturbed balance changes sign at each such rate; rates up to 3 omega are scanned
+    (the describing function itself only holds for slow ones).
+    """
+    rates = p.omega * np.geomspace(1e-6, 3.0, 90)
+    signs = np.array([_perturbation_sign(balance, p, mu) for mu in rates])
+    change = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+    return float(np.sqrt(rates[change[-1]] * rates[change[-1] + 1])) if change.size else None
+
+
+def _perturbation_sign(balance: Balance, p: Point, mu: float) -> float:
+    """Sign of the determinant of the perturbed balance, times that of det(mu - A), which takes its poles out."""
+    m, system = balance.m, balance.system
+    selector = _selector(balance)
+    Z = p.amplitude * np.exp(1j * p.phase)
+    fast, slow = _linear_at(balance, 1j * p.omega + mu), _linear_at(balance, mu + 0j).real
+    gain = p.gain - 1j * p.slopes_of_gain[2] * mu / p.omega
+    relative = fast * Z[balance.owner] / Z[:, None]
+    in_a = relative @ (selector * (gain + p.slopes_of_gain[0])[:, None]) - np.eye(m)
+    in_phase = 1j * (relative @ (selector * gain[:, None]) - np.eye(m))
+    in_bias = relative @ (selector * p.slopes_of_gain[1][:, None])
+    means = slow @ (selector * p.slopes_of_mean[0][:, None]), slow @ (selector * p.slopes_of_mean[1][:, None])
+    top = np.hstack([in_a, in_phase, in_bias * p.amplitude])
+    static = np.hstack([means[0] / p.amplitude[:, None], np.zeros((m, m)), _scaled(means[1], p.amplitude) - np.eye(m)])
+    sign = np.linalg.slogdet(np.vstack([top.real, top.imag, static]))[0]
+    A = (np.exp(mu * system.time_step) if system.time_step else mu) * np.eye(system.A.shape[0]) - system.A
+    return float(sign * np.linalg.slogdet(A)[0]) if A.size else float(sign)
+
+
+def _scaled(matrix: Array, amplitude: Array) -> Array:
+    """The same map between biases in units of their amplitudes."""
+    return matrix * amplitude[None, :] / amplitude[:, None]
+
+
+def _linear_at(balance: Balance, s: complex) -> ComplexArray:
+    """Response from all outputs to the first inputs at any complex s, shape (m, nw)."""
+    system = balance.system
+    point_ = np.exp(s * system.time_step) if system.time_step else s
+    x = np.linalg.solve(point_ * np.eye(system.A.shape[0]) - system.A, system.B + 0j) * np.exp(-s * system.delays)
+    return system.C[balance.rows] @ x + system.D[balance.rows]
+
+
+def stability(balance: Balance, p: Point) -> tuple[bool, str]:
+    """Verdict and the sentence that says by which criteria."""
+    rate = growth(balance, p)
+    slow = slow_growth(balance, p)
+    stable = slow is None
+    way = "falls" if rate < 0 else "rises"
+    text = f"Loeb's criterion: the growth rate {way} with amplitude ({rate:.3g} 1/s per unit of ln a)"
+    if slow is None:
+        text += " and no perturbation of amplitudes, phases and means together grows"
+    else:
+        text += f" and a perturbation of amplitudes, phases and means together grows at {slow:.3g} 1/s"
+    others = _other_poles(balance, p)
+    if others is not None:
+        unstable = others[others.real > 1e-5 * p.omega]
+        stable &= not unstable.size
+        text += "; the other poles of the quasi-linear loop are " + (
+            f"unstable (at {unstable[np.argmax(unstable.real)]:.4g} 1/s)" if unstable.size else "stable"
+        )
+    return bool(stable), text + "."
+
+
+def _other_poles(balance: Balance, p: Point) -> ComplexArray | None:
+    """Poles of the loop with each element as a gain, its lead as a rate, its lag as dead time; less the cycle's pair.
+
+    None in discrete time with elements that turn the phase.
+    """
+    system = balance.system
+    turning = np.abs(p.gain.imag) > 1e-9 * np.abs(p.gain)
+    poles: ComplexArray
+    if system.time_step:
+        if np.any(turning):
+            return None
+        closed = _closed_poles(balance, np.asarray(p.gain.real, float))
+        poles = np.asarray(np.log(closed + 1e-300) / system.time_step, complex)
+    else:
+        poles = _delay_poles(balance, p, turning)
+    for target in (1j * p.omega, -1j * p.omega):
+        if poles.size:
+            poles = np.delete(poles, int(np.argmin(np.abs(poles - target))))
+    return poles
+
+
+def _closed_poles(balance: Balance, gain: Array) -> ComplexArray:
+    """Eigenvalues of the state matrix with real gains in place of the elements (no dead time)."""
+    system = balance.system
+    selector = _selector(balance) * gain[:, None]
+    closed = np.linalg.solve(np.eye(balance.m) - system.D[balance.rows] @ selector, system.C[balance.rows])
+    return np.asarray(np.linalg.eigvals(system.A + system.B @ selector @ closed), complex)
+
+
+def _selector(balance: Balance) -> Array:
+    return (balance.owner[:, None] == np.arange(balance.m)[None, :]).astype(float)
+
+
+def _delay_poles(balance: Balance, p: Point, turning: NDArray[np.bool_]) -> ComplexArray:
+    """Finite eigenvalues of the descriptor system with dead times as Chebyshev-collocated transport.
+
+    States, in units of omega: x, the inputs z, then for each output its value after the lag of its element, the same
+    after the dead time of the loop, and the nodes of both transports.
+    """
+    system, m, nw = balance.system, balance.m, len(p.gain)
+    n = system.A.shape[0]
+    lag = np.where(turning & (p.gain.imag < 0), -np.angle(p.gain), 0.0)
+    lead = turning & (p.gain.imag >= 0)
+    late = [(j, lag[j]) for j in range(nw)], [(j, system.delays[j] * p.omega) for j in range(nw)]
+    counts = [[_transport_nodes(angle) for _, angle in group] for group in late]
+    size = n + m + 2 * nw + sum(map(sum, counts))
+    E, F = np.zeros((size, size)), np.zeros((size, size))
+    E[:n, :n] = np.eye(n)
+    F[:n, :n] = system.A / p.omega
+    x, z, w, v = slice(0, n), slice(n, n + m), slice(n + m, n + m + nw), slice(n + m + nw, n + m + 2 * nw)
+    F[x, v] = system.B / p.omega
+    F[z, x], F[z, w], F[z, z] = system.C[balance.rows], system.D[balance.rows], -np.eye(m)
+    place = n + m + 2 * nw
+    for j in range(nw):
+        row, source = w.start + j, z.start + balance.owner[j]
+        # Before the lag: |N| z with a lag, p z + q dz/dt with a lead.
+        proportional = p.gain[j].real if lead[j] or not turning[j] else abs(p.gain[j])
+        place = _transport(E, F, row, source, proportional, lag[j], counts[0][j], place)
+        if lead[j]:
+            E[row, source] -= p.gain[j].imag
+        place = _transport(E, F, v.start + j, row, 1.0, late[1][j][1], counts[1][j], place)
+    # A factor on each column and row does not move the poles but evens out units.
+    values = scipy.linalg.eigvals(*_balanced(F, E))
+    finite = values[np.isfinite(values)]
+    return np.asarray(finite[np.abs(finite) < 1e6] * p.omega, complex)
+
+
+def _balanced(F: Array, E: Array) -> tuple[Array, Array]:
+    row, column = equilibrate(np.abs(F) + np.abs(E))
+    return row[:, None] * F * column, row[:, None] * E * column
+
+
+def _transport_nodes(angle: float) -> int:
+    return 0 if angle == 0 else int(8 + 2 * np.ceil(angle))
+
+
+def _transport(E: Array, F: Array, row: int, source: int, gain: float, angle: float, n_nodes: int, place: int) -> int:
+    """Equation ``state[row] = gain * state[source]`` delayed by `angle` [rad of the cycle]; returns the next place."""
+    F[row, row] = -1.0
+    if not n_nodes:
+        F[row, source] = gain
+        return place
+    theta = np.pi * np.arange(n_nodes + 1) / n_nodes
+    nodes = np.cos(theta)
+    weight = np.where((np.arange(n_nodes + 1) == 0) | (np.arange(n_nodes + 1) == n_nodes), 2.0, 1.0)
+    weight = weight * (-1.0) ** np.arange(n_nodes + 1)
+    D = np.outer(weight, 1.0 / weight) / (nodes[:, None] - nodes[None, :] + np.eye(n_nodes + 1))
+    D -= np.diag(D.sum(1))
+    inner = slice(place, place + n_nodes)
+    # Node 0 is the entrance, dy/dt = (2/angle) dy/d(node) inside, the last node is the exit.
+    E[inner, inner] = np.eye(n_nodes)
+    F[inner, inner] = 2.0 / angle * D[1:, 1:]
+    F[inner, source] += 2.0 / angle * D[1:, 0] * gain
+    F[row, place + n_nodes - 1] = 1.0
+    return place + n_nodes

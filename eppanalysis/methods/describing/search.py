@@ -1,0 +1,410 @@
+"""Global search for one element whose describing function does not depend on frequency.
+
+Amplitude scales come from the element's thresholds and from where the loop gain passes one, frequency scales from
+poles, zeros and dead time; nothing is measured in absolute units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
+from eppanalysis.methods.describing.bias import SingleBias, spread
+from eppanalysis.methods.describing.curves import (
+    at_index,
+    contour_lines,
+    crossings,
+    distinct,
+    polish,
+    roots_along,
+    roots_at_once,
+    settle,
+)
+from eppanalysis.models.systems.linear import poles, zeros
+from eppanalysis.models.systems.lure import LureSystem
+
+_MOST_NODES = 4000
+#: Share of a pole's or zero's imaginary part in its size from which it may resonate.
+_RESONANT = 0.03
+#: Breakpoints around which biases are sought where the static balance has several answers.
+_MOST_CENTRES = 8
+_MANY_STEPS = (
+    " The loop may stand on many pieces of its element, as its static balance has several answers: biases were sought "
+    f"around zero and the first {_MOST_CENTRES} breakpoints, and cycles about others may be missing."
+)
+#: Branches of the bias that are followed: an element that turns back for ever, such as a sine, has them without end.
+_MOST_BRANCHES = 40
+_MANY_BRANCHES = (
+    f" The static balance has more answers than can be followed: the {_MOST_BRANCHES} branches of the bias with the "
+    "smallest oscillations and biases were, and cycles on others may be missing."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Limit cycles (k, 3 m + 1), the curves they were found on, how, and whether all that was asked for is covered."""
+
+    cycles: Array
+    curves: tuple[Array, ...]
+    search: str
+    complete: bool = True
+
+
+def frequency_scales(system: LureSystem) -> Array:
+    """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time."""
+    n = system.A.shape[0]
+    values: ComplexArray = poles(system.A - np.eye(n)) + 1.0 if system.time_step else poles(system.A)
+    values = np.concatenate([values, _zeros(system)])
+    if system.time_step:
+        values = np.asarray(np.log(values[np.abs(values) > 1e-9]) / system.time_step, complex)
+    # The imaginary part counts where it shows in a resonance; of a multiple real pole it is rounding.
+    turns = np.abs(values.imag)
+    sizes = np.concatenate([np.abs(values), turns[turns > _RESONANT * np.abs(values)]])
+    sizes = sizes[sizes > 1e-7 * sizes.max(initial=0.0)]
+    late = system.delays[system.delays > 0]
+    return np.unique(np.concatenate([sizes, 1.0 / late]))
+
+
+def _zeros(system: LureSystem) -> ComplexArray:
+    """Finite transmission zeros of a loop with one element."""
+    n = system.A.shape[0]
+    if len(system.elements) != 1 or system.B.shape[1] != 1 or not n:
+        return np.zeros(0, complex)
+    A, B, C, D = system.A, system.B, system.C[:1], system.D[:1]
+    return zeros(A - np.eye(n), B, C, D) + 1.0 if system.time_step else zeros(A, B, C, D)
+
+
+def symmetry_candidates(system: LureSystem) -> Array:
+    """Frequencies of all real values of a rational L(j omega): zeros of ``L(s) - L(-s)`` next to the imaginary axis."""
+    if system.time_step or np.any(system.delays) or system.A.shape[0] == 0:
+        return np.zeros(0)
+    A, B, C = system.A, system.B, system.C[:1]
+    s = zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
+    s = s[(s.imag > 0) & (np.abs(s.real) < 1e-3 * np.abs(s))]
+    return np.unique(s.imag)
+
+
+def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.0) -> Array:
+    """Ascending grid of omega [rad/s], denser at lightly damped poles, zeros and real values of L.
+
+    With dead time, or a sample time, phase keeps turning: nodes are then also evenly spaced, up to where the gain has
+    fallen below `lowest_gain` for good (or to half the sampling frequency). Without such a bound a loop with dead time
+    has infinitely many modes; those whose period is shorter than the dead time are left out.
+    """
+    scales = frequency_scales(system)
+    if system.time_step:
+        top = np.pi / system.time_step
+        low = min(float(scales.min(initial=top)), top) / 1e3
+        nodes = [
+            np.geomspace(low, top * (1.0 - 1e-9), 8 * per_decade),
+            np.linspace(0.0, top, 20 * per_decade + 2)[1:-1],
+        ]
+    else:
+        low, top = (scales.min() / 1e3, scales.max() * 1e3) if scales.size else (1e-12, 1e12)
+        nodes = [np.geomspace(low, top, int(per_decade * np.log10(top / low)) + 2)]
+    around = np.concatenate([scales, symmetry_candidates(system) if len(system.elements) == 1 else np.zeros(0)])
+    spread = np.concatenate([-np.geomspace(1e-7, 0.1, 8), [1e-10], np.geomspace(1e-7, 0.1, 8)])
+    nodes.append((around[:, None] * (1.0 + spread)).ravel())
+    if np.any(system.delays):
+        bounded = lowest_gain > 0
+        top = _gain_limit(system, np.concatenate(nodes), lowest_gain) if bounded else 2 * np.pi / system.delays.max()
+        step = 0.2 / system.delays.max()
+        nodes.append(np.arange(1, min(_MOST_NODES, int(top / step) + 2)) * step)
+    out = np.unique(np.concatenate(nodes))
+    return out[(out > 0) & (out <= top)]
+
+
+def _gain_limit(system: LureSystem, omega: Array, lowest_gain: float) -> float:
+    """Frequency beyond which the gain stays below `lowest_gain`."""
+    omega = np.sort(omega)
+    gain = np.abs(system.frequency_response(omega)[:, 0, 0])
+    above = np.flatnonzero(gain >= lowest_gain)
+    return float(omega[min(above[-1] + 1, len(omega) - 1)]) if above.size else float(omega[0])
+
+
+def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: SingleBias | None = None) -> Array:
+    """Positive amplitudes that matter: `sizes`, and where the element's gain meets 1/`gains` of the linear part."""
+    reference = sizes[(sizes > 0) & np.isfinite(sizes)]
+    middle = float(np.exp(np.log(reference).mean())) if reference.size else 1.0
+    a = middle * np.geomspace(1e-60, 1e60, 601)
+    bias = np.zeros(a.size) if single is None else single.at(a)
+    # Next to a bias, smaller amplitudes are lost in its rounding.
+    a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
+    N = np.abs(balance.evaluate(a[:, None], bias[:, None], np.ones(a.size))[1][:, 0])
+    meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
+    return np.unique(np.concatenate([reference, *meets]))
+
+
+def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:
+    """Ascending grid of amplitudes, geometrically denser towards each threshold from both sides."""
+    low, high = scales.min() / 1e2, scales.max() * 1e2
+    nodes = [np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 2)]
+    gaps = np.unique(thresholds[thresholds > 0])
+    around = gaps[:, None] * spread(gaps.size)
+    # Half the way to the next threshold at most: beyond it the nodes of that one are nearer.
+    below, above = np.diff(gaps, prepend=0.0)[:, None] / 2, np.diff(gaps, append=np.inf)[:, None] / 2
+    nodes.append((gaps[:, None] + around)[(-below < around) & (around < above)])
+    if gaps.size > 1:
+        parts = np.arange(1, 8) / 8.0
+        nodes.append((gaps[:-1, None] + parts * np.diff(gaps)[:, None]).ravel())
+    out = np.unique(np.concatenate(nodes))
+    return out[out > 0]
+
+
+def search_one(balance: Balance) -> Found:
+    """All limit cycles of a loop with one element of one output whose describing function is free of omega."""
+    system = balance.system
+    single = SingleBias.of(balance)
+    thresholds = _thresholds(balance) if single is None else single.thresholds()
+    sizes = thresholds if _breakpoints(balance) else np.append(thresholds, np.abs(balance.operating_bias))
+    scales = amplitude_scales(balance, _crossing_gains(system), sizes, single)
+    if not scales.size:
+        return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
+    amplitude = amplitude_nodes(scales, thresholds, 24)
+    if single is not None:
+        return _search_single(single, amplitude)
+    N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
+    omega = frequency_nodes(system, 40, _lowest_gain(N))
+    L = balance.linear(omega)[:, 0, 0]
+    lines, followed = static_curves(balance, amplitude, scales)
+    real = _is_real(balance, lines)
+    finder = _on_crossings if real else _on_phase_curves
+    cycles, curves = finder(balance, lines, omega, L)
+    text = _sentence(system, real, omega, amplitude, len(lines))
+    few = _breakpoints(balance) <= _MOST_CENTRES
+    text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed)
+    return Found(distinct(balance, cycles), tuple(curves), text, few and followed)
+
+
+def _search_single(single: SingleBias, amplitude: Array) -> Found:
+    """All limit cycles where each amplitude has one mean: every phase crossing, all roots in amplitude at each."""
+    balance = single.balance
+    amplitude = single.with_turns(amplitude)
+    bias = single.at(amplitude)
+    amplitude, bias = amplitude[np.isfinite(bias)], bias[np.isfinite(bias)]
+    gains = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
+    omega = frequency_nodes(balance.system, 40, _lowest_gain(gains))
+    L = balance.linear(omega)[:, 0, 0]
+    N = np.asarray(gains.real, float)
+    cycles = [np.zeros((0, 4))]
+    for w in phase_crossings(balance, omega, L):
+        gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
+        cycles.append(_roots_in_amplitude(balance, amplitude, N * gain, w, gain, single.at))
+    return Found(distinct(balance, np.concatenate(cycles)), (), _sentence(balance.system, True, omega, amplitude, 1))
+
+
+def _breakpoints(balance: Balance) -> int:
+    return balance.system.elements[0].breakpoints.size
+
+
+def _thresholds(balance: Balance) -> Array:
+    return np.abs(np.asarray(balance.system.elements[0].thresholds(), float)).ravel()
+
+
+def _crossing_gains(system: LureSystem) -> Array:
+    """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and beside them."""
+    scales = frequency_scales(system)
+    low, high = (scales.min() / 10, scales.max() * 10) if scales.size else (1e-12, 1e12)
+    n = 10 * int(np.ceil(np.log10(high / low)))
+    # In the middle of an even number of intervals, so that no point is on the pole of a single resonance.
+    omega = low * (high / low) ** ((np.arange(2 * (n // 2)) + 0.5) / (2 * (n // 2)))
+    gain = np.abs(system.frequency_response(omega)[:, 0, 0])
+    return gain[np.isfinite(gain) & (gain > 0)]
+
+
+def _lowest_gain(N: ComplexArray) -> float:
+    """Gain of the linear part below which the element cannot make up for it; 0 for an element of unbounded gain."""
+    size = np.abs(N[np.isfinite(N)])
+    top = size.max(initial=0.0)
+    if top == 0:
+        return np.inf
+    unbounded = size[0] == top and size[: len(size) // 20].min() < 0.9 * top
+    return 0.0 if unbounded else 0.999 / top
+
+
+def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[list[Array], bool]:
+    """Curves (n, 2) of (amplitude, bias) on which the static balance holds, and whether all branches are among them."""
+    zero = np.zeros((len(amplitude), 1))
+    q0 = _static(balance, amplitude, zero[:, 0])
+    size = _static_size(balance, amplitude, zero[:, 0])
+    symmetric = bool(np.all(np.abs(q0[np.isfinite(q0)]) <= 1e-9 * size[np.isfinite(q0)]))
+    lines = [np.stack([amplitude, zero[:, 0]], -1)] if symmetric else []
+    if _prescribed_alone(balance):
+        fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
+        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True
+    bias = _bias_nodes(balance, scales)
+    coarse = amplitude[:: max(1, len(amplitude) // 250)]
+    grid = _static(balance, *np.broadcast_arrays(coarse[:, None], bias[None, :]))
+    if symmetric:
+        # The line of no bias is known already; dividing by the bias leaves the others.
+        grid, bias = grid[:, bias > 0], bias[bias > 0]
+        grid = grid / bias
+    branches = [
+        np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)
+        for line in contour_lines(coarse, bias, grid)
+        if len(line) > 1
+    ]
+    branches.sort(key=lambda points: float(np.min(points[:, 0] + np.abs(points[:, 1]))))
+    for branch in branches[:_MOST_BRANCHES]:
+        points = _settle_bias(balance, branch)
+        lines += [points, points * [1.0, -1.0]] if symmetric else [points]
+    return lines, len(branches) <= _MOST_BRANCHES
+
+
+def _prescribed_alone(balance: Balance) -> bool:
+    return not np.any(balance.on_mean) and balance.on_bias[0, 0] != 0
+
+
+def _static(balance: Balance, a: Array, b: Array) -> Array:
+    mean = balance.evaluate(a[..., None], b[..., None], np.ones(np.shape(a)))[0][..., 0]
+    return balance.on_bias[0, 0] * b + balance.on_mean[0, 0] * mean - balance.prescribed[0]
+
+
+def _static_size(balance: Balance, a: Array, b: Array) -> Array:
+    mean, gain = balance.evaluate(a[..., None], b[..., None], np.ones(np.shape(a)))
+    output = np.abs(mean[..., 0]) + np.abs(gain[..., 0]) * a
+    return np.abs(balance.on_bias[0, 0]) * (np.abs(b) + a) + np.abs(balance.on_mean[0, 0]) * output
+
+
+def _bias_nodes(balance: Balance, scales: Array) -> Array:
+    """Biases of both signs on logarithmic grids, denser around zero and around where the loop may stand.
+
+    A piecewise-linear element may stand on any of its pieces, wherever the loop starts.
+    """
+    steps = np.geomspace(scales.min() * 1e-3, scales.max() * 1e3, int(14 * np.log10(scales.max() / scales.min() * 1e6)))
+    breakpoints = balance.system.elements[0].breakpoints
+    stands = breakpoints[:_MOST_CENTRES] if breakpoints.size else balance.operating_bias[:1]
+    centres = [0.0, *stands]
+    if balance.on_bias[0, 0]:
+        centres.append(balance.prescribed[0] / balance.on_bias[0, 0])
+    around = [np.concatenate([[c], c + steps, c - steps]) for c in {float(c) for c in centres}]
+    return np.unique(np.concatenate(around))
+
+
+def _settle_bias(balance: Balance, points: Array) -> Array:
+    """Bring contour points onto the static balance by bisection in the bias."""
+    a, b = points.T
+    width = 0.2 * np.abs(b) + 1e-3 * a
+    low, high = b - width, b + width
+    f_low, f_high = _static(balance, a, low), _static(balance, a, high)
+    ok = (f_low < 0) != (f_high < 0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        f = _static(balance, a, middle)
+        left = (f < 0) == (f_low < 0)
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+    return np.stack([a, np.where(ok, 0.5 * (low + high), b)], -1)
+
+
+def _is_real(balance: Balance, lines: list[Array]) -> bool:
+    for line in lines:
+        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1]
+        N = N[np.isfinite(N)]
+        if N.size and np.abs(N.imag).max() > 1e-12 * np.abs(N).max():
+            return False
+    return True
+
+
+def phase_crossings(balance: Balance, omega: Array, L: ComplexArray) -> Array:
+    """All omega of the grid's range at which L(j omega) is real, to rounding."""
+
+    def sine(w: float) -> float:
+        value = complex(balance.linear(np.array([w]))[0, 0, 0])
+        return value.imag / abs(value)
+
+    with np.errstate(all="ignore"):
+        return np.array(roots_along(sine, omega, L.imag / np.abs(L), accept=1e-7))
+
+
+def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+    """Real gain: each phase crossing by itself, all roots in amplitude along each branch of the bias."""
+    cycles, curves = [np.zeros((0, 4))], []
+    for w in phase_crossings(balance, omega, L):
+        gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
+        for line in lines:
+            if not np.any(line[:, 1]):
+                known = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0]
+                loop_gain = np.asarray(known.real * gain, float)
+                cycles.append(_roots_in_amplitude(balance, line[:, 0], loop_gain, w, gain, np.zeros_like))
+                continue
+            gains = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1]
+            N = np.asarray(gains[:, 0].real, float)
+            for piece in _runs(N * gain > 0):
+                X = _points(line[piece], np.full(len(line[piece]), w), N[piece] * gain)
+                curves += settle(balance, [X])
+    return np.concatenate([*cycles, crossings(balance, curves)]), curves
+
+
+def _roots_in_amplitude(
+    balance: Balance, amplitude: Array, loop_gain: Array, omega: float, gain: float, bias_of: Callable[[Array], Array]
+) -> Array:
+    """Cycles (k, 4) at a phase crossing: where the loop gain, known at ascending amplitudes, passes one."""
+
+    def excess(log_a: Array) -> Array:
+        a = np.exp(log_a)
+        N = balance.evaluate(a[:, None], bias_of(a)[:, None], np.full(a.size, omega))[1][:, 0].real
+        return _log_excess(np.asarray(N * gain, float))
+
+    roots = roots_at_once(excess, np.log(amplitude), _log_excess(loop_gain))
+    return np.stack([roots, np.full(roots.size, np.log(omega)), bias_of(np.exp(roots)), np.zeros(roots.size)], -1)
+
+
+def _log_excess(loop_gain: Array) -> Array:
+    return np.where(np.isnan(loop_gain), np.nan, np.log(np.maximum(loop_gain, 1e-300)))
+
+
+def _points(line: Array, omega: Array, loop_gain: Array) -> Array:
+    return np.stack([np.log(line[:, 0]), np.log(omega), line[:, 1], -np.log(np.abs(loop_gain))], -1)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Stretches of True that hold two points or more."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+
+
+def _on_phase_curves(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:
+    """Complex gain: contours of zero phase in the plane of (place along the bias branch, omega)."""
+    pieces: list[Array] = []
+    for line in lines:
+        N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0]
+        with np.errstate(all="ignore"):
+            g = N[:, None] * L[None, :]
+            sine = np.where(np.abs(g) > 0, g.imag / np.abs(g), np.nan)
+        for path in contour_lines(line, omega, sine):
+            pieces += _phase_pieces(line, N, omega, L, path)
+    curves = settle(balance, pieces, 1)
+    return polish(balance, crossings(balance, curves)), curves
+
+
+def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, path: Array) -> list[Array]:
+    """Stretches of a contour on which N L is positive; the others, where it is negative, meet them only at poles."""
+    loop = np.interp(path[:, 0], np.arange(len(line)), np.abs(N)) * np.exp(at_index(np.log(np.abs(L)), path[:, 1]))
+    nearest = np.round(path).astype(int)
+    positive = (N[nearest[:, 0]] * L[nearest[:, 1]]).real > 0
+    place = np.stack([np.exp(at_index(np.log(line[:, 0]), path[:, 0])), at_index(line[:, 1], path[:, 0])], -1)
+    w = np.exp(at_index(np.log(omega), path[:, 1]))
+    return [_points(place[run], w[run], loop[run]) for run in _runs(positive)]
+
+
+def _sentence(system: LureSystem, real: bool, omega: Array, amplitude: Array, n_branches: int) -> str:
+    how = (
+        "every frequency at which the linear part is real, then every amplitude on each branch of the bias"
+        if real
+        else "contours of zero phase over amplitude and frequency, then every crossing of unit gain along them"
+    )
+    text = (
+        f"Sought {how} ({n_branches} of the bias), with all local extrema located: "
+        f"omega {omega[0]:.3g} to {omega[-1]:.3g} rad/s, amplitude {amplitude[0]:.3g} to {amplitude[-1]:.3g}."
+    )
+    if np.any(system.delays):
+        text += (
+            " Dead time makes the phase turn for ever: faster modes, for which the gain cannot suffice (or, with an "
+            "element of unbounded gain, whose period is shorter than the dead time), were left out."
+        )
+    return text

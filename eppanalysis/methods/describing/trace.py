@@ -1,0 +1,91 @@
+"""Pseudo-arclength continuation of solution curves of the harmonic balance, many ends at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton_and_jacobian, scales, solve_rows
+
+_FIRST, _LARGEST, _SMALLEST = 0.08, 0.3, 1e-4
+
+
+@dataclass(frozen=True)
+class Box:
+    """Region of a trace: ln a of the pivot, ln omega, and the largest ``|ln lambda|``."""
+
+    amplitude: tuple[float, float]
+    omega: tuple[float, float]
+    gain: float
+
+    def holds(self, X: Array) -> NDArray[np.bool_]:
+        """Which points lie inside."""
+        return (
+            (X[:, 0] >= self.amplitude[0])
+            & (X[:, 0] <= self.amplitude[1])
+            & (X[:, 1] >= self.omega[0])
+            & (X[:, 1] <= self.omega[1])
+            & (np.abs(X[:, -1]) <= self.gain)
+        )
+
+
+def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int = 70) -> list[Array]:
+    """Follow curves outward from their ends.
+
+    Parameters
+    ----------
+    start, outward : array, shape (k, 3 m + 1)
+        An end of each curve, and the direction in which to leave it.
+    box : Box
+        Where to stop.
+    steps : int, optional
+        Most steps, accepted or not.
+
+    Returns
+    -------
+    list of array
+        New points of each curve, outward.
+    """
+    k = len(start)
+    paths: list[list[Array]] = [[] for _ in range(k)]
+    X = start.copy()
+    size = scales(balance, X)
+    heading = outward / size
+    heading /= np.maximum(np.linalg.norm(heading, axis=-1, keepdims=True), 1e-300)
+    with np.errstate(all="ignore"):
+        heading, alive = tangents(balance, balance.residual(X)[1], X, heading)
+    h = np.full(k, _FIRST)
+    for _ in range(steps):
+        todo = np.flatnonzero(alive)
+        if not todo.size:
+            break
+        size = scales(balance, X[todo])
+        guess = X[todo] + h[todo, None] * size * heading[todo]
+        new, ok, J = newton_and_jacobian(balance, guess, heading[todo] / size, 6, ON_THE_WAY)
+        turned, regular = tangents(balance, J, new, heading[todo])
+        # A kink, where an element enters another regime, turns the curve at once: only small steps may pass it.
+        least = np.where(h[todo] > 5 * _SMALLEST, 0.85, -0.3)
+        ok &= regular & ((turned * heading[todo]).sum(-1) > least)
+        ok &= (np.abs(new - guess) / size).max(-1) < 2.0 * h[todo]
+        good, bad = todo[ok], todo[~ok]
+        X[good], heading[good] = new[ok], turned[ok]
+        for i in good:
+            paths[i].append(X[i].copy())
+        h[good] = np.minimum(1.4 * h[good], _LARGEST)
+        h[bad] /= 2.5
+        alive[bad] &= h[bad] > _SMALLEST
+        alive[good] &= box.holds(X[good])
+    return [np.array(path).reshape(-1, start.shape[1]) for path in paths]
+
+
+def tangents(balance: Balance, J: Array, X: Array, heading: Array) -> tuple[Array, NDArray]:
+    """Unit tangents in scaled unknowns at points with the Jacobian J, on the side of `heading`."""
+    with np.errstate(all="ignore"):
+        bordered = np.concatenate([J * scales(balance, X)[:, None, :], heading[:, None, :]], 1)
+        right = np.zeros(bordered.shape[:2])
+        right[:, -1] = 1.0
+        tangent, ok = solve_rows(bordered, right)
+    length = np.linalg.norm(tangent, axis=-1, keepdims=True)
+    return np.where(length > 0, tangent / np.maximum(length, 1e-300), heading), ok

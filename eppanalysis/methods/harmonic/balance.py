@@ -1,0 +1,489 @@
+"""Harmonic balance of any order with bias: one limit cycle from a guess, with an estimate of its own error.
+
+The answers of the elements are exact (see ``harmonic_elements`` and ``harmonic_coefficients``), so the only
+approximation is that the inputs of the elements are cut off at order n. Order 1 has the equations of the describing
+function. Sticking has no place in a balance, as the force at rest is not a function of the element's input: where an
+element would stick (friction at rest, a relay that slides) it passes at once from one side to the other, as ``sgn``
+does; orbits with long sticking need many orders, or the exact orbit. In discrete time the balance is that of the
+invariant curve on which the samples lie where the period is not commensurate with the sample time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.harmonic.elements import Regime, Unsettled
+from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
+from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.means import mean_state
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.results import Event, LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+__all__ = ["harmonic_balance"]
+
+#: Orders tried in turn, and the estimated relative error at which they end.
+AUTOMATIC = (1, 3, 5, 9, 15, 25, 41, 65)
+TOLERANCE = 1e-4
+_ITERATIONS = 30
+_LARGEST_STEP = 0.5
+_SMALLEST_SHARE = 1 / 1024
+_MOST_SHARES = 8
+#: Steps of the engine that one linearised balance is worth: at all, and each unknown.
+_ITERATE, _UNKNOWN = 800.0, 20.0
+_SEEDS = 1 / 3  # and below which it may lead to an exact orbit
+#: Estimate below which a balance need not be compared with a yet higher order, and the highest that low ones are.
+_FINE, _MOST_COMPARED = 1e-6, 65
+#: Of a distance between orders, and of the estimate at the higher one, what is added for what is beyond it: where the
+#: harmonics fall slowly, the estimate is up to three times too small.
+_MARGIN, _REST = 0.1, 3.0
+_TRUSTED = 0.05  # estimated error below which a balance of the highest order counts as the cycle's
+
+
+def harmonic_balance(
+    system: LureSystem | CaseLike,
+    guess: LimitCycle,
+    order: int | None = None,
+    operating_point: PointLike | None = None,
+) -> LimitCycle:
+    """Refine a limit cycle by harmonic balance with bias.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        With any elements, memory included.
+    guess : LimitCycle
+        From :func:`~eppanalysis.methods.describing.predict.predict_limit_cycles`, a simulation or another balance;
+        period and harmonics of its named signals are used.
+    order : int, optional
+        Highest harmonic. By default the order rises (1, 3, 5, 9, ...) until the estimated error is below 1e-4.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+
+    Returns
+    -------
+    LimitCycle
+        Of the given order, or of the one that the neglected harmonics change least. Status NOT_CONVERGED where Newton's
+        iteration fails at the given order (the last iterate is returned), or without one where they change each by more
+        than 5 % or higher orders do not settle. ``error_estimate`` is the relative error of frequency and fundamentals,
+        from balances of higher orders; it is not-a-number where those do not settle, and `note` says why: an exact
+        orbit need not be near then. ``provenance.statistics["orders"]`` lists the orders tried, with the change that
+        the neglected harmonics cause to first order.
+
+    Raises
+    ------
+    ModelError
+        If an element cannot take part, an input is unknown, or the static balance does not determine the means.
+    EppError
+        If `order` is not a positive integer, or an input does not stand still.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> from eppanalysis.methods.harmonic.balance import harmonic_balance
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> guess = epp.predict_limit_cycles(loop)[0]
+    >>> [round(harmonic_balance(loop, guess, order=n).period, 4) for n in (1, 3, 9, 27)]
+    [4.4429, 4.5292, 4.5494, 4.551]
+    """
+    system, at = standing(system, operating_point, "harmonic_balance")
+    if order is not None and (int(order) != order or order < 1):
+        raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
+    with np.errstate(all="ignore"):
+        loop, start = _begin(system, guess, at)
+        if order is not None and order > loop.highest(guess.omega):
+            most = loop.highest(guess.omega)
+            raise EppError(f"harmonic_balance: order is {order}; expected at most {most} (half the sample rate).")
+        found, log = _fixed(loop, start, int(order)) if order is not None else _automatic(loop, start)
+        if found.converged:
+            found = _compared(loop, found)
+        if order is None:
+            found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
+        try:
+            return replace(_cycle(system, loop, found, log), operating_point=at)
+        except Unsettled:
+            return replace(
+                guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED, operating_point=at
+            )
+
+
+def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint, highest: int = 25) -> Iterator[LimitCycle]:
+    """Balances of rising order that may be trusted a little, as starts for an exact orbit; until one order fails.
+
+    Parameters
+    ----------
+    system : LureSystem
+    guess : LimitCycle
+    at : OperatingPoint
+    highest : int
+        Orders end there.
+
+    Yields
+    ------
+    LimitCycle
+        Converged, with an estimated error below a third.
+
+    Raises
+    ------
+    ModelError
+        As :func:`harmonic_balance`.
+    """
+    with np.errstate(all="ignore"):
+        loop, start = _begin(system, guess, at)
+        for point in _rising(loop, start, highest):
+            if not point.converged and point.order > 1:
+                return
+            if point.converged and point.error < _SEEDS:
+                try:
+                    yield _cycle(system, loop, point, [])
+                except Unsettled:
+                    continue
+
+
+def _begin(system: LureSystem, guess: LimitCycle, at: OperatingPoint) -> tuple[Loop, _Point]:
+    """The loop with its inputs at their values, and the guess as its start."""
+    loop = Loop.of(system, at.vector(system))
+    return loop, _anchored(inputs_of(loop, guess), guess.omega)
+
+
+def settled(loop: Loop, Z: ComplexArray, omega: float) -> tuple[ComplexArray, float] | None:
+    """Newton's method from inputs (F, n + 1) and a frequency that nearly balance; None where it fails.
+
+    Parameters
+    ----------
+    loop : Loop
+    Z : array, shape (F, n + 1)
+        Coefficients of the elements' free inputs, of the order that is wanted.
+    omega : float
+        [rad/s].
+    """
+    with np.errstate(all="ignore"):
+        start = _anchored(Z, omega)
+        found = _solve(loop, start, start.order, estimate=False)
+    return (found.Z, found.omega) if found.converged else None
+
+
+def cycle_of(loop: Loop, Z: ComplexArray, omega: float) -> LimitCycle:
+    """The limit cycle with balanced inputs (F, n + 1) of the elements, as from :func:`settled`."""
+    with np.errstate(all="ignore"):
+        point = replace(_anchored(Z, omega), converged=True)
+        return _cycle(loop.system, loop, point, [point])
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A solution (or the last iterate): free inputs (F, n + 1), omega, and how good it is."""
+
+    Z: ComplexArray
+    omega: float
+    pivot: int
+    converged: bool
+    residual: float = float("nan")
+    error: float = float("nan")
+    iterations: int = 0
+    note: str = ""
+
+    @property
+    def order(self) -> int:
+        return self.Z.shape[1] - 1
+
+
+def _anchored(Z: ComplexArray, omega: float) -> _Point:
+    """The same motion, begun where the fundamental of the pivot, the first input that moves, is a rising sine."""
+    amplitude = np.abs(Z[:, 1])
+    moves = np.flatnonzero(amplitude > 0)
+    if not moves.size:
+        raise ModelError("harmonic_balance: the guess does not oscillate at the input of any element.")
+    pivot = int(moves[0])
+    turn = -np.pi / 2 - np.angle(Z[pivot, 1])
+    return _Point(Z * np.exp(1j * turn * orders(Z.shape[1] - 1)), omega, pivot, False)
+
+
+def _fixed(loop: Loop, start: _Point, order: int) -> tuple[_Point, list[_Point]]:
+    """The wanted order: directly, else by way of the orders between."""
+    found = _solve(loop, start, order)
+    if found.converged:
+        return found, [found]
+    last, log = start, []
+    for n in [*(n for n in AUTOMATIC if n < order), order]:
+        step = _reach(loop, last, n)
+        log.append(step)
+        if not step.converged and len(log) > 1 and not log[-2].converged:
+            break
+        last = step if step.converged else last
+    return (log[-1] if log[-1].order == order else found), log
+
+
+def _automatic(loop: Loop, start: _Point) -> tuple[_Point, list[_Point]]:
+    """Rising orders until the estimated error is small, or two of them fail."""
+    log = list(_rising(loop, start, max(AUTOMATIC)))
+    if log[-1].error < TOLERANCE:
+        return log[-1], log
+    good = [p for p in log if p.converged]
+    if not good:
+        return log[-1], log
+    best = min(good, key=lambda p: p.error if np.isfinite(p.error) else np.inf)
+    return replace(best, converged=best.error < _TRUSTED), log
+
+
+def _compared(loop: Loop, point: _Point) -> _Point:
+    """The balance with an error that is measured: by how far it is from balances of higher orders.
+
+    Higher orders are solved until what is left of the error, as estimated there, is small beside the distance. The
+    change by the neglected harmonics alone (see :func:`_error`) does not see that they move switches far, add some, or
+    lead elsewhere.
+    """
+    better, distance = point, 0.0
+    for order in _higher(point.order, loop.highest(point.omega)):
+        trial = _solve(loop, better, order)
+        if not trial.converged:
+            trial = _solve(loop, better, (better.order + order) // 2)
+        if not trial.converged:
+            break
+        better, distance = trial, _distance(point, trial)
+        if better.error < max(0.25 * distance, _FINE) or better.order < order:
+            break
+    if better is point:
+        return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
+    error = (1.0 + _MARGIN) * distance + _REST * better.error
+    if not (better.error < _TRUSTED and error < _SEEDS):
+        return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
+    return replace(point, error=error)
+
+
+def _unknown(point: _Point, why: str) -> _Point:
+    return replace(point, error=float("nan"), note=why)
+
+
+def _higher(order: int, highest: int) -> list[int]:
+    """Orders with which one is compared."""
+    wanted = [2 * order + 7, 4 * order + 21]
+    most = min(max(_MOST_COMPARED, order + order // 2), highest)
+    return sorted({min(n, most) for n in wanted if min(n, most) > order})
+
+
+def _distance(point: _Point, other: _Point) -> float:
+    """Largest relative difference of frequency and fundamentals."""
+    change = np.abs(other.Z[:, 1] - point.Z[:, 1]) / np.abs(other.Z[:, 1]).clip(1e-300)
+    return float(max(change.max(), abs(point.omega / other.omega - 1.0)))
+
+
+def _rising(loop: Loop, start: _Point, highest: int) -> Iterator[_Point]:
+    """One order after the other, each from the last one that converged."""
+    last, trusted, failed = start, False, False
+    for n in (n for n in AUTOMATIC if n <= min(highest, loop.highest(start.omega))):
+        found = _solve(loop, last, n) if trusted else _reach(loop, last, n)
+        yield found
+        if found.error < TOLERANCE or (not found.converged and (trusted or last is start or failed)):
+            return
+        failed, trusted = not found.converged, trusted or found.error < _TRUSTED
+        last = found if found.converged else last
+
+
+def _reach(loop: Loop, start: _Point, order: int) -> _Point:
+    """Solve at an order, if need be by letting the new harmonics in step by step."""
+    found = _solve(loop, start, order)
+    if found.converged or start.order >= order or not start.converged:
+        return found
+    share, width, point = 0.0, 0.5, start
+    for _ in range(_MOST_SHARES):
+        trial = _solve(loop, point, order, min(1.0, share + width), start.order)
+        if trial.converged and share + width >= 1.0:
+            return trial
+        if trial.converged:
+            share, point, width = share + width, trial, 2 * width
+        else:
+            width /= 4
+    return found
+
+
+def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int = 0, estimate: bool = True) -> _Point:
+    """Damped Newton at an order; harmonics above `kept` pass the linear part with the factor `share`.
+
+    Without `estimate` the point does not say how good it is.
+    """
+    weight = np.where(orders(order)[1:] > kept, share, 1.0) if share < 1.0 else np.ones(order)
+    equations = Equations(loop, order, start.pivot, weight)
+    try:
+        X = equations.pack(loop.continued(start.Z, start.omega, order), start.omega)
+        last, ok, count = _newton(equations, X, descend=True)
+        if not ok:
+            last, ok, more = _newton(equations, X, descend=False)
+            count += more
+        Z, omega = equations.unpack(last.X)
+        ok &= bool(np.abs(Z[start.pivot, 1]) > 1e-6 * np.abs(start.Z[start.pivot, 1]) and omega > 0)
+        error = _error(loop, equations, last) if ok and share == 1.0 and estimate else float("nan")
+    except Unsettled:
+        Z = _padded(start.Z, order)
+        return _Point(Z, start.omega, start.pivot, False)
+    return _Point(Z, omega, start.pivot, ok, last.residual, error, count)
+
+
+def _padded(Z: ComplexArray, order: int) -> ComplexArray:
+    """Series cut or filled with zeros to an order."""
+    out = np.zeros((Z.shape[0], order + 1), complex)
+    count = min(order + 1, Z.shape[1])
+    out[:, :count] = Z[:, :count]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """A point of Newton's iteration: unknowns, scaled residual, solver of the scaled Jacobian, sizes."""
+
+    X: Array
+    R: Array
+    solve: Callable[[Array], Array]
+    unknowns: Array
+    rows: Array
+
+    @classmethod
+    def at(cls, equations: Equations, X: Array, sizes: tuple[Array, Array] | None = None) -> _Iterate:
+        spend(_ITERATE + _UNKNOWN * X.size)
+        R, J, W = equations.linearised(X)
+        unknowns, rows = equations.scales(X, W) if sizes is None else sizes
+        return cls(X, R / rows, _solver(J * unknowns / rows[:, None]), unknowns, rows)
+
+    @property
+    def residual(self) -> float:
+        return float(np.abs(self.R).max())
+
+
+def _newton(equations: Equations, X: Array, descend: bool) -> tuple[_Iterate, bool, int]:
+    """Newton's method with limited steps, with `descend` damped so that the next simplified step shrinks.
+
+    Deuflhard (2004, section 3.3). Where switches appear and vanish on the way there may be no descent; then free steps
+    often come through.
+    """
+    here = _Iterate.at(equations, X)
+    sizes = here.unknowns, here.rows
+    share, small = 1.0, False
+    for count in range(1, _ITERATIONS + 1):
+        step = -here.solve(here.R)
+        largest = float(np.abs(step).max())
+        if not np.isfinite(largest):
+            return here, False, count
+        if largest < 1e-9:
+            # Rounding sets a floor: a second small step is the last.
+            if largest < 1e-13 or small:
+                return here, True, count
+            small, here = True, _Iterate.at(equations, here.X + sizes[0] * step, sizes)
+            continue
+        share, small = min(1.0, 2.0 * share, _LARGEST_STEP / largest), False
+        trial = _damped(equations, here, step, share, descend)
+        if trial is None:
+            return here, False, count
+        here, share = trial
+    return here, False, _ITERATIONS
+
+
+def _damped(
+    equations: Equations, here: _Iterate, step: Array, share: float, descend: bool
+) -> tuple[_Iterate, float] | None:
+    """The next point and the share of the step that leads there; None if even a small share does not help."""
+    size = float(np.linalg.norm(step))
+    while share >= _SMALLEST_SHARE:
+        try:
+            trial = _Iterate.at(equations, here.X + share * here.unknowns * step, (here.unknowns, here.rows))
+            shrinks = not descend or np.linalg.norm(here.solve(trial.R)) <= (1.0 - share / 4) * size
+            if trial.X[-1] > 0 and shrinks:
+                return trial, share
+        except Unsettled:
+            pass
+        share /= 2
+    return None
+
+
+def _solver(J: Array) -> Callable[[Array], Array]:
+    """Solver of a linear system for several right-hand sides; not-a-number where it is singular."""
+    from scipy.linalg import lapack
+
+    factors, pivots, singular = lapack.dgetrf(J)
+    if singular or not np.all(np.isfinite(factors)):
+        return lambda right: np.full_like(right, np.nan)
+    return lambda right: lapack.dgetrs(factors, pivots, right)[0]
+
+
+def _error(loop: Loop, equations: Equations, last: _Iterate) -> float:
+    """Relative change of omega and fundamentals by the neglected harmonics, to first order.
+
+    The inputs get the harmonics n + 1 .. 3 n + 8 that the linear part makes of the outputs; what this changes in the
+    equations of order n is a disturbance of the linearised balance.
+    """
+    n = equations.n
+    Z, omega = equations.unpack(last.X)
+    most = max(n, min(3 * n + 8, loop.highest(omega)))
+    longer = loop.continued(Z, omega, most, min(2, len(loop.elements)))
+    W, _ = loop.answers(longer, omega)
+    R = equations.residual(Z, W[:, : n + 1], loop.linear(omega, n)) / last.rows
+    change = last.unknowns * last.solve(R)
+    moved, _ = equations.unpack(np.append(change[:-1], 0.0))
+    relative = np.abs(moved[:, 1]) / np.abs(Z[:, 1]).clip(1e-300)
+    return float(max(relative.max(), abs(change[-1]) / omega))
+
+
+def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> LimitCycle:
+    n, omega, Z = point.order, point.omega, point.Z
+    W, regimes = loop.answers(Z, omega)
+    signals = system.signals
+    x = mean_state(loop.system, loop.value, Z[:, 0].real, W[:, 0].real)
+    at = omega * orders(n)[1:]
+    c = np.zeros((len(signals.names), n + 1), complex)
+    c[:, 0] = signals.C @ x + signals.D @ W[:, 0].real + signals.D_input @ loop.value + signals.constant
+    c[:, 1:] = (system.signal_response(at) @ W.T[1:, :, None])[..., 0].T
+    states = (system.state_response(at) @ W.T[1:, :, None])[..., 0].sum(0).real
+    names, period = signals.names, TURN / omega
+    heights = [float(v.max() - v.min()) if v.size else 0.0 for _, v in extrema(c)]
+    count = max(128, 16 * n)
+    wave = sampled(c, count)
+    wave = np.concatenate([wave, wave[:, :1]], 1)
+    return LimitCycle(
+        method=f"harmonic balance, order {n}",
+        status=Status.CONVERGED if point.converged else Status.NOT_CONVERGED,
+        period=period,
+        mean={k: float(m.real) for k, m in zip(names, c[:, 0], strict=True)},
+        peak_to_peak=dict(zip(names, heights, strict=True)),
+        harmonics=dict(zip(names, c, strict=True)),
+        residual=point.residual,
+        error_estimate=point.error,
+        events=_events(system, loop, regimes, omega),
+        time=np.linspace(0.0, period, count + 1),
+        waveform=dict(zip(names, wave, strict=True)),
+        state=x + states,
+        memory=tuple(float(r.memory_at_zero[0]) if r.memory.size else None for r in regimes),
+        units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
+        mean_state=x,
+        note=point.note,
+        provenance=Provenance(
+            "harmonic balance",
+            {"system": system.name, "input": dict(zip(system.input_names, loop.value.tolist(), strict=True))},
+            statistics={"order": n, "iterations": point.iterations, "orders": [_entry(p) for p in log]},
+        ),
+    )
+
+
+def _entry(p: _Point) -> dict[str, Any]:
+    return {
+        "order": p.order,
+        "converged": p.converged,
+        "period": TURN / p.omega,
+        "error_estimate": p.error,
+        "iterations": p.iterations,
+    }
+
+
+def _events(system: LureSystem, loop: Loop, regimes: tuple[Regime, ...], omega: float) -> tuple[Event, ...]:
+    """Switches of all elements within one period, in order."""
+    out = []
+    for name, e, regime in zip(system.element_names, loop.elements, regimes, strict=True):
+        for s in regime.switches:
+            out.append(Event(s.phase % TURN / omega, name, s.mode_guard.guard.name, e.automaton.modes[s.mode].name))
+    return tuple(sorted(out, key=lambda event: event.time))

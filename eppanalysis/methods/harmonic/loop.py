@@ -1,0 +1,247 @@
+"""A loop as equations between Fourier coefficients: element answers, linear part, static balance.
+
+Unknowns are the coefficients c[0..n] of all free inputs of the elements (an input that is the rate of another, or a
+clock, is not free) and omega. The equations are ``Z_k = L(j k omega) W_k`` for k = 1..n, for the means the static
+balance of :mod:`eppanalysis.models.systems.means` (in which integrators have their place), and an anchor of the
+phase: the fundamental of one input is a sine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.harmonic.coefficients import respond, stacked
+from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
+from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_balance
+from eppanalysis.results import LimitCycle
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A system made ready for harmonic balance.
+
+    Attributes
+    ----------
+    system : LureSystem
+    elements : tuple of PeriodicElement
+    rows : int array, shape (F,)
+        Places in ``z`` of the free inputs, the first input of each element.
+    on_bias, on_mean, prescribed : array, shapes (F, F), (F, nw), (F,)
+        Static balance.
+    value : array, shape (nv,)
+        External inputs.
+    """
+
+    system: LureSystem
+    elements: tuple[PeriodicElement, ...]
+    rows: NDArray[np.intp]
+    on_bias: Array
+    on_mean: Array
+    prescribed: Array
+    value: Array
+
+    @classmethod
+    def of(cls, system: LureSystem, value: Array) -> Loop:
+        """Sort the inputs by their roles and eliminate the state from the static balance.
+
+        Raises
+        ------
+        ModelError
+            If an element uses its inputs in a way that harmonic balance does not cover, or the static balance does not
+            determine the means.
+        """
+        return cls.with_means(system, static_balance(system, value), value)
+
+    @classmethod
+    def with_means(cls, system: LureSystem, static: StaticBalance, value: Array | None = None) -> Loop:
+        """The loop with its static balance (`value` is only needed to go from named signals to inputs)."""
+        elements = tuple(
+            PeriodicElement.of(e, tuple(_role(system, z.start, i) for i in range(z.start, z.stop)))
+            for e, z in zip(system.elements, system.input_slices, strict=True)
+        )
+        given = np.array(system.v0, float) if value is None else value
+        return cls(system, elements, *static, given)
+
+    def highest(self, omega: float) -> int:
+        """Highest order: unlimited but for a discrete-time loop, where a harmonic must be below half the sample rate.
+
+        Beyond it harmonics fold back, and those that fold to near zero resonate with an integrator.
+        """
+        step = self.system.time_step
+        return max(1, int(0.999 * np.pi / (omega * step))) if step else 10**6
+
+    def linear(self, omega: float, n: int) -> ComplexArray:
+        """Response from outputs to free inputs at the harmonics 1..n, shape (n, F, nw)."""
+        return self.system.frequency_response(omega * orders(n)[1:])[:, self.rows]
+
+    def linear_and_slope(self, omega: float, n: int) -> tuple[ComplexArray, ComplexArray]:
+        """:meth:`linear` and its derivative by omega."""
+        k = orders(n)[1:]
+        response, slope = self.system.frequency_response_and_slope(omega * k)
+        return response[:, self.rows], k[:, None, None] * slope[:, self.rows]
+
+    def answers(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, tuple[Regime, ...]]:
+        """Coefficients of all outputs (nw, n + 1), and the regime of each element."""
+        found = [respond(e, z[None], omega, slopes=False) for e, z in zip(self.elements, Z, strict=True)]
+        return np.concatenate([a.coefficients for a in found]), tuple(a.regime for a in found)
+
+    def answers_and_slopes(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, ComplexArray]:
+        """Coefficients (nw, n + 1) and derivatives (nw, n + 1, F (2 n + 1) + 1) by the real unknowns and omega."""
+        F, n = Z.shape[0], Z.shape[1] - 1
+        width = 2 * n + 1
+        W = np.zeros((self.system.B.shape[1], n + 1), complex)
+        dW = np.zeros((len(W), n + 1, F * width + 1), complex)
+        for f, (e, out) in enumerate(zip(self.elements, self.system.output_slices, strict=True)):
+            answer = respond(e, Z[f : f + 1], omega)
+            assert answer.slopes is not None
+            W[out] = answer.coefficients
+            dW[out, :, f * width : (f + 1) * width] = answer.slopes[:, :, :-1]
+            dW[out, :, -1] = answer.slopes[:, :, -1]
+        return W, dW
+
+    def continued(self, Z: ComplexArray, omega: float, n: int, passes: int = 1) -> ComplexArray:
+        """The same inputs with harmonics up to n; the new ones are what the linear part makes of the outputs'.
+
+        With several elements it takes as many passes for a new harmonic to come round.
+        """
+        old = Z.shape[1] - 1
+        out = np.zeros((Z.shape[0], n + 1), complex)
+        out[:, : min(old, n) + 1] = Z[:, : n + 1]
+        if n > old:
+            L = self.linear(omega, n)[old:]
+            for _ in range(passes):
+                W, _ = self.answers(out, omega)
+                out[:, old + 1 :] = (L @ W.T[old + 1 :, :, None])[..., 0].T
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The balance of order n with phase anchor; `weight` (n,) scales the linear part at each harmonic (1: the loop).
+
+    Unknowns X, shape (F (2 n + 1) + 1,): mean, real parts and imaginary parts of each free input, and omega.
+    """
+
+    loop: Loop
+    n: int
+    pivot: int
+    weight: Array
+
+    def pack(self, Z: ComplexArray, omega: float) -> Array:
+        """Vector of unknowns."""
+        return np.append(stacked(Z).ravel(), omega)
+
+    def unpack(self, X: Array) -> tuple[ComplexArray, float]:
+        """Free inputs (F, n + 1) and omega."""
+        x = X[:-1].reshape(-1, 2 * self.n + 1)
+        Z = x[:, : self.n + 1].astype(complex)
+        Z[:, 1:] += 1j * x[:, self.n + 1 :]
+        return Z, float(X[-1])
+
+    def residual(self, Z: ComplexArray, W: ComplexArray, L: ComplexArray) -> Array:
+        """Residual, shape (F (2 n + 1) + 1,): static rows, real rows, imaginary rows, anchor."""
+        ac = Z[:, 1:] - (L @ W.T[1:, :, None])[..., 0].T
+        static = self.loop.on_bias @ Z[:, 0].real + self.loop.on_mean @ W[:, 0].real - self.loop.prescribed
+        return np.concatenate([static, ac.real.ravel(), ac.imag.ravel(), [Z[self.pivot, 1].real]])
+
+    def linearised(self, X: Array) -> tuple[Array, Array, ComplexArray]:
+        """Residual, its Jacobian, and the coefficients of the outputs (nw, n + 1)."""
+        loop, n = self.loop, self.n
+        Z, omega = self.unpack(X)
+        F, width = Z.shape[0], 2 * n + 1
+        W, dW = loop.answers_and_slopes(Z, omega)
+        L, dL = (m * self.weight[:, None, None] for m in loop.linear_and_slope(omega, n))
+        ac = -np.moveaxis(L @ np.moveaxis(dW[:, 1:], 0, 1), 0, 1)
+        ac[:, :, -1] -= (dL @ W.T[1:, :, None])[..., 0].T
+        k = np.arange(n)
+        for f in range(F):
+            ac[f, k, f * width + 1 + k] += 1.0
+            ac[f, k, f * width + n + 1 + k] += 1j
+        J = np.zeros((X.size, X.size))
+        J[:F] = np.tensordot(loop.on_mean, dW[:, 0].real, 1)
+        J[:F, : F * width : width] += loop.on_bias
+        J[F : F + F * n], J[F + F * n : -1] = ac.real.reshape(F * n, -1), ac.imag.reshape(F * n, -1)
+        J[-1, self.pivot * width + 1] = 1.0
+        return self.residual(Z, W, L), J, W
+
+    def scales(self, X: Array, W: ComplexArray) -> tuple[Array, Array]:
+        """Sizes of the unknowns and of the equations, given the outputs."""
+        Z, omega = self.unpack(X)
+        amplitude = np.abs(Z[:, 1:]).max(1)
+        amplitude = np.where(amplitude > 0, amplitude, np.maximum(np.abs(Z[:, 0]), 1e-300))
+        unknowns = np.append(np.repeat(amplitude, 2 * self.n + 1), omega)
+        loop = self.loop
+        static = np.abs(loop.on_bias) @ (np.abs(Z[:, 0]) + amplitude) + np.abs(loop.on_mean) @ np.abs(W).max(1)
+        rows = np.repeat(amplitude, self.n)
+        return unknowns, np.concatenate([np.maximum(static, 1e-300), rows, rows, [amplitude[self.pivot]]])
+
+
+def _role(system: LureSystem, first: int, row: int) -> str:
+    """Role of an input of an element whose first input is in row `first`: "free", "rate" of the first, or "clock"."""
+    if row == first or system.time_step:
+        return "free"
+    c = system.C[row]
+    runs = ~np.any(system.A, 1) & ~np.any(system.B, 1) & ~np.any(system.B_input, 1) & (system.constant_state == 1.0)
+    if np.any(c) and not np.any(c[~runs]) and not np.any(system.D[row]) and np.sum(c) == 1.0:
+        return "clock"
+    rate, straight = system.C[first] @ system.A, system.C[first] @ system.B
+    size = np.abs(system.C[first]) @ np.abs(system.A) + np.abs(c)
+    same = np.all(np.abs(c - rate) <= 1e-12 * size.max())
+    size_w = np.abs(system.C[first]) @ np.abs(system.B) + np.abs(system.D[row])
+    same &= np.all(np.abs(system.D[row] - straight) <= 1e-12 * size_w) and not np.any(system.D[first])
+    return "rate" if same else "free"
+
+
+def inputs_of(loop: Loop, cycle: LimitCycle) -> ComplexArray:
+    """Harmonics of the free inputs of a cycle, shape (F, n + 1), from those of its named signals.
+
+    State and element outputs are found together, by least squares over the named signals and the linear part.
+
+    Raises
+    ------
+    ModelError
+        If the named signals of the cycle do not determine the inputs of the elements.
+    """
+    system, s, v = loop.system, loop.system.signals, loop.value
+    given = [i for i, name in enumerate(s.names) if name in cycle.harmonics]
+    count = min((len(cycle.harmonics[s.names[i]]) for i in given), default=0)
+    if count < 2:
+        raise ModelError(f"{system.name}: the guess has no fundamental of any of the signals {', '.join(s.names)}.")
+    y = np.array([cycle.harmonics[s.names[i]][:count] for i in given], complex)
+    y[:, 0] = [cycle.mean[s.names[i]] for i in given] - (s.D_input[given] @ v + s.constant[given])
+    n = system.A.shape[0]
+    forced = np.zeros((n, count))
+    forced[:, 0] = system.B_input @ v + system.constant_state
+    to_inputs = np.hstack([system.C[loop.rows], system.D[loop.rows]])
+    Z = np.zeros((len(loop.rows), count), complex)
+    for k in range(count):
+        pole = 1j * k * cycle.omega
+        step = np.exp(pole * system.time_step) if system.time_step else pole
+        moves = [step * np.eye(n) - system.A, -system.B * np.exp(-pole * system.delays)]
+        matrix = np.block([moves, [s.C[given], s.D[given]]])
+        found, seen = _least_squares(matrix, np.concatenate([forced[:, k], y[:, k]]), to_inputs)
+        if k == 1 and not seen:
+            raise ModelError(
+                f"{system.name}: the named signals do not determine the elements' inputs; name more of them."
+            )
+        Z[:, k] = to_inputs @ found
+    Z[:, 0] = Z[:, 0].real + system.D_input[loop.rows] @ v + system.constant_input[loop.rows]
+    return Z
+
+
+def _least_squares(matrix: ComplexArray, right: ComplexArray, wanted: Array) -> tuple[ComplexArray, bool]:
+    """Least-squares solution in equilibrated coordinates, and whether it determines `wanted @ solution`."""
+    used = np.any(matrix, 1)
+    row, column = equilibrate(np.abs(matrix[used]))
+    u, sigma, vh = np.linalg.svd(row[:, None] * matrix[used] * column)
+    rank = int(np.sum(sigma > 1e-11 * sigma.max(initial=0.0)))
+    x = column * (vh[:rank].conj().T @ ((u.conj().T @ (row * right[used]))[:rank] / sigma[:rank]))
+    size = np.abs(wanted * column)
+    hidden = np.abs(wanted * column @ vh[rank:].conj().T)
+    return x, bool(np.all(hidden <= 1e-8 * size.max(1, initial=0.0)[:, None]))

@@ -1,0 +1,1 @@
+"""Exact periodic orbits: the equations of one, and how it is closed."""

@@ -1,0 +1,273 @@
+"""A closed orbit of a hybrid system as a chain of arcs: which modes, which events, and the affine maps of each.
+
+State and memory values are stacked into one vector ``y = (x, timers, H, lines)``. Timers and lines exist only for loops
+with dead time whose delayed outputs are piecewise constant: a switch of such an output sets a timer to the dead time,
+and where the timer has run down the delayed value (its line) follows. So a loop with dead time is one more affine
+system, exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.kernels.orbits import Channels
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Mark of an event that is caused by the one after it at the same instant.
+LETS_GO = 3
+
+
+@dataclass(frozen=True, eq=False)
+class EventSequence:
+    """The cyclic order of events on an orbit.
+
+    Attributes
+    ----------
+    modes : int array, shape (p, elements)
+        Mode of every element on each arc.
+    guards : int array, shape (p,)
+        Number of the guard at whose event each arc ends; -1 where a delayed switch arrives.
+    source : int array, shape (p, 3)
+        For a delayed switch: the arc at whose end the output switched, the delay channel, and how many full periods
+        the switch is under way; -1 elsewhere.
+    at_once : int array, shape (p,)
+        1 where the event follows the one before without delay; 2 where the arc begins on the guard that ends it, as
+        slip does; 3 where what follows an input lets go because the next event makes that input jump: the arc ends
+        where the guard of the next event does.
+    """
+
+    modes: IntArray
+    guards: IntArray
+    source: IntArray
+    at_once: IntArray
+
+    @property
+    def key(self) -> bytes:
+        """The same for equal event sequences."""
+        return self.modes.tobytes() + self.guards.tobytes() + self.source.tobytes() + self.at_once.tobytes()
+
+    @cached_property
+    def cyclic_key(self) -> tuple[tuple[int, int], ...]:
+        """The same for event sequences with the same cyclic order of events, wherever they begin."""
+        events = [(int(g), int(k == 1)) for g, k in zip(self.guards, self.at_once, strict=True)]
+        return min(tuple(events[i:] + events[:i]) for i in range(len(events)))
+
+    @property
+    def timing(self) -> IntArray:
+        """Number of the guard that tells when each arc ends, shape (p,)."""
+        timing = self.guards.copy()
+        for a in np.flatnonzero(self.at_once == LETS_GO)[::-1]:
+            timing[a] = timing[(a + 1) % timing.size]
+        return timing
+
+    def rotated(self, first: int) -> EventSequence:
+        """The same cycle, begun with arc `first`."""
+        p = self.guards.size
+        source = np.roll(self.source, -first, axis=0)
+        source[:, 0] = np.where(source[:, 0] >= 0, (source[:, 0] - first) % p, -1)
+        return EventSequence(
+            np.roll(self.modes, -first, axis=0), np.roll(self.guards, -first), source, np.roll(self.at_once, -first)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Arcs:
+    """The arcs of an event sequence in one system; for the arrays see :func:`eppanalysis.kernels.orbits.build_arcs`.
+
+    Attributes
+    ----------
+    n_state, n_timers : int
+        How many places of y are the state's, and timers.
+    free : int array, shape (m,)
+        Places of y that must repeat: states other than clocks and inputs, and memory values that an event renews.
+    shift : array, shape (N,)
+        What each place of y advances per unit of time beyond repeating (clocks, and what is measured by them).
+    """
+
+    event_sequence: EventSequence
+    F: Array
+    S: Array
+    g: Array
+    gs: Array
+    J: Array
+    smooth: IntArray
+    Y: Array
+    Ys: Array
+    W: Array
+    channels: Channels
+    n_state: int
+    n_timers: int
+    free: IntArray
+    shift: Array
+
+    @property
+    def n_arcs(self) -> int:
+        """Number of arcs."""
+        return self.g.shape[0]
+
+    @property
+    def size(self) -> int:
+        """Length of y."""
+        return self.g.shape[1]
+
+    @cached_property
+    def memory(self) -> slice:
+        """Where the memory values of the loop stand in y (the delayed values follow)."""
+        first = self.n_state + self.n_timers
+        return slice(first, first + self.channels.smooth_H.shape[1])
+
+    @classmethod
+    def build(cls, hybrid: HybridSystem, event_sequence: EventSequence, like: Arcs | None = None) -> Arcs:
+        """The arcs of `event_sequence` in the system `hybrid`.
+
+        `like` are its arcs in a system that differs in numbers only: the places that must repeat are taken from there.
+
+        Raises
+        ------
+        ModelError
+            If the system has no such arcs, or a delayed output that is not piecewise constant.
+        """
+        from eppanalysis.kernels.engine.tables import make_combinations, make_work
+        from eppanalysis.kernels.orbits import READY, SINGULAR, Channels, build_arcs
+
+        model = hybrid.model
+        n, n_w = model.B.shape
+        n_s, N, n_y = model.S.shape[1], n + model.K.shape[1], model.Yx.shape[0]
+        p = event_sequence.guards.size
+        F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
+        J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
+        Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
+        compiled, work = make_combinations(model, 1), make_work(model)
+        modes, guards, timing = event_sequence.modes, event_sequence.guards, event_sequence.timing
+        code = build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
+        if code != READY:
+            what = (
+                "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"
+            )
+            raise ModelError(f"orbit: the sequence of events runs through {what}.")
+        channels = Channels(model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_scale, sense)
+        n_memory = model.K.shape[1]
+        plain = cls(
+            event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, np.zeros(0, np.int64), np.zeros(N)
+        )
+        arcs = plain._with_delays(model) if np.any(model.smooth_kind == DELAY_LINE) else plain
+        shift = np.zeros(arcs.size)
+        shift[arcs.memory.start : arcs.memory.start + n_memory] = _clock_shift(hybrid)
+        return replace(arcs, free=arcs._free(hybrid) if like is None else like.free, shift=shift)
+
+    def halved(self, hybrid: HybridSystem, image: Array) -> Arcs:
+        """All arcs but the last, closed by a map: the half of an orbit that is its own image.
+
+        Parameters
+        ----------
+        hybrid : HybridSystem
+        image : array, shape (N, N)
+            From y to its image, which takes the orbit onto itself half a period later. The last arc only tells the
+            modes that the half ends in.
+        """
+        p, it = self.n_arcs - 1, self.event_sequence
+        J = self.J[:p].copy()
+        J[-1] = image @ J[-1]
+        half = replace(
+            self,
+            event_sequence=EventSequence(it.modes[:p], it.guards[:p], it.source[:p], it.at_once[:p]),
+            F=self.F[:p], S=self.S[:p], g=self.g[:p], gs=self.gs[:p], J=J, smooth=self.smooth[:p], Y=self.Y[:p],
+            Ys=self.Ys[:p], W=self.W[:p], channels=self.channels._replace(sense=self.channels.sense[:p]),
+        )  # fmt: skip
+        return replace(half, free=half._free(hybrid))
+
+    def _free(self, hybrid: HybridSystem) -> IntArray:
+        """Compared states, timers, and memory values that some event renews."""
+        own = np.eye(self.size)[self.n_state :]
+        renewed = np.any(self.J[:, self.n_state :] != own, axis=(0, 2))
+        return np.concatenate([np.flatnonzero(hybrid.compared), self.n_state + np.flatnonzero(renewed)])
+
+    def _with_delays(self, model: Model) -> Arcs:
+        """The same arcs with timers and delayed values in y."""
+        lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
+        value = _constant_outputs(self.W, model.smooth_w[lines])
+        source = self.event_sequence.source
+        echoes = np.flatnonzero(self.event_sequence.guards < 0)
+        first = np.cumsum([0, *(source[echoes, 2] + 1)])
+        p, n, N = self.F.shape
+        n_t = int(first[-1])
+        place = np.concatenate([np.arange(n), n + n_t + np.arange(N - n)])
+        size = N + n_t + lines.size
+
+        def widen(a: Array) -> Array:
+            out = np.zeros((*a.shape[:-1], size))
+            out[..., place] = a
+            return out
+
+        F = np.zeros((p, n + n_t, size))
+        F[:, :n] = widen(self.F)
+        F[:, n : n + n_t, n + n_t + N - n - 1] = -1.0
+        one = n + n_t + N - n - 1
+        J = np.broadcast_to(np.eye(size), (p, size, size)).copy()
+        J[np.ix_(np.arange(p), place, place)] = self.J
+        g, Y = widen(self.g), widen(self.Y)
+        for i, j in enumerate(lines):
+            F[:, :n, N + n_t + i] = self.S[:, :, j]
+            g[:, N + n_t + i] = self.gs[:, j]
+            Y[:, :, N + n_t + i] = self.Ys[:, :, j]
+        for e, k in enumerate(echoes):
+            origin, line = source[k, :2]
+            row = N + n_t + int(np.flatnonzero(lines == line)[0])
+            last = n + int(first[e + 1]) - 1
+            g[k] = 0.0
+            g[k, last] = -1.0
+            J[k, row] = 0.0
+            J[k, row, one] = value[(origin + 1) % p, row - N - n_t]
+            # The switch itself shifts the register of its timers.
+            for register in range(last, n + int(first[e]), -1):
+                J[origin, register] = np.eye(size)[register - 1]
+            J[origin, n + int(first[e])] = 0.0
+            J[origin, n + int(first[e]), one] = model.smooth_delay[line]
+        zeros = np.zeros((p, n + n_t, self.S.shape[2]))
+        return replace(self, F=F, S=zeros, g=g, gs=np.zeros_like(self.gs), J=J, Y=Y, W=widen(self.W), n_timers=n_t)
+
+
+def _constant_outputs(W: Array, outputs: IntArray) -> Array:
+    """Value of each delayed output on each arc, shape (p, lines).
+
+    Raises
+    ------
+    ModelError
+        If an output is not constant on some arc.
+    """
+    rows = W[:, outputs]
+    if np.any(rows[:, :, :-1] != 0.0):
+        raise ModelError(
+            "orbit: the exact orbit of a loop with dead time needs delayed outputs that are constant between switches."
+        )
+    return rows[:, :, -1]
+
+
+def _clock_shift(hybrid: HybridSystem) -> Array:
+    """Memory values that are readings of a clock advance with it."""
+    model = hybrid.model
+    n = model.A.shape[0]
+    shift = np.zeros(model.K.shape[1])
+    clock = (
+        ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1) & (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
+    )
+    if not clock.any():
+        return shift
+    for guard, e in enumerate(model.guard_element):
+        z0, h0 = model.first[e, :2][0], model.first[e, 2]
+        n_z, n_h = model.first[e + 1, 0] - z0, model.first[e + 1, 2] - h0
+        on_clock = model.reset_z[guard, :n_h, :n_z] @ model.C[z0 : z0 + n_z] @ np.where(clock, model.K[:, -1], 0.0)
+        shift[h0 : h0 + n_h] = np.where(on_clock != 0, on_clock, shift[h0 : h0 + n_h])
+    return shift

@@ -1,0 +1,110 @@
+"""Whether an orbit is the one that was asked for: frequency, size, mean and symmetry of the approximate cycle.
+
+Between an approximate cycle and an exact orbit lies the error that the approximation estimates of itself. What is
+farther away is a neighbour, however well it closes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
+from eppanalysis.methods.orbits.shooting import Orbit
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.results import LimitCycle
+
+Array = NDArray[np.float64]
+
+#: An orbit within this many times a prediction's estimated error belongs to it. An estimate that is infinite or larger
+#: counts as a factor of two; a smaller one is raised to a floor for rounding, thresholds and starts from a neighbouring
+#: loop.
+_TIMES, _LEAST, _MOST = 2.0, 0.02, 1.0
+#: How much farther an orbit may be where a balance in between agrees with it.
+_LOOSER = 5.0
+#: Even harmonics and mean, relative to the fundamental, that are rounding of a balance.
+_ODD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is asked for.
+
+    Attributes
+    ----------
+    system : LureSystem
+    cycle : LimitCycle
+        The approximate cycle.
+    image : array or None
+        See :func:`eppanalysis.methods.orbits.mirrored.mirror`; None where the cycle is not its own mirror image.
+    tolerance : float
+        How far frequency and sizes may be away, relative.
+    """
+
+    system: LureSystem
+    cycle: LimitCycle
+    image: Array | None
+    tolerance: float
+
+    @classmethod
+    def of(cls, system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle) -> Asked:
+        """By the cycle's own estimate of its error."""
+        image = mirror(hybrid)
+        if image is not None and not _is_odd(system, hybrid, cycle, image[: hybrid.n_plant, -1] / 2.0):
+            image = None
+        estimate = cycle.error_estimate
+        tolerance = float(np.clip(_TIMES * estimate, _LEAST, _MOST)) if np.isfinite(estimate) else _MOST
+        return cls(system, cycle, image, tolerance)
+
+    def loosened(self) -> Asked:
+        """The same for an orbit that a better estimate vouches for, too."""
+        return replace(self, tolerance=min(_LOOSER * self.tolerance, _MOST))
+
+    def difference(self, orbit: Orbit) -> str:
+        """What tells an orbit from the one that is asked for, in words; empty where nothing does."""
+        cycle = self.cycle
+        if not _near(orbit.period, cycle.period, self.tolerance):
+            return f"has {1.0 / orbit.period:.6g} Hz"
+        if self.image is not None and not is_mirrored(orbit, self.image):
+            return f"is not its own mirror image ({1.0 / orbit.period:.6g} Hz)"
+        return self.shape_difference(to_limit_cycle(self.system, orbit), orbit.one_of_many)
+
+    def shape_difference(self, found: LimitCycle, floats: bool = False) -> str:
+        """The same for frequency, sizes and (unless the motion `floats`) means of a cycle."""
+        cycle = self.cycle
+        if not _near(found.period, cycle.period, self.tolerance):
+            return f"has {found.frequency:.6g} Hz"
+        names = [k for k, c in cycle.harmonics.items() if len(c) > 1 and abs(c[1]) * abs(found.harmonics[k][1]) > 0]
+        # The estimate holds for the loop's first signal; the breakpoint of an element may show more in another.
+        ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names]
+        if ratios and not _near(float(np.median(ratios)), 1.0, self.tolerance):
+            return f"has {100.0 * float(np.median(ratios)):.3g} % of the size ({found.frequency:.6g} Hz)"
+        shifts = [abs(found.mean[k] - cycle.mean[k]) / found.peak_to_peak[k] for k in names]
+        if shifts and not floats and np.median(shifts) > self.tolerance:
+            return f"has another mean ({found.frequency:.6g} Hz)"
+        return ""
+
+
+def _near(value: float, other: float, tolerance: float) -> bool:
+    return bool(abs(np.log(value / other)) <= np.log1p(tolerance))
+
+
+def _is_odd(system: LureSystem, hybrid: HybridSystem, cycle: LimitCycle, centre: Array) -> bool:
+    """Whether a cycle oscillates about the loop's centre without even harmonics."""
+    model, n = hybrid.model, hybrid.n_plant
+    at_rest = model.Yx[:, :n] @ centre + model.Yx[:, n:] @ hybrid.x0[n:] + model.YH @ hybrid.H0
+    moved = False
+    for middle, name in zip(at_rest, system.signals.names, strict=True):
+        c = cycle.harmonics.get(name, np.zeros(0))
+        if len(c) < 2:
+            continue
+        size = max(float(abs(c[1])), cycle.peak_to_peak[name])
+        even = max(float(abs(c[0].real - middle)), float(np.abs(c[2::2]).max(initial=0.0)))
+        if even > _ODD * size:
+            return False
+        moved |= size > 0
+    return moved

@@ -1,0 +1,113 @@
+"""From a closed orbit to the LimitCycle that users see: waveform, harmonics, events, stability."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, middle, restarted
+from eppanalysis.methods.simulation.period import PeriodShape, analyse_period
+from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
+from eppanalysis.methods.simulation.stability import describe, is_stable
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.starts import remembered
+from eppanalysis.results import Event, LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+METHOD = "exact orbit"
+
+
+def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
+    """What a closed orbit looks like to its user.
+
+    Parameters
+    ----------
+    system : LureSystem
+        The loop whose orbit it is.
+    orbit : Orbit
+    """
+    shape = orbit_shape(system, orbit)
+    values = orbit.multipliers
+    names = system.signals.names
+    n = orbit.hybrid.n_plant
+    y = orbit.y
+    settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
+    return LimitCycle(
+        method=METHOD,
+        status=Status.CONVERGED if orbit.residual < CONVERGED else Status.NOT_CONVERGED,
+        period=orbit.period,
+        mean=shape.mean,
+        peak_to_peak=shape.peak_to_peak,
+        harmonics=shape.harmonics,
+        stable=is_stable(values, orbit.one_of_many),
+        stability_criterion=describe(values, orbit.one_of_many),
+        multipliers=values,
+        residual=orbit.residual,
+        error_estimate=error_estimate(orbit),
+        events=_events(orbit),
+        time=shape.time,
+        waveform=shape.waveform,
+        state=y[:n].copy(),
+        memory=remembered(
+            orbit.hybrid, y[: orbit.hybrid.x0.size], y[orbit.arcs.memory], orbit.arcs.event_sequence.modes[0]
+        ),
+        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        event_states=orbit.starts[:-1, :n].copy(),
+        provenance=Provenance(METHOD, settings, {"residual": CONVERGED}),
+    )
+
+
+def error_estimate(orbit: Orbit) -> float:
+    """What the residual and the rounding of the flow can do to the orbit, relative to its size."""
+    if orbit.motion is not None:
+        return orbit.motion.error
+    noise = np.maximum(np.abs(orbit.r), 2.0**-52 * orbit.row_scale)
+    step = orbit.correction(noise)
+    return float(np.max(np.abs(step) / orbit.column_scale))
+
+
+def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
+    """Mean, extrema, harmonics and waveform over one period."""
+    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
+    delayed = orbit.arcs.n_timers > 0
+
+    def by_engine(times: Array) -> Array:
+        # From the middle of the first arc, where no guard is near, once round.
+        half = 0.5 * float(orbit.tau[0])
+        start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, 0), orbit.arcs.event_sequence.modes[0])
+        first = int(np.searchsorted(times, half))
+        turned = np.concatenate([times[first:] - half, times[:first] + (orbit.period - half)])
+        base = 2.0 * orbit.hybrid.time_scale
+        samples = run_hybrid(start, orbit.period, turned, base, 10 * marks.size + 100, 1).samples
+        return np.roll(samples, first, axis=0)
+
+    def by_arcs(times: Array) -> Array:
+        return sample_arcs(orbit, times)
+
+    if orbit.motion is not None:
+        # Its pieces end where a signal has a corner.
+        marks, sample = orbit.motion.mesh.breaks, orbit.motion.signals
+    else:
+        sample = by_arcs if delayed else by_engine
+    return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
+
+
+def sample_arcs(orbit: Orbit, times: Array) -> Array:
+    """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
+    from eppanalysis.kernels.orbits import states_at
+
+    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
+    y = np.empty((times.size, orbit.arcs.size))
+    states_at(orbit.arcs.channels, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
+    arc = np.clip(np.searchsorted(marks, times, side="left") - 1, 0, orbit.tau.size - 1)
+    return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)
+
+
+def _events(orbit: Orbit) -> tuple[Event, ...]:
+    """The events within the period, the one that closes it last."""
+    hybrid, it = orbit.hybrid, orbit.arcs.event_sequence
+    real = it.guards >= 0
+    after = np.roll(it.modes, -1, axis=0)
+    return named_events(hybrid, np.cumsum(orbit.tau)[real], it.guards[real], after[real])

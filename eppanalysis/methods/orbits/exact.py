@@ -1,0 +1,240 @@
+"""One exact orbit from an approximate cycle: from a run, from the basin boundary, or by harmonic balance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.harmonic.balance import balances_of
+from eppanalysis.methods.orbits.asked import Asked
+from eppanalysis.methods.orbits.boundary import orbits_on_boundary
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.mirrored import mirrored_orbits
+from eppanalysis.methods.orbits.sampled import sampled_orbit
+from eppanalysis.methods.orbits.shooting import Orbit, orbits_near, same_orbit
+from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.simulate import Run, run_hybrid
+from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.results import LimitCycle, Status
+
+Array = NDArray[np.float64]
+
+#: Estimated error below which a balance may not be followed by another one of higher order.
+_TRUSTED = 0.05
+#: And below which what does not agree with it is not the orbit asked for.
+_REFUTES = 5e-3
+#: Steps of the engine, and what is worth as many, after which an orbit that has not been closed will not be.
+_MOST_WORK = 1e7
+#: Steps of a run once round a cycle, whose extrema they miss by a thousandth of the motion.
+_STEPS = 64
+
+
+def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed: bool = False) -> HybridSystem:
+    """The hybrid system with its inputs held, by default at `v0`; `observed` as for :meth:`HybridSystem.from_lure`.
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system, or an input that does not stand still.
+    ModelError
+        If an input is unknown, or what is given names none.
+    """
+    if system.time_step:
+        raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
+    memory = system if at is None else replace(system, v0=at.vector(system))
+    hybrid = HybridSystem.from_lure(memory, observed=observed)
+    none = {"breakpoint_time": np.zeros(0), "breakpoint_state": np.zeros(0, np.int64), "breakpoint_value": np.zeros(0)}
+    none |= {"breakpoint_memory": np.zeros(0, np.int64), "breakpoint_slope": np.zeros(0)}
+    return replace(hybrid, model=hybrid.model._replace(**none))
+
+
+def exact_orbit(
+    system: LureSystem | CaseLike, start: LimitCycle, operating_point: PointLike | None = None
+) -> LimitCycle:
+    """The exact orbit near an approximate one (a prediction, a balance, or the limit cycle of a run).
+
+    A run from the start gives the sequence of events. A run leaves an unstable cycle, and may be on another one before
+    it has come round: a cycle that is its own mirror image is closed as half an orbit, and for a cycle predicted
+    unstable the basin boundary between growth and decay is bisected. Where what is found is not what is asked for
+    (frequency, size, mean and symmetry within twice the start's own estimate of its error), or not of the predicted
+    stability, harmonic balance of rising order is put in between.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        In discrete time the orbit closes after a whole number of samples.
+    start : LimitCycle
+        With state and period.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+
+    Returns
+    -------
+    LimitCycle
+        With status NOT_CONVERGED, and otherwise as given, where the orbit that is asked for was not closed;
+        its `note` then says what was found instead, if anything.
+
+    Raises
+    ------
+    EppError
+        For a start without a state, or an input that does not stand still.
+    """
+    system, at = standing(system, operating_point, "exact_orbit")
+    if system.time_step:
+        return replace(sampled_orbit(system, start, at), operating_point=at)
+    hybrid = steady_hybrid(system, at)
+    if start.state.size != system.A.shape[0]:
+        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    found: list[Found] = []
+    with suppress(Spent), allotted(_MOST_WORK):
+        found.extend(orbits_of(system, hybrid, start, at))
+    orbit = asked_for(found)
+    if orbit is not None:
+        return replace(to_limit_cycle(system, orbit), operating_point=at)
+    return replace(
+        start,
+        method="exact orbit",
+        status=Status.NOT_CONVERGED,
+        stable=None,
+        residual=float("nan"),
+        note=f"the orbit that was found {found[-1].difference}" if found else start.note,
+        operating_point=at,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An orbit that an approximate cycle led to.
+
+    Attributes
+    ----------
+    orbit : Orbit
+    difference : str
+        What tells it from the one asked for; empty for nothing.
+    as_stable : bool
+        Whether it is as stable as was predicted, if anything was.
+    """
+
+    orbit: Orbit
+    difference: str
+    as_stable: bool
+
+
+def asked_for(found: Sequence[Found]) -> Orbit | None:
+    """The orbit that was asked for, rather as stable as predicted; what is said of an orbit last counts."""
+    last = {id(f.orbit): f for f in found}
+    fitting = sorted((f for f in last.values() if not f.difference), key=lambda f: f.as_stable)
+    return fitting[-1].orbit if fitting else None
+
+
+def orbits_of(
+    system: LureSystem,
+    hybrid: HybridSystem,
+    start: LimitCycle,
+    at: OperatingPoint,
+    by_balance: bool = True,
+    neighbours: bool = False,
+) -> Iterator[Found]:
+    """Closed orbits that an approximate cycle leads to, some of them several times; see :func:`asked_for`.
+
+    With `neighbours` runs from the cycle are tried to the end, although what is asked for has been found: there may be
+    others near.
+    """
+    asked = Asked.of(system, hybrid, start)
+    met: list[Orbit] = []
+    done = False
+    for orbit in _new(_directly(hybrid, asked), met):
+        found = _compared(asked, orbit, start.stable)
+        yield found
+        done |= not found.difference and found.as_stable
+        if done and not neighbours:
+            return
+    if by_balance and start.harmonics and not done:
+        yield from _by_balance(asked, hybrid, met, at)
+
+
+def _new(orbits: Iterable[Orbit], met: list[Orbit]) -> Iterator[Orbit]:
+    """Those that have not been met."""
+    for orbit in orbits:
+        if not any(same_orbit(known, orbit) for known in met):
+            met.append(orbit)
+            yield orbit
+
+
+def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
+    return Found(orbit, asked.difference(orbit), stable in (None, is_stable(orbit.multipliers)))
+
+
+def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
+    """Orbits from runs that begin on an approximate cycle."""
+    cycle = asked.cycle
+    x, memory = start_of(hybrid, cycle)
+    if asked.image is not None:
+        yield from mirrored_orbits(hybrid, asked.image, x, memory, cycle.period)
+    if cycle.stable is False and cycle.mean_state.size:
+        centre = x.copy()
+        centre[: hybrid.n_plant] = cycle.mean_state
+        yield from islice(orbits_on_boundary(hybrid, x, centre, memory, cycle.period), 1)
+    yield from islice(orbits_near(hybrid, x, memory, cycle.period), 2)
+
+
+def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: OperatingPoint) -> Iterator[Found]:
+    """Exact orbits that balances of rising order lead to, until one is that of a balance that can be trusted.
+
+    What was met before is compared with each balance, too; but only a good one has the word against an orbit.
+    """
+    stable = asked.cycle.stable
+    # Newton's method may leave the cycle for another one from order to order.
+    loosely = asked.loosened()
+    try:
+        for balance in balances_of(asked.system, asked.cycle, at):
+            wanted = Asked.of(asked.system, hybrid, balance)
+            before = tuple(met)
+            for orbit in chain(before, _new(_directly(hybrid, wanted), met)):
+                found = _compared(wanted, orbit, stable)
+                if not found.difference:
+                    found = _compared(loosely, orbit, stable)
+                if not found.difference or orbit not in before or balance.error_estimate < _REFUTES:
+                    yield found
+                if not found.difference and balance.error_estimate < _TRUSTED:
+                    return
+    except ModelError:  # an element that harmonic balance does not cover
+        return
+
+
+def centre_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
+    """Mean of the state on a cycle (n,); where its method does not tell, the middle of a run once round."""
+    if cycle.mean_state.size == hybrid.n_plant:
+        return cycle.mean_state
+    run = _once_round(hybrid, cycle)
+    return 0.5 * (run.low + run.high)[: hybrid.n_plant]
+
+
+def swing_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
+    """How far each state moves on a cycle (n,): between its events where those are known, else in a run once round."""
+    if cycle.event_states.size:
+        return np.ptp(cycle.event_states, axis=0)
+    run = _once_round(hybrid, cycle)
+    return (run.high - run.low)[: hybrid.n_plant]
+
+
+def _once_round(hybrid: HybridSystem, cycle: LimitCycle) -> Run:
+    x, memory = start_of(hybrid, cycle.require_state(hybrid.n_plant))
+    step = cycle.period / _STEPS  # the range of a run is that of its steps
+    return run_hybrid(replace(hybrid, x0=x, H0=memory), cycle.period, np.zeros(0), step, 60_000, 1)
+
+
+def start_of(hybrid: HybridSystem, cycle: LimitCycle, state: Array | None = None) -> tuple[Array, Array]:
+    """State with inputs, and memory values, at the begin of a cycle (or at another state with its memory)."""
+    start = hybrid.begun(cycle.state if state is None else state, cycle.memory)
+    return start.x0, start.H0

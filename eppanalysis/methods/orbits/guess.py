@@ -1,0 +1,270 @@
+"""Where exact orbits start from: stretches of a run that nearly return to their begin.
+
+A stretch gives the cyclic sequence of events, the state behind the first and the dwell times between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
+from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.simulation.simulate import Run
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: An orbit with more arcs is not closed: the time that Newton's method takes goes with the cube of their number, and
+#: switches that pile up without end look like one.
+MOST_ARCS = 120
+#: Steps of the engine that it is worth to compare two events of a run.
+_PAIR = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """An orbit before it is closed: sequence of events, start ``y`` behind the last of them, dwell times [s].
+
+    `origin` are the arcs, with their model, from which the sequence has been marked: a loop of the same model has them.
+    """
+
+    event_sequence: EventSequence
+    y: Array
+    tau: Array
+    origin: tuple[Model, Arcs] | None = None
+
+    def arcs(self, hybrid: HybridSystem) -> Arcs:
+        """The arcs of its sequence in a system.
+
+        Raises
+        ------
+        ModelError
+            As :meth:`Arcs.build`.
+        """
+        if self.origin is not None and self.origin[0] is hybrid.model:
+            return replace(self.origin[1], event_sequence=self.event_sequence)
+        return Arcs.build(hybrid, self.event_sequence)
+
+    @property
+    def period(self) -> float:
+        """Sum of the dwell times [s]."""
+        return float(self.tau.sum())
+
+
+def first_return(hybrid: HybridSystem, run: Run, y: Array, modes: IntArray, guard: int, period: float) -> Guess | None:
+    """From a run that began at y behind an event: the stretch to that event's best return after about a period."""
+    order = run.order
+    if run.n_kept == 0 or run.count > run.n_kept:
+        return None
+    time = run.time[order]
+    same = (run.guard[order] == guard) & np.all(run.modes[order] == modes, axis=1)
+    places = np.flatnonzero(same & (np.abs(time / period - 1.0) < 0.5))
+    if places.size == 0:
+        return None
+    n = hybrid.x0.size
+    span = np.ptp(run.state[order][:, hybrid.compared], axis=0)
+    away = np.abs(run.state[order[places]] - y[:n])[:, hybrid.compared] / np.where(span > 0, span, np.inf)
+    last = int(places[np.argmin(np.max(away, axis=1))])
+    before = order[:last]
+    starts = np.vstack([y[: n + hybrid.H0.size], np.hstack([run.state[before], run.memory_values[before]])])
+    tau = np.diff(time[: last + 1], prepend=0.0)
+    return make_guess(hybrid, np.vstack([modes, run.modes[before]]), run.guard[order[: last + 1]], starts, tau)
+
+
+def one_turn(hybrid: HybridSystem, run: Run, modes: IntArray, period: float) -> Guess | None:
+    """From a run that began half-way along an arc in `modes`: its events of one period, as if they repeated."""
+    order = run.order
+    within = order[run.time[order] <= period]
+    if within.size == 0 or run.count > run.n_kept or not np.array_equal(run.modes[within[-1]], modes):
+        return None
+    starts = np.roll(np.hstack([run.state[within], run.memory_values[within]]), 1, axis=0)
+    tau = np.diff(run.time[within], prepend=run.time[within[-1]] - period)
+    return make_guess(hybrid, np.roll(run.modes[within], 1, axis=0), run.guard[within], starts, tau)
+
+
+def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: Array, tau: Array) -> Guess | None:
+    """A guess from what a run met, None for one of too many arcs; delayed switches are put in for dead time.
+
+    Parameters
+    ----------
+    modes, guards : int arrays, shapes (p, elements), (p,)
+        Modes on each arc, guard at its end.
+    starts : array, shape (p, n + memory)
+        State and memory values at the begin of each arc.
+    tau : array, shape (p,)
+        Dwell times [s].
+    """
+    if guards.size > MOST_ARCS:
+        return None
+    it = EventSequence(modes, guards, np.full((guards.size, 3), -1), _brought_about(hybrid.model, guards, tau))
+    if np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        try:
+            return _delayed_guess(hybrid, it, starts[0], tau)
+        except ModelError:  # what is delayed moves
+            return Guess(it, starts[0].copy(), tau)
+    try:
+        arcs = Arcs.build(hybrid, it)
+    except ModelError:
+        return None
+    return Guess(_marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))
+
+
+def _brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
+    """Marks, shape (p,), of the events by which an element lets go because the next event makes its input jump."""
+    marks = np.zeros(guards.size, np.int64)
+    element, lets_go = model.guard_element[guards], np.any(model.guard_rate[guards], axis=1)
+    jump = guards.size - 1
+    for a in reversed(range(guards.size - 1)):
+        if tau[a + 1] == 0.0 and lets_go[a] and model.reach[element[jump], element[a]]:
+            marks[a] = LETS_GO
+        else:
+            jump = a
+    return marks
+
+
+def make_half(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int) -> tuple[Guess, Arcs] | None:
+    """Half an orbit from a stretch of a run whose end is the image of its begin, with the arcs that close it so.
+
+    Parameters
+    ----------
+    image : array, shape (N, N)
+        See :meth:`eppanalysis.methods.orbits.arcs.Arcs.halved`.
+    first, last : int
+        The stretch runs from behind one kept event to another (counted from the oldest).
+    """
+    order = run.order[first : last + 1]
+    p = order.size - 1
+    if p > MOST_ARCS:
+        return None
+    guards = np.append(run.guard[order[1:]], -1)
+    tau = np.diff(run.time[order])
+    marks = np.append(_brought_about(hybrid.model, guards[:p], tau), 0)
+    it = EventSequence(run.modes[order], guards, np.full((p + 1, 3), -1), marks)
+    try:
+        arcs = Arcs.build(hybrid, it).halved(hybrid, image)
+    except ModelError:
+        return None
+    starts = np.hstack([run.state[order[:-1]], run.memory_values[order[:-1]]])
+    arcs = replace(arcs, event_sequence=_marked(arcs, starts, tau))
+    return Guess(arcs.event_sequence, starts[0].copy(), tau), arcs
+
+
+def _marked(arcs: Arcs, starts: Array, tau: Array) -> EventSequence:
+    """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero.
+
+    Those behind an event that the next one brings about end at once, too.
+    """
+    before = arcs.event_sequence.at_once == LETS_GO
+    parts = arcs.g * starts
+    value, size = parts.sum(axis=1), np.abs(parts).sum(axis=1)
+    short = tau <= 1e-12 * tau.sum()
+    at_once = np.where(short & (value > 1e-9 * size), 1, np.where(~short & (np.abs(value) <= 1e-12 * size), 2, 0))
+    at_once = np.where(before, LETS_GO, np.where(np.roll(before, 1), 1, at_once))
+    return replace(arcs.event_sequence, at_once=at_once)
+
+
+def _delayed_guess(hybrid: HybridSystem, it: EventSequence, y: Array, tau: Array) -> Guess:
+    """Put the delayed switches among the events, and their timers and delayed values into the start."""
+    plain = Arcs.build(
+        replace(hybrid, model=hybrid.model._replace(smooth_kind=np.zeros_like(hybrid.model.smooth_kind))), it
+    )
+    model, T, t = hybrid.model, float(tau.sum()), np.cumsum(tau)
+    rows = []
+    for line in np.flatnonzero(model.smooth_kind == DELAY_LINE):
+        value = plain.W[:, model.smooth_w[line], -1]
+        for k in np.flatnonzero(value != np.roll(value, -1)):
+            late = float(t[k] + model.smooth_delay[line])
+            rows.append((late % T, int(k), int(line), int(model.smooth_delay[line] // T)))
+    rows.sort()
+    arrivals = np.array([r[0] for r in rows])
+    p = it.guards.size
+    place = np.searchsorted(t, arrivals)  # the arc into which each arrival falls
+    at = np.argsort(np.concatenate([t, arrivals]), kind="stable")
+    new_place = np.argsort(at, kind="stable")
+    modes = np.concatenate([it.modes, it.modes[np.minimum(place, p - 1)]])[at]
+    guards = np.concatenate([it.guards, np.full(len(rows), -1)])[at]
+    source = np.full((p + len(rows), 3), -1)
+    for i, (_, origin, channel, turns) in enumerate(rows):
+        source[new_place[p + i]] = new_place[origin], channel, turns
+    times = np.concatenate([t, arrivals])[at]
+    new_tau = np.diff(times, prepend=0.0)
+    full = EventSequence(modes, guards, source, np.concatenate([it.at_once, np.zeros(len(rows), np.int64)])[at])
+    arcs = Arcs.build(hybrid, full)
+    n, n_H = model.A.shape[0], model.K.shape[1]
+    wide = np.zeros(arcs.size)
+    wide[:n], wide[arcs.memory] = y[:n], y[n : n + n_H]
+    return Guess(full, with_history(hybrid, arcs, wide, new_tau), new_tau)
+
+
+def with_history(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Array:
+    """The vector y with the timers and delayed values that belong to the start of a periodic motion."""
+    y, t, T = y.copy(), np.cumsum(tau), float(tau.sum())
+    source, model = arcs.event_sequence.source, hybrid.model
+    lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
+    register = arcs.n_state
+    arrivals = np.flatnonzero(arcs.event_sequence.guards < 0)
+    for k in arrivals:
+        origin, line, turns = source[k]
+        for i in range(turns + 1):
+            y[register] = model.smooth_delay[line] - ((i + 1) * T - t[origin])
+            register += 1
+    for i, line in enumerate(lines):
+        of_line = [k for k in arrivals if source[k, 1] == line]
+        if of_line:
+            last = of_line[-1]
+            column = arcs.memory.stop + i
+            y[column] = arcs.J[last, column, arcs.memory.stop - 1]
+    return y
+
+
+def stretch(hybrid: HybridSystem, run: Run, first: int, last: int) -> Guess | None:
+    """The stretch between two of the kept events (counted from the oldest)."""
+    order = run.order[first : last + 1]
+    starts = np.hstack([run.state[order[:-1]], run.memory_values[order[:-1]]])
+    return make_guess(hybrid, run.modes[order[:-1]], run.guard[order[1:]], starts, np.diff(run.time[order]))
+
+
+def recurrences(
+    hybrid: HybridSystem, run: Run, period: tuple[float, float] | None = None, most: int = 6, n_events: int = 200
+) -> Iterator[Guess]:
+    """Stretches of a run that nearly return to their begin, best first.
+
+    Parameters
+    ----------
+    period : (float, float), optional
+        Shortest and longest return wanted [s].
+    most : int
+        How many guesses at most.
+    n_events : int
+        Only so many of the last events are looked at.
+    """
+    skipped = max(run.n_kept - n_events, 0)
+    order = run.order[skipped:]
+    time, state = run.time[order], run.state[order][:, hybrid.compared]
+    if order.size < 2:
+        return
+    spend(_PAIR * order.size**2)
+    # Of several events at one instant the last one counts.
+    free = np.flatnonzero(np.diff(time, append=np.inf) > 0)
+    gap = time[free] - time[free][:, None]
+    kind = np.column_stack([run.guard[order[free]], run.modes[order[free]]])
+    fits = np.all(kind[:, None] == kind, axis=2) & (gap > 0)
+    if period is not None:
+        fits &= (gap >= period[0]) & (gap <= period[1])
+    span = np.ptp(state, axis=0)
+    i, j = np.nonzero(fits)
+    away = np.max(np.abs(state[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
+    for k in np.lexsort((gap[i, j], np.round(away, 12)))[:most]:
+        guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
+        if guess is not None:
+            yield guess

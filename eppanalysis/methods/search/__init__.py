@@ -1,0 +1,1 @@
+"""All limit cycles of a loop, and what starts them: smallest disturbances and basins of attraction."""

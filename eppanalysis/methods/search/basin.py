@@ -1,0 +1,153 @@
+"""Where runs from many initial states end: at rest, or on which of the known limit cycles.
+
+A witness against a search that misses cycles: every run must end on something known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.search.find import CycleSearch, decays
+from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.results import Result, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+REST, UNDECIDED, LEAVES, UNKNOWN = -1, -2, -3, -4
+#: Relative differences of the period, and of mean and peak-to-peak, within which a run's cycle is a known one. A batch
+#: takes extrema from 512 samples, which see a corner of a signal to within a per cent.
+_SAME_PERIOD, _SAME_SIZE = 1e-4, 2e-2
+_PERIODS = 60.0
+_LONGER = (1.0, 4.0, 16.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Basin(Result):
+    """What became of each start.
+
+    Attributes
+    ----------
+    starts : array, shape (N, n)
+        Initial states.
+    ends : int array, shape (N,)
+        Number of the cycle on which the run ends; REST (-1), UNDECIDED (-2), LEAVES (-3: grows without bound), UNKNOWN
+        (-4: on a cycle that is not among those known).
+    """
+
+    starts: Array
+    ends: NDArray[np.int64]
+
+    def count(self, end: int) -> int:
+        """How many starts end so."""
+        return int(np.sum(self.ends == end))
+
+
+def basin(
+    system: LureSystem | CaseLike,
+    cycles: CycleSearch,
+    starts: Array,
+    operating_point: PointLike | None = None,
+    *,
+    threads: int = 1,
+) -> Basin:
+    """Where runs from `starts` end, by the cycles of a search.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        In continuous time.
+    cycles : CycleSearch
+    starts : array, shape (N, n)
+        Initial states; held values are those of the system's start.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the search.
+    threads : int
+
+    Returns
+    -------
+    Basin
+
+    Raises
+    ------
+    EppError
+        For a discrete-time system.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> from eppanalysis.methods.search.basin import basin
+    >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    >>> found = epp.find_limit_cycles(loop)
+    >>> unstable = found.unstable[0].state
+    >>> basin(loop, found, np.array([0.9 * unstable, 1.1 * unstable])).ends.tolist()
+    [-1, 1]
+    """
+    system, at = standing(system, operating_point or cycles.operating_point, "basin")
+    starts = np.atleast_2d(np.asarray(starts, float))
+    ends = np.full(len(starts), UNDECIDED)
+    horizon = _PERIODS * max((c.period for c in cycles), default=_slowest(system))
+    for factor in _LONGER:
+        left = np.flatnonzero(ends == UNDECIDED)
+        if not left.size:
+            break
+        systems = [steady_hybrid(replace(system, x0=starts[i]), at) for i in left]
+        result = simulate_batch(HybridStack.of(systems, system.signals.names), factor * horizon, threads=threads)
+        ends[left] = [_end(cycles, result, i) for i in range(left.size)]
+    hybrid = steady_hybrid(system, at)
+    oscillations = (swing_of(hybrid, c) for c in cycles)
+    size = np.max([np.ptp(starts, axis=0), *oscillations], axis=0)
+    for i in np.flatnonzero(ends == UNDECIDED):
+        if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
+            ends[i] = REST
+    made_by = Provenance("runs from many starts", {"system": system.name}, statistics={"starts": len(starts)})
+    return Basin(starts, ends, provenance=made_by)
+
+
+def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:
+    """Whether a run without verdict has switched and now only drifts ever more slowly through a band without gain.
+
+    A run that drifts from its start on without a switch may still come to the edge of the band and begin to move.
+    """
+    t = _LONGER[-1] * horizon
+    run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 60_000, 600)
+    size = np.append(size, np.zeros(start.x0.size - size.size))
+    stands = bool(np.all(np.abs(run.rate_end)[start.compared] * t <= 1e-6 * size[start.compared]))
+    return stands if run.n_kept == 0 else decays(start, run, t, horizon, size)
+
+
+def _slowest(system: LureSystem) -> float:
+    """A long time of the linear part [s]."""
+    rates = np.abs(poles(system.A)) if system.A.size else np.ones(1)
+    slow = rates[rates > 1e-9 * max(float(rates.max()), 1e-300)]
+    return 1.0 / float(slow.min()) if slow.size else 1.0
+
+
+def _end(cycles: CycleSearch, result: BatchResult, i: int) -> int:
+    status = result.status[i]
+    if status is Status.LIMIT_CYCLE:
+        name = next(iter(result.mean))
+        return _number(
+            cycles, float(result.period[i]), float(result.mean[name][i]), float(result.peak_to_peak[name][i])
+        )
+    return {Status.SETTLED: REST, Status.DIVERGED: LEAVES}.get(status, UNDECIDED)
+
+
+def _number(cycles: CycleSearch, period: float, mean: float, size: float) -> int:
+    """Number of the stable cycle with that period, and with that mean and peak-to-peak of the first signal."""
+    for j, cycle in enumerate(cycles):
+        name = next(iter(cycle.mean))
+        span = max(cycle.peak_to_peak[name], size)
+        apart = max(abs(size - cycle.peak_to_peak[name]), abs(mean - cycle.mean[name]))
+        if cycle.stable and abs(period / cycle.period - 1.0) < _SAME_PERIOD and apart < _SAME_SIZE * span:
+            return j
+    return UNKNOWN

@@ -1,0 +1,57 @@
+"""How far a search for limit cycles must start from rest: where the elements begin to matter.
+
+In the units of the loop itself, and whatever the coordinates of its state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.describing.balance import describe
+from eppanalysis.methods.describing.search import frequency_scales
+from eppanalysis.models.systems.lure import LureSystem
+
+Array = NDArray[np.float64]
+
+
+def reach_of_elements(system: LureSystem) -> Array:
+    """A state that puts every element's first input at its largest threshold, or where a constant puts it at rest.
+
+    Of many such states, the one to which the least outputs of the elements lead: it is the same motion in all
+    coordinates and units of the state.
+    """
+    rows = [s.start for s in system.input_slices]
+    omega = _middle_frequencies(system)
+    wanted = np.array([_reach(system, i, omega[len(omega) // 2]) for i in range(len(rows))])
+    C = system.C[rows][wanted > 0] / wanted[wanted > 0, None]
+    with np.errstate(all="ignore"):
+        oscillations = np.concatenate(list(system.state_response(omega)), axis=1)
+        oscillations = oscillations / np.abs(C @ oscillations).max(axis=0, initial=0.0)
+    oscillations = oscillations[:, np.all(np.isfinite(oscillations), axis=0)]
+    spread = (oscillations @ oscillations.conj().T).real
+    return np.asarray(spread @ C.T @ np.linalg.pinv(C @ spread @ C.T, hermitian=True) @ np.ones(len(C)))
+
+
+def _middle_frequencies(system: LureSystem) -> Array:
+    """Some frequencies from the slowest to the fastest of the linear part [rad/s], none of them just on a pole."""
+    scales = frequency_scales(system)
+    return 1.2345 * (np.geomspace(scales.min(), scales.max(), 5) if scales.size else np.ones(1))
+
+
+def _reach(system: LureSystem, i: int, omega: float) -> float:
+    """How far an element's first input must go for the element to matter: zero where nothing tells."""
+    element, row, outputs = system.elements[i], system.input_slices[i].start, system.output_slices[i]
+    level = max([*np.abs(np.atleast_1d(element.thresholds())), abs(float(system.constant_input[row]))], default=0.0)
+    if level > 0:
+        return level
+    # Without a threshold (a relay, dry friction, a cubic) its gain changes with size: where the loop's gain passes one.
+    a = np.geomspace(1e-60, 1e60, 601)
+    try:
+        gain = describe(element, a, np.zeros(a.size), np.full(a.size, omega))[1]
+    except ModelError:
+        return 0.0
+    loop = np.abs(gain @ system.frequency_response(np.array([omega]))[0, row, outputs])
+    passes = np.flatnonzero((loop[:-1] > 1.0) != (loop[1:] > 1.0))
+    return float(a[passes[0]]) if passes.size else 0.0

@@ -1,0 +1,221 @@
+"""The smallest disturbance that starts a limit cycle which coexists with rest, found by runs and confirmed on both
+sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.search.find import CycleSearch, decays, find_limit_cycles
+from eppanalysis.methods.simulation.simulate import Run, judge, run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.results import Result, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+#: Sizes that are tried, relative to the cycle's own; neighbours differ by a tenth.
+_GRID = np.geomspace(1e-3, 30.0, 110)
+_DIGITS = 1e-7
+#: Of a balance, relative to its largest terms, that is rounding.
+_ROUNDING = 1e-9
+#: Where an elbow is disturbed: at the forearm.
+_FOREARM = ("theta", "theta_dot")
+
+
+class NoRest(EppError):
+    """The loop has no resting state that its start leads to, so there is nothing to disturb."""
+
+
+@dataclass(frozen=True)
+class Trigger(Result):
+    """A disturbance of the resting loop that just starts a limit cycle.
+
+    Attributes
+    ----------
+    name : str
+        External input that is stepped, or state that is displaced.
+    size : float
+        The threshold, signed (SI); nan where no size up to `tried` starts a cycle.
+    settles, starts : float
+        Sizes on both sides of it at which a run settles, and ends on a cycle.
+    tried : float
+        Largest size tried.
+    operating_point : OperatingPoint or None
+        Where the external inputs are held before it.
+    """
+
+    name: str
+    size: float
+    settles: float
+    starts: float
+    tried: float
+
+    in_json = "name size settles starts tried operating_point provenance"
+
+
+def trigger(
+    system: LureSystem | CaseLike,
+    operating_point: PointLike | None = None,
+    *,
+    states: Sequence[str] | None = None,
+    cycles: CycleSearch | None = None,
+) -> tuple[Trigger, ...]:
+    """For every external input and state: the smallest disturbance of the resting loop that starts a limit cycle.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        In continuous time.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held while the loop rests, or some of them by name [SI]; by default that of
+        `cycles`, else that of the case or loop.
+    states : sequence of str, optional
+        States that are disturbed besides the inputs; by default the forearm's angle and velocity of an elbow, all
+        states of another loop.
+    cycles : CycleSearch, optional
+        From an earlier search, for the sizes to be tried.
+
+    Returns
+    -------
+    tuple of Disturbance
+        Both signs of each, smaller first; empty when there is no stable cycle.
+
+    Raises
+    ------
+    NoRest
+        If the loop has no resting state that a run from its start reaches.
+    EppError
+        If there is no such state, or an input does not stand still.
+    """
+    if operating_point is None and cycles is not None:
+        operating_point = cycles.operating_point
+    system, at = standing(system, operating_point, "trigger")
+    # An empty search is false as a truth value, so it is compared with None.
+    found = find_limit_cycles(system, at) if cycles is None else cycles
+    if not found.stable:
+        return ()
+    hybrid = steady_hybrid(system, at)
+    amplitude = np.max([swing_of(hybrid, c) for c in found], axis=0)
+    size = np.concatenate([amplitude, np.zeros(hybrid.x0.size - amplitude.size)])
+    to = Judge(40.0 * max(c.period for c in found), size)
+    rest = _rest(hybrid, system, at, to)
+    out: list[Trigger] = []
+    for name, apply, scale in _directions(system, hybrid, rest, amplitude, states):
+        both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
+        out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
+    made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
+    return tuple(replace(k, provenance=made_by, operating_point=at) for k in out)
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Where a run ends, with sizes that tell rest from motion."""
+
+    horizon: float
+    size: Array
+
+    def ends(self, start: HybridSystem) -> tuple[Status, Run]:
+        """SETTLED, LIMIT_CYCLE or what else it is, and the run."""
+        t = self.horizon
+        for _ in range(4):
+            run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 100_000, 600)
+            status, _ = judge(start, run, t)
+            if status is Status.UNDECIDED and decays(start, run, t, self.horizon, self.size):
+                status = Status.SETTLED
+            if status is not Status.UNDECIDED:
+                break
+            t *= 2.5
+        return status, run
+
+
+def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judge) -> HybridSystem:
+    """The system at rest, as a run from its start (or, if that oscillates, from its origin) leaves it."""
+    carried = _carried(system, at)
+    for scale in (1.0, 0.0, 0.01):
+        x0 = hybrid.x0.copy()
+        x0[: hybrid.n_plant] = scale * system.x0 + carried
+        start = replace(hybrid, x0=x0)
+        status, run = to.ends(start)
+        if status is Status.SETTLED:
+            last = run.order[-1] if run.n_kept else None
+            modes = start.modes0 if last is None else run.modes[last]
+            held = start.H0 if last is None else run.memory_values[last]
+            return replace(start, x0=run.x_end, H0=held.copy(), modes0=modes.copy())
+    raise NoRest(f"{system.name}: no resting state was reached from the start, so there is nothing to disturb.")
+
+
+def _carried(system: LureSystem, at: OperatingPoint) -> Array:
+    """How far a rest is carried along with the inputs, shape (n,), so that all elements and rates stay as they are.
+
+    Zero where the inputs have not moved, or the loop is no longer the same where they are.
+    """
+    moved = at.vector(system) - system.v0
+    if not np.any(moved):
+        return np.zeros(system.x0.size)
+    rows = np.vstack([system.A, system.C])
+    wanted = -np.concatenate([system.B_input, system.D_input]) @ moved
+    change = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    size = np.abs(rows) @ np.abs(change) + np.abs(wanted)
+    fits = np.all(np.abs(rows @ change - wanted) <= _ROUNDING * size.max(initial=0.0))
+    return np.asarray(change if fits else np.zeros(change.size), float)
+
+
+Direction = tuple[str, Callable[[float], HybridSystem], float]
+
+
+def _directions(
+    system: LureSystem, hybrid: HybridSystem, rest: HybridSystem, amplitude: Array, states: Sequence[str] | None
+) -> Iterator[Direction]:
+    """Name, the system disturbed by a size, and the size that compares with the cycle."""
+    z = np.abs(system.C) @ amplitude
+
+    def moved(place: int) -> Callable[[float], HybridSystem]:
+        def apply(size: float) -> HybridSystem:
+            x0 = rest.x0.copy()
+            x0[place] += size
+            return replace(rest, x0=x0)
+
+        return apply
+
+    for i, name in enumerate(system.input_names):
+        on = np.abs(system.D_input[:, i])
+        reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
+        yield name, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
+    usual = [n for n in _FOREARM if n in system.state_names] or system.state_names
+    for name in usual if states is None else states:
+        if name not in system.state_names:
+            known = ", ".join(system.state_names)
+            raise EppError(f"{system.name}: there is no state {name!r}; expected one of: {known}.")
+        place = system.state_names.index(name)
+        if hybrid.compared[place]:
+            yield name, moved(place), float(amplitude[place]) or 1.0
+
+
+def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:
+    """The first size on the grid that starts a cycle, and bisection between it and the one before."""
+    below = 0.0
+    for share in _GRID:
+        size = float(share * scale)
+        if to.ends(apply(size))[0] is Status.LIMIT_CYCLE:
+            break
+        below = size
+    else:
+        return Trigger(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale))
+    above = size
+    while abs(above - below) > _DIGITS * abs(above):
+        middle = 0.5 * (above + below)
+        if to.ends(apply(middle))[0] is Status.LIMIT_CYCLE:
+            above = middle
+        else:
+            below = middle
+    return Trigger(name, 0.5 * (above + below), below, above, size)

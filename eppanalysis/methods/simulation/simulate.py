@@ -1,0 +1,502 @@
+"""Event-exact simulation in time, with a verdict: at rest, on a limit cycle, or undecided."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.simulation.effort import left, spend
+from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.starts import remembered
+from eppanalysis.models.systems.subject import CaseLike, system_of
+from eppanalysis.results import Event, LimitCycle, Status, Trajectory
+from eppanalysis.results.provenance import Provenance
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.kernels.engine.workspace import EventBuffer
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Codes of the kernel that end a run before its time.
+_EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT, 6: Status.EVENT_LIMIT}
+_VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
+_KEPT_EVENTS = 20_000
+#: How long a loop is simulated where nothing is said of it [s].
+_USUAL_END = 10.0
+#: What a run has counted, as the kernel names it and as its statistics do.
+_COUNTED = {
+    "t": "time_reached",
+    "count": "events",
+    "i_sample": "samples",
+    "fast_steps": "fast_steps",
+    "series_steps": "series_steps",
+    "forced_leaves": "forced_leaves",
+    "periods_repeated": "periods_repeated",
+}
+#: A minute or two, if none of them can be saved.
+_MOST_STEPS = 10_000_000
+#: What a search may compute is counted in series steps without smooth channels: so many are worth the set-up of a run,
+#: and one with smooth channels; so many fast steps are worth one.
+_SET_UP, _SMOOTH, _FAST_STEPS = 200.0, 20.0, 20.0
+#: Movement of an element's input that is rounding, relative to its thresholds and to its value.
+_ROUNDING = 1e-13
+_BREAKPOINTS = ("breakpoint_time", "breakpoint_state", "breakpoint_value", "breakpoint_memory", "breakpoint_slope")
+#: A state beyond this has diverged, in a run that rounding has stopped.
+_LARGEST_STATE = 1e100
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What one call of the kernel left: signals, event buffer, least and greatest values of the states, end."""
+
+    code: int
+    samples: Array
+    count: int
+    time: Array
+    guard: NDArray[np.int64]
+    state: Array
+    rate: Array
+    memory_values: Array
+    modes: NDArray[np.int64]
+    low: Array
+    high: Array
+    x_end: Array
+    rate_end: Array
+    stats: Array
+
+    @property
+    def n_kept(self) -> int:
+        """Events that the event buffer still holds."""
+        return min(self.count, self.time.size)
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Places of the kept events in the buffer, oldest first."""
+        return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
+
+
+def simulate(
+    system: LureSystem | CaseLike,
+    input: InputSignal | Mapping[str, InputSignal] | None = None,
+    t_end: float | None = None,
+    t_eval: ArrayLike | None = None,
+    *,
+    max_events: int = 200_000,
+    max_steps: int = _MOST_STEPS,
+    step: float | None = None,
+) -> Trajectory:
+    """Run a loop in time, exactly between events, every switch of every element located to rounding.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        Starts from its ``x0``, ``memory`` and ``v0``.
+    input : InputSignal or mapping of str to InputSignal, optional
+        Input signal(s) added to the external inputs from t = 0 on; a single InputSignal drives the only input. By
+        default that of the case, none of a loop.
+    t_end : float, optional
+        End [s], positive (for a discrete-time system too); by default that of the case, 10 s of a loop.
+    t_eval : array_like, shape (nt,), optional
+        Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
+    max_events : int
+        A run with more stops there and says so (accumulating switches).
+    max_steps : int
+        And so with one of more steps (sixteen count as one where they are proven free of events): a loop with motions
+        far faster than its run is long.
+    step : float, optional
+        Longest internal step [s]; the results do not depend on it but for rounding.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    EppError
+        If `t_end`, `t_eval` or `step` is not valid.
+    ModelError
+        If the loop has no unique solution.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    >>> run = epp.simulate(loop, t_end=200.0)
+    >>> run.status.name, round(run.limit_cycle.period, 8)
+    ('LIMIT_CYCLE', 4.55107103)
+    """
+    system, input, t_end = _asked(system, input, t_end)
+    if not (np.isfinite(t_end) and t_end > 0):
+        raise EppError(f"simulate: t_end is {t_end}; expected a positive number of seconds.")
+    if step is not None and not (np.isfinite(step) and step > 0):
+        raise EppError(f"simulate: step is {step}; expected a positive number of seconds.")
+    times = _sample_times(t_end, t_eval)
+    if system.time_step:
+        from eppanalysis.methods.simulation.iterate import iterate
+
+        iterated = iterate(system, input, t_end, None if t_eval is None else times)
+        return _with_point(iterated, OperatingPoint.of(system, input, t_end))
+    hybrid = HybridSystem.from_lure(system, input_signals_by_name(system.input_names, input))
+    base = step or _base_step(times, t_eval is None, hybrid)
+    run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS, max_steps)
+    status, found = judge(hybrid, run, t_end)
+    n_written = int(run.stats[2])
+    signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
+    settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
+    facts = Provenance("event-exact simulation", settings, statistics=_statistics(run))
+    cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
+    settled = status is Status.SETTLED
+    trajectory = Trajectory(
+        t=times[:n_written],
+        signals=signals,
+        events=_events(hybrid, run),
+        status=status,
+        limit_cycle=cycle,
+        settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
+        settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
+        n_events=run.count,
+        units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
+        provenance=facts,
+    )
+    return _with_point(trajectory, OperatingPoint.of(system, input, t_end))
+
+
+def _asked(
+    loop: LureSystem | CaseLike, input: InputSignal | Mapping[str, InputSignal] | None, t_end: float | None
+) -> tuple[LureSystem, InputSignal | Mapping[str, InputSignal] | None, float]:
+    """The system, its motions and the end of the run, what is not given being that of the case."""
+    system = system_of(loop, "simulate")
+    if isinstance(loop, LureSystem):
+        return system, input, _USUAL_END if t_end is None else t_end
+    return system, loop.input if input is None else input, loop.t_end if t_end is None else t_end
+
+
+def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
+    """A run, and the cycle that it is on, with the operating point."""
+    cycle = run.limit_cycle
+    return replace(run, limit_cycle=None if cycle is None else replace(cycle, operating_point=at), operating_point=at)
+
+
+def run_hybrid(
+    hybrid: HybridSystem,
+    t_end: float,
+    times: Array,
+    base: float,
+    max_events: int,
+    keep: int,
+    max_steps: int = _MOST_STEPS,
+) -> Run:
+    """One run of the compiled engine.
+
+    Raises
+    ------
+    EppError
+        If a combination of modes has no unique solution, or a dead time is too long for its history.
+    Spent
+        If the search that it belongs to may compute no more.
+    """
+    from eppanalysis.kernels.engine.run import HISTORY, PAUSED, SINGULAR, STEP_LIMIT, run
+    from eppanalysis.kernels.engine.workspace import make_progress, make_samples
+
+    announce_compilation(run)
+    spend(_SET_UP)
+    (compiled, work, workspace), buffer = (
+        _own.workspaces(hybrid, base),
+        _own.buffer(hybrid, max(1, min(keep, max_events))),
+    )
+    n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
+    workspace.x[:n], workspace.modes[:], workspace.H[:] = hybrid.x0, hybrid.modes0, hybrid.H0
+    cost = _SMOOTH if hybrid.model.S.shape[1] else 1.0
+    most = min(float(max_steps), left() / cost)
+    samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
+    code = PAUSED
+    while code == PAUSED:  # between the calls an interrupt is heard
+        code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
+    spend(cost * (most if code == STEP_LIMIT else float(now.series_steps + now.fast_steps / _FAST_STEPS)))
+    if code == SINGULAR:
+        raise EppError(
+            "simulate: the loop has no unique solution in one combination of modes "
+            "(an algebraic loop through the elements)."
+        )
+    if code == HISTORY:
+        raise EppError(
+            "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
+        )
+    count = int(now.count)
+    t, guard, states, rates, memory, passed = (a[: max(1, count)].copy() for a in buffer)
+    low, high, x_end, rate_end = (a[:n].copy() for a in (workspace.low, workspace.high, workspace.x, workspace.rate))
+    stats = np.array([now[name] for name in _COUNTED], float)
+    return Run(
+        code, samples.out[:, :n_y], count, t, guard, states, rates, memory, passed, low, high, x_end, rate_end, stats
+    )  # fmt: skip
+
+
+class _Own(threading.local):
+    """What a thread keeps from run to run, because to make it costs as much as a short run.
+
+    The workspaces are those of the last model: all runs of one model find its mode combinations compiled, and models of
+    one structure follow each other in the same workspaces. What a run gives does not depend on the runs before it.
+    """
+
+    model: Model | None = None
+    structure: tuple[Any, ...] = ()
+    base: float = 0.0
+    kept: tuple[Any, Any, Any] | None = None
+    events: EventBuffer | None = None
+
+    def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
+        """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
+        from eppanalysis.kernels.engine.workspace import make_workspaces
+
+        model = hybrid.model
+        known = self.model is model
+        structure = self.structure if known else _structure(model)
+        if self.kept is None or self.structure != structure:
+            self.kept = make_workspaces(model)
+        elif not known or self.base != base:
+            self.kept[0].count[0] = 0
+        self.model, self.structure, self.base = model, structure, base
+        return self.kept
+
+    def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
+        """A buffer for so many events, the beginning of the longest one so far."""
+        from eppanalysis.kernels.engine.workspace import EventBuffer, make_event_buffer
+
+        sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
+        memory = self.events
+        if (
+            memory is None
+            or len(memory.t) < keep
+            or (memory.x.shape[1], memory.H.shape[1], memory.modes.shape[1]) != sizes
+        ):
+            memory = self.events = make_event_buffer(keep, *sizes)
+        return EventBuffer(*(a[:keep] for a in memory))
+
+
+def _structure(model: Model) -> tuple[Any, ...]:
+    """What the sizes of its workspaces follow from."""
+    of = model.mode_first, model.guard_first, model.smooth_kind
+    return (*(a.shape for a in model), *(a.tobytes() for a in of))
+
+
+_own = _Own()
+
+
+def announce_compilation(kernel: Any) -> None:
+    """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
+    if not is_compiled(kernel):
+        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
+        sys.stderr.flush()
+
+
+def is_compiled(kernel: Any) -> bool:
+    """Whether a kernel has been compiled, in this process or in an earlier one."""
+    if getattr(kernel, "overloads", True):
+        return True
+    if kernel.stats.cache_path is None:
+        return False
+    folder = Path(kernel.stats.cache_path)
+    return any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi"))
+
+
+def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
+    """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change."""
+    from eppanalysis.kernels.verdict import verdict
+
+    found = np.zeros(4)
+    if run.code in _EARLY:
+        beyond = not np.all(np.abs(run.x_end) < _LARGEST_STATE)
+        return (Status.DIVERGED if beyond else _EARLY[run.code]), found
+    code = verdict(
+        run.time,
+        run.guard,
+        run.state,
+        run.rate,
+        run.count,
+        t_end,
+        run.low,
+        run.high,
+        run.rate_end,
+        hybrid.compared,
+        found,
+    )
+    if _VERDICTS[int(code)] is Status.LIMIT_CYCLE:
+        last = run.order[-int(found[0]) - 1 :]
+        states = run.state[last]
+        moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
+        if is_rounding(hybrid, states, run.memory_values[last], moves):
+            return Status.SETTLED, np.zeros(4)
+    return _VERDICTS[int(code)], found
+
+
+def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> bool:
+    """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
+
+    Parameters
+    ----------
+    hybrid : HybridSystem
+    states, memory : arrays, shapes (events, n), (events, h)
+        At the events of the motion.
+    moves : array, shape (n,)
+        How far each state moves at most.
+    """
+    model = hybrid.model
+    place = np.abs(states @ model.C.T + memory @ model.Kz.T).max(axis=0)
+    amplitude = np.abs(model.C) @ moves + np.abs(model.Kz) @ np.ptp(memory, axis=0)
+    seen = False
+    for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
+        own = model.guard_element == e
+        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
+        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(weight @ place[first:end])
+        if float(weight @ amplitude[first:end]) > _ROUNDING * size:
+            return False
+        seen |= size > 0.0
+    return seen
+
+
+def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
+    if t_eval is None:
+        return np.linspace(0.0, t_end, 6001)
+    times = np.atleast_1d(np.asarray(t_eval, float))
+    if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+        raise EppError("simulate: t_eval must hold finite times in increasing order.")
+    if times.size and (times[0] < 0 or times[-1] > t_end * (1 + 1e-12)):
+        raise EppError(
+            f"simulate: t_eval runs from {times[0]} to {times[-1]}; expected times from 0 to t_end = {t_end}."
+        )
+    return times
+
+
+def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
+    """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
+    if times.size > 1:
+        spacing = times[-1] / (times.size - 1)
+        if even or (
+            times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)
+        ):
+            return float(spacing)
+    return 2.0 * hybrid.time_scale
+
+
+def _statistics(run: Run) -> dict[str, Any]:
+    return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(_COUNTED.values())}
+
+
+def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
+    """The kept events from place `first` on, as sentences."""
+    rows = run.order[first:]
+    return named_events(hybrid, run.time[rows] - origin, run.guard[rows], run.modes[rows])
+
+
+def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
+    """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
+    elements = hybrid.model.guard_element[guards]
+    listed = np.array([name != "observer" for name in hybrid.element_names])[elements]
+    times, guards, modes, elements = times[listed], guards[listed], modes[listed], elements[listed]
+    after = modes[np.arange(guards.size), elements].tolist()
+    switches = zip(elements.tolist(), after, strict=True)
+    columns = (
+        times.tolist(),
+        [hybrid.element_names[e] for e in elements.tolist()],
+        [hybrid.guard_names[g] for g in guards.tolist()],
+        [hybrid.mode_names[e][mode] for e, mode in switches],
+    )
+    return tuple(map(Event._make, zip(*columns, strict=True)))
+
+
+def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
+    """Time of the last switch before rest, or the begin of the first period that already repeats to a thousandth."""
+    if run.count == 0:
+        return 0.0
+    last = run.order[-1]
+    if found[0] == 0:
+        return float(run.time[last])
+    p = int(found[0])
+    scale = np.ptp(run.state[run.order[-p - 1 :]], axis=0)
+    # A clock and the input go on for ever and do not belong to the motion.
+    scale = np.where((scale > 0) & hybrid.compared, scale, np.inf)
+    place = run.n_kept - 1 - p
+    while place - p >= 0:
+        a, b = run.order[place], run.order[place - p]
+        if run.guard[a] != run.guard[b] or np.max(np.abs(run.state[a] - run.state[b]) / scale) > 1e-3:
+            break
+        place -= p
+    return float(run.time[run.order[place]])
+
+
+def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem, float]:
+    """The system started behind an event of its run, and when that was [s].
+
+    From the run's own start where the input still changes later, or where what is delayed must be known from before.
+    """
+    begin = float(run.time[place])
+    if np.any(hybrid.model.breakpoint_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
+        return hybrid, 0.0
+    model = hybrid.model._replace(**{name: getattr(hybrid.model, name)[:0] for name in _BREAKPOINTS})
+    x, memory, modes = (a[place].copy() for a in (run.state, run.memory_values, run.modes))
+    return replace(hybrid, model=model, x0=x, H0=memory, modes0=modes), begin
+
+
+def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance) -> LimitCycle:
+    """The last period of a run, sampled once more on the arcs between its events.
+
+    Parameters
+    ----------
+    system : LureSystem
+        The loop, as `hybrid` has it.
+    hybrid : HybridSystem
+        As the run was started.
+    run : Run
+        With more events in its event buffer than a period has.
+    found : array, shape (4,)
+        What `judge` says of the cycle.
+    facts : Provenance
+    """
+    p, period = int(found[0]), float(found[1])
+    marks = run.time[run.order[-p - 1 :]]
+    first = int(run.order[-p - 1])
+    start, begin = _from_event(hybrid, run, first)
+
+    def sample(times: Array) -> Array:
+        again = run_hybrid(
+            start, float(marks[-1]) - begin, times - begin, 2.0 * hybrid.time_scale, 2 * run.count + 100, 1
+        )
+        return again.samples[: int(again.stats[2])]
+
+    shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
+    return LimitCycle(
+        method="simulation",
+        status=Status.CONVERGED,
+        period=period,
+        mean=shape.mean,
+        peak_to_peak=shape.peak_to_peak,
+        harmonics=shape.harmonics,
+        stable=True,
+        stability_criterion="reached in simulation",
+        residual=float(found[2]),
+        error_estimate=float(found[3]),
+        events=_events(hybrid, run, run.n_kept - p, float(marks[0])),
+        time=shape.time,
+        waveform=shape.waveform,
+        state=run.state[first, : hybrid.n_plant].copy(),
+        event_states=run.state[run.order[-p - 1 : -1], : hybrid.n_plant].copy(),
+        memory=remembered(hybrid, run.state[first], run.memory_values[first], run.modes[first]),
+        units=dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True)),
+        provenance=facts,
+    )

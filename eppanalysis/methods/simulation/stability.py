@@ -1,0 +1,92 @@
+"""Floquet multipliers of an exact orbit, from the derivative of its return map.
+
+The derivative of a chain of arcs is the product of flows and saltation matrices: at an event with guard row g, map J
+and rates f before and f+ behind it, a disturbance is carried over by ``J + (f+ - J f) g / (g f)``. Here the same
+product comes out of Newton's equations by eliminating the dwell times; it maps the disturbances on the section of the
+first event onto themselves, so the multiplier 1 of a shift along the orbit is not among its eigenvalues.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Singular values of the scaled return map below this share of the largest are rounding: directions that sticking,
+#: resets or fast decay wipe out.
+VANISHED = 1e-13
+#: A multiplier this near to 1 belongs to the direction of a continuum of cycles, where there is one.
+_NEUTRAL = 1e-5
+
+
+def return_map(A: Array, n_free: int) -> Array:
+    """Derivative of the return map from the matrix of (periodicity, guards) over (start, dwell times).
+
+    Parameters
+    ----------
+    A : array, shape (n_free + p, n_free + p)
+        See :func:`eppanalysis.kernels.orbits.sweep`.
+    n_free : int
+        Places of the start that must repeat.
+
+    Returns
+    -------
+    array, shape (n_free, n_free)
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If a guard is met without being crossed (grazing): then there is no derivative.
+    """
+    m = n_free
+    dwell = np.linalg.solve(A[m:, m:], A[m:, :m]) if A.shape[0] > m else np.zeros((0, m))
+    return A[:m, :m] + np.eye(m) - A[:m, m:] @ dwell
+
+
+def multipliers(P: Array, scale: Array, n_wanted: int) -> ComplexArray:
+    """Floquet multipliers, largest first; those that vanish are exactly zero.
+
+    The eigenvalues of a rank-deficient matrix that should vanish come out of a QR iteration as roots of rounding
+    errors, so the null directions are taken off first: with ``P = U R`` (R of full row rank) the others are those of
+    ``R U``.
+
+    Parameters
+    ----------
+    P : array, shape (m, m)
+        Derivative of the return map.
+    scale : array, shape (m,)
+        Sizes of the motion in each place, so that "small" has a meaning.
+    n_wanted : int
+        Number of states of the loop less one for the direction along the orbit; what the memory values add vanishes.
+    """
+    Q = P * scale / scale[:, None]
+    while Q.size:
+        U, s, Vt = np.linalg.svd(Q)
+        rank = int(np.sum(s > VANISHED * max(1.0, s[0])))
+        if rank == Q.shape[0]:
+            break
+        Q = (s[:rank, None] * Vt[:rank]) @ U[:, :rank]
+    values = np.linalg.eigvals(Q).astype(complex) if Q.size else np.zeros(0, complex)
+    values = values[np.argsort(-np.abs(values), kind="stable")]
+    found = np.zeros(n_wanted, complex)
+    found[: min(n_wanted, values.size)] = values[:n_wanted]
+    return found
+
+
+def is_stable(values: ComplexArray, one_of_many: bool = False) -> bool:
+    """Whether all multipliers lie inside the unit circle; the 1 of a continuum of cycles is let pass."""
+    others = values[np.abs(values - 1.0) > _NEUTRAL] if one_of_many else values
+    return bool(np.all(np.abs(others) < 1.0))
+
+
+def describe(values: ComplexArray, one_of_many: bool = False) -> str:
+    """The sentence that goes with a verdict of stability."""
+    if one_of_many:
+        return f"{describe(values)}; one of a continuum of cycles, between which a disturbance may move it"
+    if values.size == 0:
+        return "no Floquet multipliers: every disturbance vanishes within a period"
+    vanished = int(np.sum(values == 0))
+    rest = f"; {vanished} of {values.size} vanish" if vanished else ""
+    return f"largest Floquet multiplier {abs(values[0]):.6g}{rest}"

@@ -1,0 +1,1 @@
+"""Devices: loops that are made of physical parameters."""

@@ -1,0 +1,1 @@
+"""The powered elbow under extended physiological proprioception."""

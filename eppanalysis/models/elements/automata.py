@@ -1,0 +1,241 @@
+"""The automata of all elements: what each one does between events, and when it switches.
+
+Names of modes and events are what users read in the event list. Every guard is an affine function that rises through
+zero at its event; see :mod:`eppanalysis.models.elements.automaton` for the notation (inputs z, outputs w, memory values
+h).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+
+
+def static_map(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike) -> Automaton:
+    """Piecewise-linear map; at a jump there is also a mode that slides along it."""
+    x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
+    build = AutomatonBuilder()
+    for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
+        build.mode(f"piece {i}", from_input=slope, constant=intercept)
+    for i, edge in enumerate(x):
+        left, right = a[i] * edge + b[i], a[i + 1] * edge + b[i + 1]
+        jump = right - left
+        slide = -1
+        if abs(jump) > 1e-12 * max(abs(left), abs(right)):
+            up = 1.0 if jump > 0 else -1.0
+            slide = build.mode(f"slides at {i}", sticking=True, level=float(edge), jump=float(jump))
+            build.guard(f"leaves {i} upward", slide, i + 1, on_output=up, constant=float(-up * right))
+            build.guard(f"leaves {i} downward", slide, i, on_output=-up, constant=float(up * left))
+        over, under = (i + 1, i) if slide < 0 else (slide, slide)
+        build.guard(f"rises through {i}", i, over, on_input=1.0, constant=float(-edge), bypass=i + 1)
+        build.guard(f"falls through {i}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=i)
+    return build.build(start_mode=len(a) // 2)
+
+
+def smooth(kind: str, scale: float) -> Automaton:
+    """Smooth memoryless element ``scale * f(z)``."""
+    build = AutomatonBuilder(smooth=(Smooth(kind, np.ones(1), 0.0, scale),))
+    build.mode("smooth", from_smooth=1.0)
+    return build.build()
+
+
+def friction(coulomb: float, static: float, stribeck: float = 0.0) -> Automaton:
+    """Friction force of a velocity: slips either way, sticks at zero while it can hold."""
+    falling = stribeck > 0
+    law = (Smooth("reciprocal_abs", np.array([stribeck]), 0.0, static),) if falling else ()
+    build = AutomatonBuilder(smooth=law)
+    stick = build.mode("stuck", sticking=True)
+    smooth_part, constant = (1.0, 0.0) if falling else (0.0, coulomb)
+    forward = build.mode("slips forward", from_smooth=smooth_part, constant=constant)
+    backward = build.mode("slips backward", from_smooth=-smooth_part, constant=-constant)
+    build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
+    build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
+    build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)
+    build.guard("sticks", backward, stick, on_input=1.0, bypass=forward)
+    return build.build(stick)
+
+
+def hysteresis_relay(lower: float, upper: float, low: float, high: float) -> Automaton:
+    """Two-level relay that goes high above `upper` and low below `lower`."""
+    build = AutomatonBuilder()
+    off, on = build.mode("low", constant=low), build.mode("high", constant=high)
+    build.guard("switches high", off, on, on_input=1.0, constant=-upper)
+    build.guard("switches low", on, off, on_input=-1.0, constant=lower)
+    return build.build(off)
+
+
+def hysteresis_relay_dead_zone(on: float, off: float, level: float) -> Automaton:
+    """Three-level relay with separate on and off thresholds."""
+    build = AutomatonBuilder()
+    zero = build.mode("off")
+    plus, minus = build.mode("plus", constant=level), build.mode("minus", constant=-level)
+    build.guard("switches plus", zero, plus, on_input=1.0, constant=-on)
+    build.guard("switches minus", zero, minus, on_input=-1.0, constant=-on)
+    build.guard("switches off", plus, zero, on_input=-1.0, constant=off)
+    build.guard("switches off", minus, zero, on_input=1.0, constant=off)
+    return build.build(zero)
+
+
+def play(gap: float) -> Automaton:
+    """Friction-driven backlash: the output rests in the gap (memory value) or is pushed by either side."""
+    b = gap / 2
+    build = AutomatonBuilder(n_memory=1)
+    rest = build.mode("in the gap", from_memory=1.0)
+    up = build.mode("pushed up", from_input=1.0, constant=-b)
+    down = build.mode("pushed down", from_input=1.0, constant=b)
+    build.guard("meets the upper side", rest, up, on_input=1.0, on_memory=-1.0, constant=-b)
+    build.guard("meets the lower side", rest, down, on_input=-1.0, on_memory=1.0, constant=-b)
+    build.guard("lets go", up, rest, on_rate=-1.0, memory_from_input=1.0, memory_constant=-b)
+    build.guard("lets go", down, rest, on_rate=1.0, memory_from_input=1.0, memory_constant=b)
+    return build.build(rest)
+
+
+def jump_and_follow(stick_band: float, slip_jump: float, slope: float) -> Automaton:
+    """Stiction relay: rests until the input has moved by the stick band, jumps, follows, rests on reversal."""
+    offset, reach = (stick_band - slip_jump) / 2, (stick_band + slip_jump) / 2
+    build = AutomatonBuilder(n_memory=1)
+    rest = build.mode("stuck", from_memory=1.0)
+    up = build.mode("follows up", from_input=slope, constant=-slope * offset)
+    down = build.mode("follows down", from_input=slope, constant=slope * offset)
+    build.guard("breaks away upward", rest, up, on_input=slope, on_memory=-1.0, constant=-slope * reach)
+    build.guard("breaks away downward", rest, down, on_input=-slope, on_memory=1.0, constant=-slope * reach)
+    build.guard("sticks", up, rest, on_rate=-1.0, memory_from_input=slope, memory_constant=-slope * offset)
+    build.guard("sticks", down, rest, on_rate=1.0, memory_from_input=slope, memory_constant=slope * offset)
+    return build.build(rest)
+
+
+def stiction_pulley(
+    harness_stiffness: float, forearm_stiffness: float, friction: float, kinetic_ratio: float
+) -> Automaton:
+    """Cable over a pulley with friction proportional to its load: outputs (sensor force, harness force), held u.
+
+    Stuck, the stretch ``u`` of the forearm side is kept; sliding, ``|F_h - F_f| = kinetic_ratio * friction * (F_h +
+    F_f)`` makes it proportional to the total stretch s; slack, both forces vanish.
+    """
+    k_h, k_f, m = harness_stiffness, forearm_stiffness, friction
+    rise, fall = pulley_slopes(k_h, k_f, kinetic_ratio * m)
+    build = AutomatonBuilder(n_outputs=2, n_memory=1)
+    stuck = build.mode("stuck", from_input=[[0.0], [k_h]], from_memory=[[k_f], [-k_h]])
+    up = build.mode("slides up", from_input=[[k_f * rise], [k_h * (1 - rise)]])
+    down = build.mode("slides down", from_input=[[k_f * fall], [k_h * (1 - fall)]])
+    slack = build.mode("slack")
+    load_up, load_down = (1 - m) * k_h, (1 + m) * k_h
+    build.guard("breaks away upward", stuck, up, on_input=load_up, on_memory=-(load_up + (1 + m) * k_f))
+    build.guard("breaks away downward", stuck, down, on_input=-load_down, on_memory=load_down + (1 - m) * k_f)
+    build.guard("sticks", up, stuck, on_rate=-1.0, memory_from_input=rise)
+    build.guard("sticks", down, stuck, on_rate=1.0, memory_from_input=fall)
+    build.guard("goes slack", up, slack, on_input=-1.0, memory_constant=0.0)
+    build.guard("goes slack", down, slack, on_input=-1.0, memory_constant=0.0)
+    build.guard("goes taut", slack, up, on_input=1.0)
+    return build.build(stuck)
+
+
+def pulley_slopes(harness_stiffness: float, forearm_stiffness: float, friction: float) -> tuple[float, float]:
+    """Forearm-side share u/s of the total stretch at ``|F_h - F_f| = friction (F_h + F_f)``: (rising, falling)."""
+    k_h, k_f, m = harness_stiffness, forearm_stiffness, friction
+    rise = (1 - m) * k_h / ((1 - m) * k_h + (1 + m) * k_f)
+    fall = (1 + m) * k_h / ((1 + m) * k_h + (1 - m) * k_f)
+    return rise, fall
+
+
+def lock_pin(gap: float, stiffness: float, damping: float, unilateral: bool) -> Automaton:
+    """Compliant backlash with inputs (delta, delta_rate); a unilateral contact only pushes."""
+    b = gap / 2
+    build = AutomatonBuilder(n_inputs=2)
+    free = build.mode("free")
+    plus = build.mode("contact plus", from_input=[stiffness, damping], constant=-stiffness * b)
+    minus = build.mode("contact minus", from_input=[stiffness, damping], constant=stiffness * b)
+    build.guard("makes contact plus", free, plus, on_input=[1.0, 0.0], constant=-b)
+    build.guard("makes contact minus", free, minus, on_input=[-1.0, 0.0], constant=-b)
+    build.guard("enters the gap", plus, free, on_input=[-1.0, 0.0], constant=b)
+    build.guard("enters the gap", minus, free, on_input=[1.0, 0.0], constant=b)
+    if not unilateral:
+        return build.build(free)
+    for sign, contact, side in ((1.0, plus, "plus"), (-1.0, minus, "minus")):
+        row = np.array([sign * stiffness, sign * damping])
+        away = build.mode(f"released {side}")
+        build.guard(f"releases {side}", contact, away, on_input=-row, constant=stiffness * b)
+        build.guard(f"touches {side} again", away, contact, on_input=row, constant=-stiffness * b)
+        build.guard("enters the gap", away, free, on_input=[-sign, 0.0], constant=b)
+    return build.build(free)
+
+
+def nordin_shaft(gap: float, stiffness: float, damping: float) -> Automaton:
+    """Shaft with inner damping behind a gap: inputs (delta, delta_rate, contact angle), outputs (torque, its rate).
+
+    The contact angle leaves a side as its drift there turns inwards, and does not come back before that, the drift at
+    the side, has turned outwards again. Until then the side is not looked for, on which the angle still stands but for
+    rounding.
+    """
+    b = gap / 2
+    build = AutomatonBuilder(n_inputs=3, n_outputs=2)
+    relax = stiffness / damping
+    drift = np.array([[0.0, 0.0, 0.0], [relax, 1.0, -relax]])
+    free = build.mode("free", from_input=drift)
+    torque = [[stiffness, damping, 0.0], [0.0, 0.0, 0.0]]
+    sides = []
+    for name, sign in (("plus", 1.0), ("minus", -1.0)):
+        contact = build.mode(f"contact {name}", from_input=torque, constant=[-sign * stiffness * b, 0.0])
+        leaving = build.mode(f"leaving {name}", from_input=drift)
+        build.guard(f"makes contact {name}", free, contact, on_input=[0.0, 0.0, sign], constant=-b)
+        build.guard(f"releases {name}", contact, leaving, on_output=[-sign, 0.0])
+        inward = [sign * relax, sign, 0.0]
+        build.guard(f"turns back to {name}", leaving, free, on_input=inward, constant=-relax * b)
+        sides.append((sign, contact, leaving))
+    for (sign, contact, _), (_, _, leaving) in zip(sides, sides[::-1], strict=True):
+        name = "plus" if sign > 0 else "minus"
+        build.guard(f"makes contact {name}", leaving, contact, on_input=[0.0, 0.0, sign], constant=-b)
+    return build.build(free)
+
+
+def parking(
+    breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, low: float, high: float, dwell_time: float
+) -> Automaton:
+    """Band law with inputs (force, clock) that parks after `dwell_time` between `low` and `high`, until above `high`.
+
+    The memory value is the clock at the last entry into the parking band.
+    """
+    x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
+    build = AutomatonBuilder(n_inputs=2, n_memory=1)
+    for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
+        build.mode(f"piece {i}", from_input=[slope, 0.0], constant=intercept)
+    band = int(np.searchsorted(x, (low + high) / 2))
+    parked = build.mode("parked")
+    for i, edge in enumerate(x):
+        for name, source, target, sign in (("rises", i, i + 1, 1.0), ("falls", i + 1, i, -1.0)):
+            entry = [0.0, 1.0] if target == band else None
+            at = float(-sign * edge)
+            row = [sign, 0.0]
+            build.guard(f"{name} through {i}", source, target, on_input=row, constant=at, memory_from_input=entry)
+    build.guard("parks", band, parked, on_input=[0.0, 1.0], on_memory=-1.0, constant=-dwell_time)
+    build.guard("unparks", parked, band + 1, on_input=[1.0, 0.0], constant=-high)
+    return build.build(band)
+
+
+def sampled(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, period: float) -> Automaton:
+    """Static map with inputs (x, clock) that is read every `period` and held: memory values (output, next reading).
+
+    A reading walks from piece to piece at one instant until it stands in the one that holds the input.
+    """
+    x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
+    build = AutomatonBuilder(n_inputs=2, n_memory=2)
+    for i in range(len(a)):
+        build.mode(f"reads piece {i}", from_memory=[1.0, 0.0])
+    hold = build.mode("holds", from_memory=[1.0, 0.0])
+    for i, edge in enumerate(x):
+        build.guard("reads higher", i, i + 1, on_input=[1.0, 0.0], constant=float(-edge))
+        build.guard("reads lower", i + 1, i, on_input=[-1.0, 0.0], constant=float(edge))
+    for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
+        build.guard(
+            "reads",
+            i,
+            hold,
+            constant=1.0,
+            memory_from_input=[[slope, 0.0], [0.0, 0.0]],
+            memory_from_memory=[[0.0, 0.0], [0.0, 1.0]],
+            memory_constant=[intercept, period],
+        )
+    build.guard("sample due", hold, len(a) // 2, on_input=[0.0, 1.0], on_memory=[0.0, -1.0])
+    return build.build(hold)

@@ -1,0 +1,361 @@
+"""How one element behaves in time: modes, guards and resets, as plain data.
+
+An element maps its inputs ``z`` (one or more scalars) to its outputs ``w``. It holds a small vector ``h`` of numbers
+that stay constant between events (its memory). In each mode its output is affine,
+
+    w = from_input @ z + from_memory @ h + from_smooth @ sigma + constant,
+
+or, in a *sticking* mode, the single output takes whatever value keeps the first input constant (dz[0]/dt = 0).
+A guard is an affine function of inputs, input rates, memory values and outputs; its event takes place where the guard
+rises through zero. ``sigma`` are smooth functions of the inputs (sine, cube, ...), for elements that are not
+piecewise affine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
+
+Array = NDArray[np.float64]
+
+#: Smooth functions an element may use, by the code that the kernels know.
+SMOOTH_KINDS = {"sine": 0, "cube": 1, "reciprocal_abs": 2}
+
+
+def _vector(values: ArrayLike, size: int) -> Array:
+    out = np.zeros(size)
+    if isinstance(values, int | float):  # as nearly all are
+        out[:1] = values
+        return out
+    given = np.atleast_1d(np.asarray(values, float))
+    out[: given.size] = given
+    return out
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode of an element.
+
+    Shapes are (n_outputs, n_inputs), (n_outputs, n_memory), (n_outputs, n_smooth) and (n_outputs,).
+
+    A sticking mode keeps the first input at `level`. It exists only where the loop pulls back against the element's
+    jump there, that is where the input's rate falls as the output rises for an upward `jump` (and the reverse).
+    """
+
+    name: str
+    from_input: Array
+    from_memory: Array
+    from_smooth: Array
+    constant: Array
+    sticking: bool = False
+    level: float = 0.0
+    jump: float = 1.0
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Event of an element: fires in `mode` where the affine function rises through zero, and leads to `target`.
+
+    ``value = on_input @ z + on_rate @ dz/dt + on_memory @ h + on_output @ w + constant``. At the event the memory
+    values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``. Where the loop does not admit
+    the sticking mode that is the target, the event leads to `bypass`.
+    """
+
+    name: str
+    mode: int
+    target: int
+    on_input: Array
+    on_rate: Array
+    on_memory: Array
+    on_output: Array
+    constant: float
+    memory_from_input: Array
+    memory_from_memory: Array
+    memory_constant: Array
+    bypass: int = -1
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``, `kind` a key of SMOOTH_KINDS."""
+
+    kind: str
+    on_input: Array
+    constant: float = 0.0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Automaton:
+    """Modes, guards and start of one element.
+
+    Parameters
+    ----------
+    n_inputs, n_outputs, n_memory : int
+        Numbers of its inputs z, outputs w and memory values h.
+    modes : tuple of Mode
+    guards : tuple of Guard
+        Of all modes; each names its own by its number.
+    start_mode : int
+        The first mode of a run.
+    start_memory : array, shape (n_memory,)
+        Memory values at its start.
+    smooth : tuple of Smooth
+        Smooth functions of the inputs that outputs may be made of.
+
+    Raises
+    ------
+    ModelError
+        If a mode that a guard or the start names does not exist, or an array has a wrong shape.
+
+    See Also
+    --------
+    AutomatonBuilder : Collects modes and guards, and fills in the zeros.
+    AutomatonElement : The element of a loop that is one.
+
+    Examples
+    --------
+    A relay that switches on above 1 and off below -1:
+
+    >>> import eppanalysis as epp
+    >>> build = epp.AutomatonBuilder()
+    >>> off, on = build.mode("off"), build.mode("on", constant=5.0)
+    >>> build.guard("switches on", off, on, on_input=1.0, constant=-1.0)
+    >>> build.guard("switches off", on, off, on_input=-1.0, constant=-1.0)
+    >>> relay = build.build()
+    >>> len(relay.modes), relay.guards[0].name
+    (2, 'switches on')
+    """
+
+    n_inputs: int
+    n_outputs: int
+    n_memory: int
+    modes: tuple[Mode, ...]
+    guards: tuple[Guard, ...]
+    start_mode: int = 0
+    start_memory: Array = field(default_factory=lambda: np.zeros(0))
+    smooth: tuple[Smooth, ...] = ()
+
+    def __post_init__(self) -> None:
+        z, w, h, s = self.n_inputs, self.n_outputs, self.n_memory, len(self.smooth)
+        shapes: dict[str, tuple[int, ...]] = {
+            "from_input": (w, z), "from_memory": (w, h), "from_smooth": (w, s), "constant": (w,),
+            "on_input": (z,), "on_rate": (z,), "on_memory": (h,), "on_output": (w,),
+            "memory_from_input": (h, z), "memory_from_memory": (h, h), "memory_constant": (h,),
+        }  # fmt: skip
+        _require_shapes(self.modes, ("from_input", "from_memory", "from_smooth", "constant"), shapes)
+        _require_shapes(self.guards, tuple(shapes)[4:], shapes | {"constant": ()})
+        _require_shapes(self.smooth, ("on_input",), shapes)
+        if np.shape(self.start_memory) != (h,):
+            raise ModelError(f"Automaton: start_memory has shape {np.shape(self.start_memory)}; expected {(h,)}.")
+        expected = f"the number of a mode, 0 to {len(self.modes) - 1}"
+        places = [("start_mode", self.start_mode)]
+        places += [
+            (f"{end} of the guard {g.name!r}", getattr(g, end)) for g in self.guards for end in ("mode", "target")
+        ]
+        for name, place in places:
+            if not 0 <= place < len(self.modes):
+                raise ModelError(f"Automaton: {name} is {place!r}; expected {expected}.")
+        for channel in self.smooth:
+            if channel.kind not in SMOOTH_KINDS:
+                known = ", ".join(map(repr, SMOOTH_KINDS))
+                raise ModelError(f"Automaton: kind of a smooth function is {channel.kind!r}; expected one of {known}.")
+
+    def follows(self, mode: int) -> bool:
+        """Whether the element follows its input in a mode, and holds on to where it was where the input turns back."""
+        return self.n_memory > 0 and any(g.mode == mode and np.any(g.on_rate) for g in self.guards)
+
+
+def _require_shapes(parts: Sequence[Any], names: Sequence[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for part in parts:
+        for name in names:
+            found = np.shape(getattr(part, name))
+            if found != shapes[name]:
+                label = getattr(part, "name", getattr(part, "kind", ""))
+                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {shapes[name]}.")
+
+
+class AutomatonBuilder:
+    """Collects modes and guards with the zeros filled in, so that element code states only what is not zero.
+
+    Parameters
+    ----------
+    n_inputs, n_outputs, n_memory : int
+        Numbers of inputs, outputs and memory values.
+    smooth : tuple of Smooth
+        Smooth functions of the inputs.
+    """
+
+    def __init__(
+        self, n_inputs: int = 1, n_outputs: int = 1, n_memory: int = 0, smooth: tuple[Smooth, ...] = ()
+    ) -> None:
+        self.n_inputs, self.n_outputs, self.n_memory, self.smooth = n_inputs, n_outputs, n_memory, smooth
+        self.modes: list[Mode] = []
+        self.guards: list[Guard] = []
+
+    def mode(
+        self,
+        name: str,
+        from_input: ArrayLike = 0.0,
+        from_memory: ArrayLike = 0.0,
+        from_smooth: ArrayLike = 0.0,
+        constant: ArrayLike = 0.0,
+        sticking: bool = False,
+        level: float = 0.0,
+        jump: float = 1.0,
+    ) -> int:
+        """Add a mode and return its number; matrices may be given as a row when there is one output."""
+
+        def matrix(values: ArrayLike, n_columns: int) -> Array:
+            given = np.asarray(values, float)
+            if given.ndim == 2:
+                return given
+            out = np.zeros((self.n_outputs, n_columns))
+            if n_columns:
+                out[0] = _vector(given, n_columns)
+            return out
+
+        self.modes.append(
+            Mode(
+                name,
+                matrix(from_input, self.n_inputs),
+                matrix(from_memory, self.n_memory),
+                matrix(from_smooth, len(self.smooth)),
+                _vector(constant, self.n_outputs),
+                sticking,
+                level,
+                jump,
+            )
+        )
+        return len(self.modes) - 1
+
+    def guard(
+        self,
+        name: str,
+        mode: int,
+        target: int,
+        on_input: ArrayLike = 0.0,
+        on_rate: ArrayLike = 0.0,
+        on_memory: ArrayLike = 0.0,
+        on_output: ArrayLike = 0.0,
+        constant: float = 0.0,
+        memory_from_input: ArrayLike | None = None,
+        memory_from_memory: ArrayLike | None = None,
+        memory_constant: ArrayLike | None = None,
+        bypass: int = -1,
+    ) -> None:
+        """Add a guard; when no reset is given the memory values are kept."""
+        keep = memory_from_input is None and memory_from_memory is None and memory_constant is None
+        n, m = self.n_memory, self.n_inputs
+
+        def matrix(values: ArrayLike | None, n_columns: int) -> Array:
+            out = np.zeros((n, n_columns))
+            if values is not None:
+                given = np.asarray(values, float)
+                if given.ndim == 2:
+                    out[:] = given
+                elif n:
+                    out[0, : np.atleast_1d(given).size] = given
+            return out
+
+        self.guards.append(
+            Guard(
+                name,
+                mode,
+                target,
+                _vector(on_input, m),
+                _vector(on_rate, m),
+                _vector(on_memory, n),
+                _vector(on_output, self.n_outputs),
+                float(constant),
+                matrix(memory_from_input, m),
+                np.eye(n) if keep else matrix(memory_from_memory, n),
+                np.zeros(n) if memory_constant is None else _vector(memory_constant, n),
+                bypass,
+            )
+        )
+
+    def build(self, start_mode: int = 0, start_memory: ArrayLike = 0.0) -> Automaton:
+        """The finished automaton."""
+        return Automaton(
+            self.n_inputs,
+            self.n_outputs,
+            self.n_memory,
+            tuple(self.modes),
+            tuple(self.guards),
+            start_mode,
+            _vector(start_memory, self.n_memory),
+            self.smooth,
+        )
+
+
+def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
+    """Least and greatest slope of each output over each input, shapes (n_outputs, n_inputs); infinite at a jump.
+
+    In a mode the slopes stand in `from_input`. At an event the output jumps where it differs, by what the reset writes,
+    from what it was, and not just by a multiple of the guard, which is zero there. Where the sign of a jump depends on
+    inputs or memory values, and for smooth functions of the inputs, nothing is known.
+    """
+    shape = automaton.n_outputs, automaton.n_inputs
+    low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    for mode in automaton.modes:
+        if mode.sticking:
+            _widen(low, high, np.copysign(np.inf, mode.jump) * (np.arange(shape[1]) == 0)[None, :])
+            continue
+        _widen(low, high, mode.from_input)
+        for place in np.flatnonzero(np.any(mode.from_smooth, axis=0)):
+            reached = np.outer(mode.from_smooth[:, place] != 0, automaton.smooth[place].on_input != 0)
+            low[reached], high[reached] = -np.inf, np.inf
+    for guard in automaton.guards:
+        before, after = automaton.modes[guard.mode], automaton.modes[guard.target]
+        if not (before.sticking or after.sticking):
+            _widen(low, high, *_jumps(guard, before, after))
+    return low, high
+
+
+def _widen(low: Array, high: Array, *slopes: Array) -> None:
+    for values in slopes:
+        np.minimum(low, values, out=low)
+        np.maximum(high, values, out=high)
+
+
+def _jumps(guard: Guard, before: Mode, after: Mode) -> tuple[Array, Array]:
+    """Slopes (n_outputs, n_inputs) at an event: infinite for outputs that jump with an input, zero otherwise."""
+    memory = np.hstack([guard.memory_from_input, guard.memory_from_memory, guard.memory_constant[:, None]])
+    was = np.hstack([before.from_input, before.from_memory, before.constant[:, None]])
+    # As rows on inputs, memory values and one: the new output, with what the reset writes, less the old one.
+    new = (
+        np.hstack([after.from_input, np.zeros_like(after.from_memory), after.constant[:, None]])
+        + after.from_memory @ memory
+    )
+    row = np.concatenate([guard.on_input, guard.on_memory, [guard.constant]]) + guard.on_output @ was
+    if np.any(guard.on_rate):
+        row = np.zeros_like(row)
+    change, size = new - was, np.abs(new) + np.abs(was)
+    share = change[:, :-1] @ row[:-1] / (row[:-1] @ row[:-1] or 1.0)
+    left = change - np.outer(share, row)
+    left[np.abs(left) <= 1e-12 * (size.max(axis=1, keepdims=True) + np.abs(np.outer(share, row)))] = 0.0
+    jumps = np.any(left != 0.0, axis=1)
+    known = ~np.any(left[:, :-1] != 0.0, axis=1)
+    by = np.where(np.any(guard.on_rate), guard.on_rate, row[: guard.on_input.size])
+    sign = np.where(known, np.sign(left[:, -1]), 0.0)[:, None] * np.sign(by)[None, :]
+    steep = np.where(jumps[:, None] & (by != 0.0)[None, :], np.inf, 0.0)
+    slope = before.from_input
+    return (
+        np.where((steep > 0) & (sign <= 0), -np.inf, slope),
+        np.where((steep > 0) & (sign >= 0), np.inf, slope),
+    )
+
+
+def switching_levels(automaton: Automaton, bias: float = 0.0) -> Array:
+    """Values of the first input, from `bias`, at which guards on it rise; how far it must go where they compare it
+    with a memory value.
+    """
+    guards = [g for g in automaton.guards if g.on_input[0] != 0.0]
+    return np.array([-g.constant / g.on_input[0] - (0.0 if np.any(g.on_memory) else bias) for g in guards])

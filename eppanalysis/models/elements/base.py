@@ -1,0 +1,205 @@
+"""What every element offers: its map in time, its describing function, its automaton, its slopes, its fields."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
+
+Array = NDArray[np.float64]
+
+#: Exponents of the units of input, output and time in a field of an element.
+Role = tuple[int, int, int]
+IN: Role = (1, 0, 0)
+OUT: Role = (0, 1, 0)
+SLOPE: Role = (-1, 1, 0)
+DAMPING: Role = (-1, 1, 1)
+RATIO: Role = (0, 0, 0)
+
+#: Elements by the name that a case file calls them: what a class gives as its `kind`.
+ELEMENTS: dict[str, type[Nonlinearity]] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class OwnStates:
+    """Linear states that an element brings into the loop, between the loop's signals and its automaton's.
+
+    With the loop's signal x before the element and y behind it, and inputs z and outputs w of the automaton,
+
+        ds/dt = A s + B [x; w],    [z; y] = C s + D [x; w]
+
+    Parameters
+    ----------
+    A : array, shape (k, k)
+    B : array, shape (k, x + w)
+    C : array, shape (z + y, k)
+    D : array, shape (z + y, x + w)
+    n_before, n_behind : int
+        Numbers of the loop's signals x and y; one each by default.
+    start : array, shape (k,)
+        States at the start; zero by default.
+
+    Raises
+    ------
+    ModelError
+        If shapes do not fit, or a number is not finite.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    n_before: int = 1
+    n_behind: int = 1
+    start: Array | None = None
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(np.asarray(self.A, float)))
+        columns, rows = np.shape(self.B)[-1:], np.shape(self.C)[:1]
+        shapes = {"A": (n, n), "B": (n, *columns), "C": (*rows, n), "D": (*rows, *columns), "start": (n,)}
+        for name, shape in shapes.items():
+            given = getattr(self, name)
+            values = np.zeros(n) if given is None else np.array(given, float)
+            if values.shape != shape or not np.all(np.isfinite(values)):
+                raise ModelError(f"OwnStates: {name} has shape {values.shape}; expected finite numbers, {shape}.")
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+
+
+class Nonlinearity(ABC):
+    """One nonlinear element of a loop.
+
+    A subclass gives its map, its describing function and its automaton; what is known of its slopes, its sector and its
+    thresholds is read off the automaton, where the subclass does not say it better.
+
+    Attributes
+    ----------
+    n_inputs, n_outputs : int
+        Numbers of scalar inputs and outputs. Only the first input is excited in the describing function; a second one
+        is its rate (lock pin) or a clock.
+    kind : str
+        Name of the element in case files: ``class Play(Nonlinearity, kind="play")``. Empty where none can hold it.
+    units : mapping of str to (int, int, int)
+        Exponents of the units of input, output and time in each field that is a number or a list of numbers.
+    same_unit : bool
+        Whether the output has the unit of the input.
+    input_is, output_is : str
+        "way" and "force", where a unit that is none is a mistake; empty where anything may be.
+    input_unit : str
+        Unit of the first input where it is always the same [SI]; empty where it is the loop's.
+    breakpoints : array, shape (k,)
+        Inputs at which a static map that is linear between them bends or jumps; empty for all other elements.
+    slopes, intercepts : array, shape (k + 1,)
+        Of such a map's pieces.
+    jumps : array, shape (k,)
+        Of such a map at its breakpoints.
+    sticks_and_slips : bool
+        Whether it resists more at rest than in motion.
+    own_states : OwnStates or None
+        Linear states that a loop appends to its own.
+    """
+
+    n_inputs: ClassVar[int] = 1
+    n_outputs: ClassVar[int] = 1
+    kind: ClassVar[str] = ""
+    units: ClassVar[Mapping[str, Role]] = {}
+    same_unit: ClassVar[bool] = False
+    input_is: ClassVar[str] = ""
+    output_is: ClassVar[str] = ""
+    input_unit: ClassVar[str] = ""
+
+    breakpoints: Array = np.zeros(0)
+    slopes: Array = np.zeros(0)
+    intercepts: Array = np.zeros(0)
+    jumps: Array = np.zeros(0)
+    own_states: OwnStates | None = None
+
+    def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.kind = kind
+        if kind:
+            ELEMENTS[kind] = cls
+
+    @abstractmethod
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """Output for the input `x` that is reached, monotonically, from the state `memory`: (output, memory)."""
+
+    @abstractmethod
+    def describing_function(
+        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Mean output and complex gain for ``x = bias + amplitude * sin(omega t)``.
+
+        The output is approximated by ``mean + Im(gain * amplitude * exp(j omega t))``: with
+        ``y ~ mean + b1 sin + a1 cos`` the gain is ``(b1 + j a1)/amplitude``. Arguments broadcast; with several
+        outputs both results have a trailing axis of length `n_outputs`.
+        """
+
+    @abstractmethod
+    def automaton(self) -> Automaton:
+        """Modes, guards and resets of the element for the hybrid system."""
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, NDArray[np.float64]]:
+        """Mode and memory values at a start with a memory as `output` takes it (None: the element's own).
+
+        The mode need not be the one in which the element is: what an input has passed it leaves at once.
+        """
+        stored = automaton.start_memory.copy()
+        if memory is not None and stored.size:
+            stored[0] = memory
+        return automaton.start_mode, stored
+
+    def memory_at(
+        self, mode: int, stored: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
+    ) -> Any:
+        """What `output` and `start` take as memory, in a mode with memory values, shape (n_memory,), input
+        and output.
+        """
+        return self.memory_of(output)
+
+    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+        """First memory value of the automaton for an output, shape (n_outputs,); None without such a memory."""
+        return None
+
+    def thresholds(self, bias: float = 0.0) -> NDArray[np.float64]:
+        """Positive amplitudes about `bias` at which the describing function changes its form.
+
+        They are the scales of an amplitude search: distances of the automaton's switching levels from the bias.
+        """
+        sizes = np.unique(np.abs(switching_levels(self.automaton(), bias)))
+        return sizes[sizes > 0]
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Least and greatest slope of the first output over the first input; infinite where the output jumps with it.
+
+        Where the output depends on memory, or on another input, over all that they may be.
+        """
+        low, high = slopes_of(self.automaton())
+        return float(low[0, 0]), float(high[0, 0])
+
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ratio of the first output to the first input, over all inputs but zero and all memories.
+
+        Infinite where the output need not be zero with the input, or where nothing is known.
+        """
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> NDArray[np.float64]:
+        """Gains, shape (n_outputs, n_inputs), that stand for the element in the margins of the linearised loop.
+
+        The steepest slopes, infinite where the element jumps.
+        """
+        low, high = slopes_of(self.automaton())
+        return np.where(np.abs(low) > np.abs(high), low, high)
+
+    @property
+    def sticks_and_slips(self) -> bool:
+        """Whether it resists more at rest than in motion, so that a loop that winds up hunts."""
+        return False

@@ -1,0 +1,260 @@
+"""Compliant backlash: a spring and a damper that touch only outside a gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements import automata
+from eppanalysis.models.elements.automaton import Automaton
+from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
+from eppanalysis.models.elements.phases import (
+    SMALLEST_AMPLITUDE,
+    angle,
+    broadcast,
+    distances,
+    lever,
+    require,
+    require_numbers,
+    squared_sine,
+)
+
+Array = NDArray[np.float64]
+_CONTACT = MappingProxyType({"gap": IN, "stiffness": SLOPE, "damping": DAMPING})
+Answer = tuple[Array, NDArray[np.complex128]]
+
+
+@dataclass(frozen=True)
+class LockPin(Nonlinearity, kind="lock_pin"):
+    """Lock pin in its socket: no torque inside the gap, a spring and a damper outside it.
+
+    Inputs are the relative angle delta [rad] and its rate [rad/s], the output is a torque [N*m].
+
+    Parameters
+    ----------
+    gap : float
+        Total free width [rad], at least zero.
+    stiffness : float
+        [N*m/rad], positive.
+    damping : float
+        [N*m*s/rad], at least zero.
+    model : {"unilateral", "classical"}
+        "unilateral": contact only pushes, ``max(0, k (delta - gap/2) + c rate)`` for ``delta > gap/2`` and its mirror
+        image, so the pin lets go before delta is back at the gap. "classical": the damper acts wherever
+        ``|delta| > gap/2``, even if it pulls.
+
+    Raises
+    ------
+    ModelError
+        If a field is out of its range.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import LockPin
+    >>> pin = LockPin(gap=0.02, stiffness=100.0, damping=1.0)
+    >>> float(pin.output((0.03, 0.5))[0])
+    2.5
+    >>> mean, gain = pin.describing_function(amplitude=0.02, omega=30.0)
+    >>> complex(gain.round(3))
+    (40.346+9.955j)
+    """
+
+    n_inputs: ClassVar[int] = 2
+    units = _CONTACT
+    input_is = "way"
+
+    gap: float
+    stiffness: float
+    damping: float
+    model: Literal["unilateral", "classical"] = "unilateral"
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "gap", "stiffness", "damping")
+        require(self, "gap", self.gap >= 0, "zero or more")
+        require(self, "stiffness", self.stiffness > 0, "a positive number")
+        require(self, "damping", self.damping >= 0, "zero or more")
+        require(
+            self,
+            "model",
+            isinstance(self.model, str) and self.model in ("unilateral", "classical"),
+            "'unilateral' or 'classical'",
+        )
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
+        """Torque for ``x = (delta, rate)``; there is no memory, `memory` is handed through."""
+        delta, rate = (floats(v, "output: x") for v in (x[0], x[1]))
+        over, under = delta > self.gap / 2, delta < -self.gap / 2
+        spring = delta - np.clip(delta, -self.gap / 2, self.gap / 2)
+        torque = self.stiffness * spring + self.damping * rate
+        if self.model == "classical":
+            return np.where(over | under, torque, 0.0), memory
+        return np.where(over, np.maximum(torque, 0), np.where(under, np.minimum(torque, 0), 0.0)), memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain for ``delta = bias + amplitude*sin(omega t)`` and its rate; depends on the frequency.
+
+        Exact with the phases at which contact begins and ends. "Unilateral" contact begins at the edge of the gap,
+        with a jump ``c*rate``, or, where delta never returns into the gap, where the torque rises from zero; it ends
+        where the torque falls to zero. With q = c omega/k and C the integral of cos^2 over the contact,
+
+            gain = k/pi * [C + q (cos^2 end + cos^2 begin)/2 + j q (C + q cos^2(end)/2)]
+
+        when it begins at the edge (derived by integration by parts; every term is positive, so none cancel).
+
+        Raises
+        ------
+        ModelError
+            If an amplitude or a frequency is negative.
+        """
+        a, b, w = broadcast(amplitude, bias, omega)
+        if np.any(w < 0):
+            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
+        q = self.damping / self.stiffness * w
+        side = _push if self.model == "unilateral" else _hold
+        (mean_up, mean_down), (gain_up, gain_down) = side(a, np.stack([b, -b]) - self.gap / 2, q)
+        mean = self.stiffness / (2 * np.pi) * (mean_up - mean_down)
+        return mean, self.stiffness / np.pi * (gain_up + gain_down)
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Distances of both edges of the gap from the bias."""
+        return distances(self.gap / 2 - bias, self.gap / 2 + bias)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Of the spring at a constant rate; infinite with a damper, which acts from the edge of the gap on."""
+        if not self.damping:
+            return (0.0 if self.gap else self.stiffness), self.stiffness
+        return (-np.inf if self.model == "classical" else 0.0), np.inf
+
+    def sector(self) -> tuple[float, float]:
+        """Of the spring; infinite with a damper, whose torque is as great as the rate."""
+        if not self.damping:
+            return (0.0 if self.gap else self.stiffness), self.stiffness
+        return (-np.inf if self.model == "classical" else 0.0), np.inf
+
+    def linear_gain(self) -> Array:
+        """Spring and damper, in contact."""
+        return np.array([[self.stiffness, self.damping]])
+
+    def automaton(self) -> Automaton:
+        """Free, in contact on either side and, if unilateral, released on either side."""
+        return automata.lock_pin(self.gap, self.stiffness, self.damping, self.model == "unilateral")
+
+
+def _hold(a: Array, inside: Array, q: Array) -> Answer:
+    """Classical contact on one side: the cosine of the damper adds the spring's own integral, turned by 90 degrees.
+
+    Integrals over one cycle of the torque over the stiffness, for ``delta = edge + inside + a sin(phi)``; `inside` has
+    both sides of the gap along its first axis.
+    """
+    theta = angle(np.clip(a + inside, 0, 2 * a), np.clip(a - inside, 0, 2 * a))
+    mean = np.where(inside >= a, 2 * np.pi * inside, np.where(inside > -a, 2 * a * lever(theta), 0.0))
+    return np.where(np.isnan(q + a), np.nan, mean), 2 * squared_sine(theta) * (1 + 1j * q)
+
+
+def _push(a: Array, inside: Array, q: Array) -> Answer:
+    """Unilateral contact on one side; arguments and results as in `_hold`.
+
+    With ``depth = 1 + inside/a``, the greatest penetration over the amplitude, the torque ``sin + q cos - (1 - depth)``
+    falls through zero at the angle `end` behind the peak and rises through it at `begin` before the peak (which counts
+    only where the gap is not reached, depth >= 2); the half-angle tangents are roots of a quadratic.
+    """
+    touches, always = inside > -a, inside >= a * np.hypot(1.0, q)
+    passes = touches & ~always
+    d = np.where(passes, a + inside, 1.0) / np.where(passes, a, 1.0)
+    root = np.sqrt(np.maximum(q * q + d * (2 - d), 0))
+    edge = d <= 2
+    at_edge = angle(np.minimum(d, 2), np.maximum(2 - d, 0))
+    begin = at_edge if edge.all() else np.where(edge, at_edge, 2 * (np.pi - np.arctan2(d, q - root)))
+    both = np.stack([begin, 2 * np.arctan2(d, q + root)])
+    sin_begin, sin_end = np.sin(both)
+    held = squared_sine(both).sum(0)
+    begin_square, end_square = sin_begin**2, sin_end**2
+    real = held + q / 2 * (end_square + np.where(edge, begin_square, -begin_square))
+    imaginary = q * (held + q / 2 * (end_square - np.where(edge, 0.0, begin_square)))
+    damper = q * sin_end * (both[1] + q) + np.where(edge, 0.0, q * sin_begin * (q - begin))
+    mean = a * (lever(both).sum(0) + damper)
+    mean = np.where(always, 2 * np.pi * inside, np.where(touches, mean, 0.0))
+    gain = np.where(always, np.pi * (1 + 1j * q), np.where(touches, real + 1j * imaginary, 0.0))
+    undefined = np.isnan(a + inside + q)
+    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+
+
+@dataclass(frozen=True)
+class NordinShaft(Nonlinearity, kind="nordin_shaft"):
+    """Shaft with inner damping behind a gap, whose contact angle is a state of the loop.
+
+    Inputs are the twist delta [rad], its rate [rad/s] and the contact angle theta_b [rad] (within ``gap/2``); outputs
+    are the torque [N*m] and the rate of the contact angle [rad/s], which the linear part integrates. After Nordin,
+    Galic and Gutman, "New models for backlash and gear play", Int. J. Adapt. Control Signal Process. 11, 1997.
+
+    Parameters
+    ----------
+    gap : float
+        Total free width [rad], at least zero.
+    stiffness, damping : float
+        Of the shaft [N*m/rad, N*m*s/rad], positive.
+
+    Raises
+    ------
+    ModelError
+        If a field is out of its range.
+    """
+
+    n_inputs: ClassVar[int] = 3
+    n_outputs: ClassVar[int] = 2
+    units = _CONTACT
+    input_is = "way"
+
+    gap: float
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "gap", "stiffness", "damping")
+        require(self, "gap", self.gap >= 0, "zero or more")
+        require(self, "stiffness", self.stiffness > 0, "a positive number")
+        require(self, "damping", self.damping > 0, "a positive number")
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
+        """Torque and rate of the contact angle (trailing axis); `memory` is unused, the state is the third input."""
+        delta, rate, contact = (floats(v, "output: x") for v in (x[0], x[1], x[2]))
+        drift = rate + self.stiffness / self.damping * (delta - contact)
+        half = self.gap / 2
+        blocked = ((contact >= half) & (drift > 0)) | ((contact <= -half) & (drift < 0))
+        # In the gap the shaft relaxes without torque; at either side what would move on is torque instead.
+        return np.stack([np.where(blocked, self.damping * drift, 0.0), np.where(blocked, 0.0, drift)], -1), memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Not defined: the contact angle is excited too, and its release has no closed form.
+
+        Raises
+        ------
+        ModelError
+            Always.
+        """
+        raise ModelError(
+            "NordinShaft has no describing function, as its contact angle is a state; use LockPin for a prediction."
+        )
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the gap, about any bias: the contact angle is apart from the twist."""
+        return distances(self.gap / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Of the torque over the twist, at a constant rate and contact angle."""
+        return 0.0, self.stiffness
+
+    def linear_gain(self) -> Array:
+        """Spring and damper, in contact, where the contact angle rests."""
+        return np.array([[self.stiffness, self.damping, 0.0], [0.0, 0.0, 0.0]])
+
+    def automaton(self) -> Automaton:
+        """Free, in contact on either side."""
+        return automata.nordin_shaft(self.gap, self.stiffness, self.damping)

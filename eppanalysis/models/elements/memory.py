@@ -1,0 +1,544 @@
+"""Elements with memory but without a rate: relays with hysteresis, play, stiction relays.
+
+Their describing functions follow from the changes of the output along one closed cycle of ``x = b + A sin(phi)``,
+
+    gain = 1/(pi A) * closed integral of (cos(phi) - j sin(phi)) dy,
+
+so each is a sum over the slopes and jumps of the loop. Below (and at) the amplitude that closes the loop the output
+does not change: the gain is 0 there and the mean is the one that each class documents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.models.elements import automata
+from eppanalysis.models.elements.automaton import Automaton
+from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.phases import (
+    SMALLEST_AMPLITUDE,
+    angle,
+    broadcast,
+    distances,
+    level_ratios,
+    require,
+    require_numbers,
+    squared_sine,
+)
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, NDArray[np.complex128]]
+
+
+class Slip(NamedTuple):
+    """Memory of an element that sticks: its value, which way it slides (1, -1, or 0 stuck) and the input it reached."""
+
+    value: ArrayLike
+    direction: ArrayLike = 0
+    reached: ArrayLike = 0.0
+
+
+class _Sticking(Nonlinearity):
+    """What an element that sticks and follows remembers; the modes of its automaton: stuck, up, down, any others."""
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
+        """Stuck at a plain number; on its way with a :class:`Slip`."""
+        if not isinstance(memory, Slip):
+            return super().start(automaton, memory)
+        direction = int(np.sign(memory.direction))
+        return direction % 3, super().start(automaton, float(np.asarray(memory.value)))[1]
+
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
+        """The value stuck at, or the :class:`Slip`."""
+        value = self.memory_of(output)
+        return Slip(value, 1 if mode == 1 else -1, float(x[0])) if mode in (1, 2) and value is not None else value
+
+
+class _Levels(Nonlinearity):
+    """What a relay with hysteresis remembers: its level; a level is a mode of its automaton."""
+
+    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
+        """The mode of the level nearest to the memory."""
+        mode, stored = super().start(automaton)
+        if memory is not None:
+            mode = int(np.argmin([abs(m.constant[0] - float(memory)) for m in automaton.modes]))
+        return mode, stored
+
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
+        """The level."""
+        return float(output[0])
+
+
+def _arguments(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
+    a, b, _ = broadcast(amplitude, bias, omega)
+    return np.where(a == 0, SMALLEST_AMPLITUDE, a), b
+
+
+def _with_nan(a: Array, b: Array, mean: ArrayLike, gain: ArrayLike) -> Answer:
+    """Not-a-number in, not-a-number out (comparisons would take it for an amplitude below the threshold)."""
+    undefined = np.isnan(a) | np.isnan(b)
+    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain) + 0j
+
+
+def _relay(
+    a: Array, b: Array, thresholds: tuple[float, float], levels: tuple[float, float], undecided: float
+) -> tuple[Array, Array]:
+    """Mean and gain of a hysteresis relay; `undecided` is the mean where the input reaches neither threshold."""
+    (lower, upper), (low, high) = thresholds, levels
+    rises, falls = b + a > upper, b - a < lower
+    a = np.where(rises & falls, a, 1.0)
+    up, down = (np.clip(x - b, -a, a) for x in (upper, lower))
+    share = (angle(a - up, a + up) + angle(a - down, a + down)) / (2 * np.pi)
+    cosines = np.sqrt((a - up) / a) * np.sqrt((a + up) / a) + np.sqrt((a - down) / a) * np.sqrt((a + down) / a)
+    gain = (high - low) / np.pi * (cosines / a - 1j * (((upper - lower) / a) / a))
+    mean = np.where(rises & falls, low + (high - low) * share, undecided)
+    mean = np.where(rises & ~falls, high, np.where(falls & ~rises, low, mean))
+    return mean, np.where(rises & falls, gain, 0.0)
+
+
+@dataclass(frozen=True)
+class HysteresisRelay(_Levels, kind="hysteresis_relay"):
+    """Relay that goes `high` when x rises through `upper` and `low` when x falls through `lower`.
+
+    Raises
+    ------
+    ModelError
+        If `upper` is less than `lower` or a field is not a finite number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import HysteresisRelay
+    >>> mean, gain = HysteresisRelay(lower=-0.5, upper=0.5).describing_function(amplitude=1.0)
+    >>> complex(gain.round(4))
+    (1.1027-0.6366j)
+    """
+
+    units = MappingProxyType({"lower": IN, "upper": IN, "low": OUT, "high": OUT})
+
+    lower: float
+    upper: float
+    low: float = -1.0
+    high: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "lower", "upper", "low", "high")
+        require(self, "upper", self.upper >= self.lower, "at least lower", "lower")
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
+        """Output level, which is also the memory; without memory the relay is `low` until x exceeds `upper`."""
+        x = floats(x, "output: x")
+        before = self.low if memory is None else memory
+        y = np.where(x > self.upper, self.high, np.where(x < self.lower, self.low, before))
+        return y, y
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain; an input that reaches neither threshold has the mean of both levels and gain 0.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = _arguments(amplitude, bias, omega)
+        middle = self.low + (self.high - self.low) / 2
+        return _with_nan(a, b, *_relay(a, b, (self.lower, self.upper), (self.low, self.high), middle))
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Distances of both thresholds from the bias; the loop closes at the greater one if they are on either side."""
+        return distances(self.lower - bias, self.upper - bias)
+
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``: `low` up to the upper threshold, `high` from the lower one on."""
+        return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
+
+    def automaton(self) -> Automaton:
+        """Two modes, one a level."""
+        return automata.hysteresis_relay(self.lower, self.upper, self.low, self.high)
+
+
+@dataclass(frozen=True)
+class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
+    """Odd three-level relay: ``+level`` once x > `on` until x < `off`, ``-level`` once x < ``-on`` until x > ``-off``.
+
+    Raises
+    ------
+    ModelError
+        If not ``0 <= off <= on`` with `on` and `level` positive.
+    """
+
+    units = MappingProxyType({"on": IN, "off": IN, "level": OUT})
+
+    on: float
+    off: float
+    level: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "on", "off", "level")
+        require(self, "on", self.on > 0, "a positive number")
+        require(self, "off", 0 <= self.off <= self.on, "zero to on", "on")
+        require(self, "level", self.level > 0, "a positive number")
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
+        """Output level, which is also the memory; without memory the relay is off."""
+        x = floats(x, "output: x")
+        before = 0.0 if memory is None else floats(memory, "output: memory")
+        plus = (x > self.on) | ((before > 0) & (x >= self.off))
+        minus = (x < -self.on) | ((before < 0) & (x <= -self.off))
+        y = self.level * (plus.astype(float) - minus.astype(float))
+        return y, y
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Sum of two hysteresis relays; a side whose on-threshold the input does not pass counts as off.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = _arguments(amplitude, bias, omega)
+        plus_mean, plus_gain = _relay(a, b, (self.off, self.on), (0.0, self.level), 0.0)
+        minus_mean, minus_gain = _relay(a, b, (-self.on, -self.off), (-self.level, 0.0), 0.0)
+        return _with_nan(a, b, plus_mean + minus_mean, plus_gain + minus_gain)
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Distances of the four thresholds from the bias."""
+        return distances(*(s * x - bias for s in (1, -1) for x in (self.on, self.off)))
+
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``: zero, and the level where it goes off."""
+        return 0.0, self.level / self.off if self.off else np.inf
+
+    def automaton(self) -> Automaton:
+        """Three modes, one a level."""
+        return automata.hysteresis_relay_dead_zone(self.on, self.off, self.level)
+
+
+@dataclass(frozen=True)
+class Play(Nonlinearity, kind="play"):
+    """Friction-driven backlash of total width `gap`: the output rests until the input pushes it from either side.
+
+    Without a memory it begins at zero, or as near to zero as the gap lets it, in continuous and in discrete time.
+
+    Parameters
+    ----------
+    gap : float
+        Total width, at least zero; the output stays within ``gap/2`` of the input.
+
+    Raises
+    ------
+    ModelError
+        If the gap is negative or not a finite number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import Play
+    >>> mean, gain = Play(gap=2.0).describing_function(amplitude=2.0)
+    >>> complex(gain.round(4))
+    (0.5-0.3183j)
+    """
+
+    units = MappingProxyType({"gap": IN})
+    same_unit = True
+
+    gap: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "gap")
+        require(self, "gap", self.gap >= 0, "zero or more")
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
+        """Output, which is also the memory; without memory it starts from zero, or as near to it as the gap lets it."""
+        x = floats(x, "output: x")
+        stored = floats(0.0 if memory is None else memory, "output: memory")
+        y = np.clip(stored, x - self.gap / 2, x + self.gap / 2)
+        return np.asarray(y), np.asarray(y)
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean (the bias, at any amplitude) and gain, which is 0 up to the amplitude ``gap/2``.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = _arguments(amplitude, bias, omega)
+        moves = a > self.gap / 2
+        reached = np.where(moves, a, self.gap)
+        spare = reached - self.gap / 2
+        real, lag = 2 * squared_sine(angle(spare, self.gap / 2)), 2 * (self.gap / reached) * (spare / reached)
+        return _with_nan(a, b, b, np.where(moves, (real - 1j * lag) / np.pi, 0.0))
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the gap, about any bias."""
+        return distances(self.gap / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero in the gap, one where it is pushed; one alone without a gap."""
+        return (0.0 if self.gap else 1.0), 1.0
+
+    def sector(self) -> tuple[float, float]:
+        """Infinite, as the output stays where it is while the input passes zero; one without a gap."""
+        return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
+
+    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+        """The output itself."""
+        return float(output[0])
+
+    def automaton(self) -> Automaton:
+        """Rests in the gap, pushed up, pushed down."""
+        return automata.play(self.gap)
+
+
+@dataclass(frozen=True)
+class JumpAndFollow(_Sticking, kind="jump_and_follow"):
+    """Stiction relay: sticks until the input has reversed by more than `stick_band`, jumps by `slip_jump`, follows.
+
+    While it follows it stays ``(stick_band - slip_jump)/2`` behind the input; stuck at the value y it breaks away where
+    x is more than ``(stick_band + slip_jump)/2`` from ``y/slope``. This is the two-parameter valve stiction of
+    Choudhury, Thornhill and Shah (Control Eng. Practice 13, 2005), S = `stick_band` and J = `slip_jump`.
+
+    Parameters
+    ----------
+    stick_band, slip_jump : float
+        Both in the unit of the input, at least zero.
+    slope : float, optional
+        Output per input while following, positive.
+
+    Raises
+    ------
+    ModelError
+        If a field is out of its range.
+    """
+
+    units = MappingProxyType({"stick_band": IN, "slip_jump": IN, "slope": SLOPE})
+
+    stick_band: float
+    slip_jump: float
+    slope: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "stick_band", "slip_jump", "slope")
+        require(self, "stick_band", self.stick_band >= 0, "zero or more")
+        require(self, "slip_jump", self.slip_jump >= 0, "zero or more")
+        require(self, "slope", self.slope > 0, "a positive number")
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
+        """Output and memory; a plain number as memory is the value stuck at, none is zero."""
+        x = floats(x, "output: x")
+        offset, reach = (self.stick_band - self.slip_jump) / 2, (self.stick_band + self.slip_jump) / 2
+        before = memory if isinstance(memory, Slip) else Slip(0.0 if memory is None else memory)
+        strain = x - np.asarray(before.value, float) / self.slope
+        up = ((np.asarray(before.direction) > 0) & (x >= before.reached)) | (strain > reach)
+        down = ((np.asarray(before.direction) < 0) & (x <= before.reached)) | (strain < -reach)
+        y = np.where(up, self.slope * (x - offset), np.where(down, self.slope * (x + offset), before.value))
+        return y, Slip(y, up.astype(int) - (down & ~up).astype(int), x)
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean (``slope*bias``, at any amplitude) and gain, which is 0 up to the amplitude ``stick_band/2``.
+
+        From there to ``(stick_band + slip_jump)/2`` the loop coexists with rest: it goes on once it moves, but does not
+        start from a value in the middle.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = _arguments(amplitude, bias, omega)
+        moves = 2 * a > self.stick_band
+        reached = np.where(moves, a, self.stick_band)
+        band, jump = self.stick_band / reached, self.slip_jump / reached
+        rest = 2 * reached - self.stick_band
+        real = 2 * squared_sine(angle(rest, self.stick_band)) + 2 * jump * np.sqrt(rest / reached) * np.sqrt(band)
+        lag = 2 * (self.stick_band - self.slip_jump) / reached + band * (2 * jump - band)
+        return _with_nan(a, b, self.slope * b, np.where(moves, self.slope / np.pi * (real - 1j * lag), 0.0))
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the stick band, about any bias."""
+        return distances(self.stick_band / 2)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero while stuck, `slope` while it follows, infinite where it jumps."""
+        stuck = self.stick_band + self.slip_jump > 0
+        return (0.0 if stuck else self.slope), np.inf if self.slip_jump else self.slope
+
+    def sector(self) -> tuple[float, float]:
+        """Infinite, as the output stays where it is while the input passes zero; `slope` where it never sticks."""
+        return (-np.inf, np.inf) if self.stick_band + self.slip_jump else (self.slope, self.slope)
+
+    def linear_gain(self) -> Array:
+        """The slope at which it follows."""
+        return np.array([[self.slope]])
+
+    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+        """The output itself."""
+        return float(output[0])
+
+    def automaton(self) -> Automaton:
+        """Stuck, follows up, follows down."""
+        return automata.jump_and_follow(self.stick_band, self.slip_jump, self.slope)
+
+
+@dataclass(frozen=True)
+class StictionPulley(_Sticking, kind="stiction_pulley"):
+    """Cable round a pulley whose friction is proportional to its load: jump-and-follow from stretch to tension.
+
+    With the friction force ``friction*(F_h + F_f)`` and ``kinetic_ratio`` of it while sliding, the stretch u of the
+    forearm side is proportional to the total stretch s on four lines: while sliding up and down, and where it breaks
+    away up and down. Slack (s <= 0) both forces are zero.
+
+    Parameters
+    ----------
+    harness_stiffness, forearm_stiffness : float
+        Stiffness of the cable on either side of the pulley [N/m], positive.
+    friction : float
+        Static friction per load, ``mu sin(psi/2)``, between 0 and 1 (both excluded).
+    kinetic_ratio : float
+        Kinetic over static friction, 0 to 1.
+
+    Raises
+    ------
+    ModelError
+        If a field is out of its range.
+
+    Notes
+    -----
+    One input: the total stretch s [m]. Two outputs: the force ``F_f = k_f u`` at the sensor and ``F_h = k_h (s - u)``
+    at the harness [N]. Memory: u [m], as a :class:`Slip` or a plain number (stuck at it).
+    """
+
+    n_outputs: ClassVar[int] = 2
+    units = MappingProxyType(
+        {"harness_stiffness": SLOPE, "forearm_stiffness": SLOPE, "friction": RATIO, "kinetic_ratio": RATIO}
+    )
+
+    harness_stiffness: float
+    forearm_stiffness: float
+    friction: float
+    kinetic_ratio: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "harness_stiffness", "forearm_stiffness", "friction", "kinetic_ratio")
+        for name in ("harness_stiffness", "forearm_stiffness"):
+            require(self, name, getattr(self, name) > 0, "a positive number")
+        require(self, "friction", 0 < self.friction < 1, "a number between 0 and 1")
+        require(self, "kinetic_ratio", 0 <= self.kinetic_ratio <= 1, "0 to 1")
+
+    def _weight(self, ratio: float) -> float:
+        """``(1 - r) k_h + (1 + r) k_f`` for ``F_h - F_f = r (F_h + F_f)``."""
+        return (1 - ratio) * self.harness_stiffness + (1 + ratio) * self.forearm_stiffness
+
+    def share(self, ratio: float) -> float:
+        """``u/s`` where the tensions differ by ``F_h - F_f = ratio*(F_h + F_f)``."""
+        return (1 - ratio) * self.harness_stiffness / self._weight(ratio)
+
+    def share_difference(self, ratio: float, other: float) -> float:
+        """``share(ratio) - share(other)``, without cancellation."""
+        product = 2 * self.harness_stiffness * self.forearm_stiffness
+        return product * (other - ratio) / (self._weight(ratio) * self._weight(other))
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
+        """Forces (trailing axis: sensor, harness) and memory; without memory both tensions start equal, stuck."""
+        s = floats(x, "output: x")
+        kinetic = self.kinetic_ratio * self.friction
+        before = memory if isinstance(memory, Slip) else Slip(self.share(0.0) * s if memory is None else memory)
+        u = np.asarray(before.value, float)
+        up = ((np.asarray(before.direction) > 0) & (s >= before.reached)) | (u < self.share(self.friction) * s)
+        down = ((np.asarray(before.direction) < 0) & (s <= before.reached)) | (u > self.share(-self.friction) * s)
+        u = np.maximum(np.where(up, self.share(kinetic) * s, np.where(down, self.share(-kinetic) * s, u)), 0)
+        forces = np.stack([self.forearm_stiffness * u, self.harness_stiffness * np.maximum(s - u, 0)], axis=-1)
+        return forces, Slip(u, up.astype(int) - (down & ~up).astype(int), s)
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain of both forces (trailing axis: sensor, harness), also where the cable goes slack in each cycle.
+
+        The loop closes where the greatest stretch exceeds the least ``s_min = bias - amplitude`` by the factor
+        ``share(-kinetic)/share(friction)``, always where the cable goes slack (a little above that it coexists with
+        rest: it goes on once it slides). Below that u is constant: the sensor force has gain 0, the harness force the
+        gain of its spring, and the mean is that of equal tensions at the bias, or of the nearest stuck state that holds
+        over the oscillation. Slack throughout, everything is 0.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = _arguments(amplitude, bias, omega)
+        top, bottom = b + a, np.maximum(b - a, 0.0)
+        static, kinetic = self.friction, self.kinetic_ratio * self.friction
+        reach = bottom * (self.share_difference(-kinetic, static) / self.share(static))
+        slides = (top > 0) & (top - bottom > reach)
+        mean_u, gain_u = self._loop(a, b, np.where(slides, reach, 0.0))
+        slack = angle(top - bottom, np.where(b >= a, 0.0, a - b))
+        taut_mean, taut_gain = (top * slack - 4 * a * squared_sine(slack / 2)) / np.pi, 2 / np.pi * squared_sine(slack)
+        stuck = np.clip(self.share(0.0) * b, self.share(static) * top, self.share(-static) * bottom)
+        mean_u, gain_u = np.where(slides, mean_u, stuck), np.where(slides, gain_u, 0.0)
+        mean_u, taut_mean = (np.where(top > 0, v, 0.0) for v in (mean_u, taut_mean))
+        gain_u, taut_gain = (np.where(top > 0, v, 0.0) for v in (gain_u, taut_gain))
+        mean = [self.forearm_stiffness * mean_u, self.harness_stiffness * (taut_mean - mean_u)]
+        gain = [self.forearm_stiffness * gain_u, self.harness_stiffness * (taut_gain - gain_u)]
+        a, b = a[..., None], b[..., None]
+        return _with_nan(a, b, np.stack(mean, axis=-1), np.stack(gain, axis=-1))
+
+    def _loop(self, a: Array, b: Array, reach: Array) -> tuple[Array, Array]:
+        """Mean and gain of u on the closed loop; `reach` is how far s rises before it breaks away upward."""
+        static, kinetic = self.friction, self.kinetic_ratio * self.friction
+        rise, fall = self.share(kinetic), self.share(-kinetic)
+        top, bottom = np.maximum(b + a, 0.0), np.maximum(b - a, 0.0)
+        under = bottom - (b - a)
+        drop = top * (self.share_difference(-static, kinetic) / self.share(-static))
+        # Angles from the peak at which it breaks away up, breaks away down and comes to the least taut stretch.
+        up = angle(top - bottom - reach, under + reach)
+        down, end = angle(drop, 2 * a - drop), angle(top - bottom, under)
+        jump_up = self.share_difference(kinetic, static) * (bottom + reach) / a
+        jump_down = self.share_difference(-static, -kinetic) * (top - drop) / a
+        sine, cosine = np.sin, np.cos
+        real = rise * squared_sine(up) + jump_up * sine(up)
+        real = real + fall * (squared_sine(end) - squared_sine(down)) + jump_down * sine(down)
+        lag = rise * sine(up) ** 2 / 2 + jump_up * cosine(up)
+        lag = lag + fall * (sine(down) ** 2 - sine(end) ** 2) / 2 - jump_down * cosine(down)
+
+        def area(theta: Array) -> Array:
+            """Integral of s from the peak to `theta`."""
+            return top * theta - 4 * a * squared_sine(theta / 2)
+
+        mean = fall * bottom * (np.pi - up) + rise * (area(up) + top * down) + fall * (area(end) - area(down))
+        return mean / (2 * np.pi), (real - 1j * lag) / np.pi
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Amplitudes about the mean stretch `bias` at which the loop closes and at which the cable goes slack."""
+        if bias <= 0:
+            return distances(bias)
+        static, kinetic = self.friction, self.kinetic_ratio * self.friction
+        excess = self.share_difference(-kinetic, static) / self.share(static)
+        return distances(bias * excess / (2 + excess), bias)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero while stuck, infinite where the friction falls as it breaks away, else that of the steeper slide."""
+        steepest = np.inf if self.kinetic_ratio < 1 else self.forearm_stiffness * self.share(-self.friction)
+        return 0.0, steepest
+
+    def sector(self) -> tuple[float, float]:
+        """From slack, without force, to where it breaks away downward."""
+        return 0.0, self.forearm_stiffness * self.share(-self.friction)
+
+    def linear_gain(self) -> Array:
+        """Both springs in series: the tensions on either side are equal."""
+        h, f = self.harness_stiffness, self.forearm_stiffness
+        return np.full((2, 1), h * f / (h + f))
+
+    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+        """Stretch of the forearm side [m]."""
+        return float(output[0]) / self.forearm_stiffness
+
+    def automaton(self) -> Automaton:
+        """Stuck, slides up, slides down, slack."""
+        return automata.stiction_pulley(
+            self.harness_stiffness, self.forearm_stiffness, self.friction, self.kinetic_ratio
+        )

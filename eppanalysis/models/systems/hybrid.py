@@ -1,0 +1,386 @@
+"""The hybrid system: modes, guards and resets of a loop, packed into flat arrays for the compiled engine.
+
+Derived from the LureSystem and its elements' automata; nothing is written a second time here. The state gains the
+external inputs (piecewise linear ones as a state with a held slope, sines as an oscillator), the memory values of all
+elements are stacked into one vector ``H`` whose last entry is 1 and carries every constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Guard
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
+from eppanalysis.models.systems.linear import fastest_poles
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.starts import admitted, starting_values
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+DELAY_LINE = 10
+#: Dead time, relative to the fastest time constant of the linear part.
+_LEAST_DELAY = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class HybridSystem:
+    """Flat form of a loop with its external inputs.
+
+    Attributes
+    ----------
+    model : eppanalysis.kernels.engine.tables.Model
+        What the kernels read.
+    x0, H0 : array, shapes (n + inputs,), (memory,)
+        State and memory values at the start.
+    modes0 : int array, shape (elements,)
+        Mode of each element at the start.
+    n_plant : int
+        How many of the states are the loop's own.
+    compared : bool array, shape (n + inputs,)
+        States that repeat on a limit cycle (clocks do not).
+    element_names, mode_names, guard_names : tuples
+        For the event list; guards are numbered through all elements and modes.
+    time_scale : float
+        Length of a step on which the linear part moves moderately [s].
+    elements, automata : tuples
+        Of the loop; the automata may end with that of an observer.
+    """
+
+    model: Model
+    x0: Array
+    H0: Array
+    modes0: IntArray
+    n_plant: int
+    compared: NDArray[np.bool_]
+    element_names: tuple[str, ...]
+    mode_names: tuple[tuple[str, ...], ...]
+    guard_names: tuple[str, ...]
+    time_scale: float
+    elements: tuple[Nonlinearity, ...]
+    automata: tuple[Automaton, ...]
+
+    def begun(self, state: Array, memory: Sequence[Any]) -> HybridSystem:
+        """The same system, begun at a state of its loop with what its elements remember; see `starting_values`."""
+        x0, H0, modes0 = starting_values(self, state, memory)
+        return replace(self, x0=x0, H0=H0, modes0=modes0)
+
+    @classmethod
+    def from_lure(
+        cls, system: LureSystem, input_signals: Mapping[str, InputSignal] | None = None, observed: bool = False
+    ) -> HybridSystem:
+        """Derive the hybrid system of `system` driven by `input_signals` (by input name; at rest where not given).
+
+        The extrema of the first element's input are events where no element can switch, or where it is `observed`.
+
+        Raises
+        ------
+        ModelError
+            For a discrete-time system, an unknown input, or a loop without a unique solution.
+        """
+        if system.time_step:
+            raise ModelError(f"{system.name}: a discrete-time system has no hybrid form; it is iterated instead.")
+        unknown = set(input_signals or {}) - set(system.input_names)
+        if unknown:
+            known = ", ".join(system.input_names) or "none"
+            raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}", expected=f"one of: {known}")
+        automata = [e.automaton() for e in system.elements]
+        names = list(system.element_names)
+        if observed or not any(a.guards for a in automata):
+            automata.append(_observer())
+            names.append("observer")
+        return _Packer(system, automata, names, input_signals or {}).pack()
+
+
+def _observer() -> Automaton:
+    """Element without output that marks the extrema of the first element's input, for loops that never switch."""
+    build = AutomatonBuilder()
+    rising, falling = build.mode("rising"), build.mode("falling")
+    build.guard("maximum", rising, falling, on_rate=-1.0)
+    build.guard("minimum", falling, rising, on_rate=1.0)
+    return build.build(rising)
+
+
+class _Packer:
+    """Stacks the loop, its inputs and its automata; lives for one call."""
+
+    def __init__(
+        self,
+        system: LureSystem,
+        automata: Sequence[Automaton],
+        names: Sequence[str],
+        input_signals: Mapping[str, InputSignal],
+    ) -> None:
+        self.system, self.automata, self.names = system, automata, names
+        self.input_signals = [input_signals.get(name, Constant()) for name in system.input_names]
+        self.n = system.A.shape[0]
+        self.first = np.zeros((len(automata) + 1, 3), np.int64)
+        for e, a in enumerate(automata):
+            self.first[e + 1] = self.first[e] + (a.n_inputs, a.n_outputs, a.n_memory)
+        self.n_z, self.n_w, n_memory = (int(v) for v in self.first[-1])
+        self.n_exo = sum(2 if isinstance(m, Sine) else 1 for m in self.input_signals)
+        self.i_slope = n_memory
+        self.n_H = n_memory + len(self.input_signals) + 1
+
+    def pack(self) -> HybridSystem:
+        system = self.system
+        x0, A, K, V, breakpoints, carrier = self._inputs()
+        n = A.shape[0]
+        nz, nw = system.C.shape[0], system.B.shape[1]
+        B, C = np.zeros((n, self.n_w)), np.zeros((self.n_z, n))
+        D, Kz = np.zeros((self.n_z, self.n_w)), np.zeros((self.n_z, self.n_H))
+        B[: self.n, :nw] = system.B
+        C[:nz, : self.n], C[:nz, self.n :] = system.C, system.D_input @ V
+        Kz[:nz, -1] = system.constant_input + system.D_input @ carrier
+        D[:nz, :nw] = system.D
+        if self.n_z > nz:
+            C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
+        S, smooth = self._smooth(B, C, D, Kz)
+        acts = self._acts_on(D)
+        B[:, : self.n_w][:, self._delayed()] = 0.0
+        modes, guards = self._modes(B, C, D, smooth["count"])
+        s = system.signals
+        Yw = np.zeros((len(s.names), self.n_w))
+        Yw[:, :nw] = s.D
+        YH = np.zeros((len(s.names), self.n_H))
+        YH[:, -1] = s.constant + s.D_input @ carrier
+        from eppanalysis.kernels.engine.tables import Model
+
+        model = Model(
+            A=A,
+            B=B,
+            S=S,
+            K=K,
+            C=C,
+            D=D,
+            Kz=Kz,
+            first=self.first,
+            order=self._order(acts),
+            reach=self._reach(acts),
+            **modes,
+            **guards,
+            smooth_kind=smooth["kind"],
+            smooth_x=smooth["x"],
+            smooth_H=smooth["H"],
+            smooth_scale=smooth["scale"],
+            smooth_w=smooth["w"],
+            smooth_delay=smooth["delay"],
+            Yx=np.hstack([s.C, s.D_input @ V]),
+            Yw=Yw,
+            YH=YH,
+            **breakpoints,
+        )
+        # One memory layout for all loops, so that the kernels are compiled once.
+        model = Model(*(np.array(a, order="C") for a in model))
+        fastest = float(fastest_poles(system.A[None])[0])
+        self._refuse_tiny_delays(fastest)
+        clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
+        exo = np.arange(n) >= self.n
+        plain = HybridSystem(
+            elements=tuple(system.elements),
+            automata=tuple(self.automata),
+            model=model,
+            x0=x0,
+            H0=np.append(np.zeros(self.n_H - 1), 1.0),
+            modes0=np.array([a.start_mode for a in self.automata], np.int64),
+            n_plant=self.n,
+            compared=~(clock | exo),
+            element_names=tuple(self.names),
+            mode_names=tuple(tuple(m.name for m in a.modes) for a in self.automata),
+            guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
+            time_scale=2.0 / fastest if fastest > 0 else 1.0,
+        )
+        return plain.begun(system.x0, system.memory)
+
+    def _acts_on(self, D: Array) -> NDArray[np.bool_]:
+        """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
+        n = len(self.automata)
+        acts = np.zeros((n, n), bool)
+        rows, columns = np.nonzero(D)
+        of_input, of_output = (np.repeat(np.arange(n), np.diff(self.first[:, k])) for k in (0, 1))
+        acts[of_input[rows], of_output[columns]] = True
+        return acts
+
+    def _order(self, acts: NDArray[np.bool_]) -> IntArray:
+        """Elements along the cascade: each behind those that act straight on it, but for algebraic loops."""
+        rest, order = list(range(len(acts))), []
+        while rest:
+            order.append(next((e for e in rest if not any(acts[e, o] for o in rest if o != e)), rest[0]))
+            rest.remove(order[-1])
+        return np.array(order, np.int64)
+
+    def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
+        """Which elements a jump reaches, straight or through others; a row each element, the last for inputs."""
+        given = np.flatnonzero(np.any(self.system.D_input != 0.0, axis=1))
+        inputs = np.isin(np.arange(len(acts)), np.searchsorted(self.first[:, 0], given, side="right") - 1)
+        reach = np.vstack([acts.T, inputs])
+        while np.any(further := ~reach & (reach @ acts.T)):
+            reach |= further
+        return np.asarray(reach, np.int64)
+
+    def _refuse_tiny_delays(self, fastest: float) -> None:
+        """A run would need ten million steps and more while the linear part hardly moves."""
+        for delay in self.system.delays[self._delayed()]:
+            if 0.0 < delay * fastest < _LEAST_DELAY:
+                raise ModelError(
+                    f"{self.system.name}: a dead time of {delay:g} s is nothing beside the loop's fastest time "
+                    f"constant, {1.0 / fastest:g} s",
+                    expected=f"0, or at least {_LEAST_DELAY / fastest:g} s",
+                )
+
+    def _inputs(self) -> tuple[Array, Array, Array, Array, dict[str, Array], Array]:
+        """State with the inputs appended: start, A, K, map V from the input states, breakpoints, constant part."""
+        system, n = self.system, self.n
+        total = n + self.n_exo
+        A, K = np.zeros((total, total)), np.zeros((total, self.n_H))
+        V = np.zeros((len(self.input_signals), self.n_exo))
+        x0, carrier = np.zeros(total), np.zeros(len(self.input_signals))
+        x0[:n] = system.x0
+        rows: list[tuple[float, int, float, int, float]] = []
+        at = 0
+        for i, input_signal in enumerate(self.input_signals):
+            if isinstance(input_signal, Sine):
+                V[i, at], carrier[i] = input_signal.amplitude, system.v0[i]
+                A[n + at, n + at + 1], A[n + at + 1, n + at] = input_signal.omega, -input_signal.omega
+                x0[n + at], x0[n + at + 1] = np.sin(input_signal.phase), np.cos(input_signal.phase)
+                at += 2
+                continue
+            V[i, at] = 1.0
+            K[n + at, self.i_slope + i] = 1.0
+            x0[n + at] = system.v0[i]
+            for time, value, slope in zip(*input_signal.breakpoints(), strict=True):
+                rows.append((time, n + at, system.v0[i] + value, self.i_slope + i, slope))
+            at += 1
+        A[:n, :n] = system.A
+        A[:n, n:] = system.B_input @ V
+        K[:n, -1] = system.constant_state + system.B_input @ carrier
+        rows.sort()
+        table = np.array(rows, float).reshape(-1, 5)
+        breakpoints = {
+            "breakpoint_time": np.ascontiguousarray(table[:, 0]),
+            "breakpoint_state": table[:, 1].astype(np.int64),
+            "breakpoint_value": np.ascontiguousarray(table[:, 2]),
+            "breakpoint_memory": table[:, 3].astype(np.int64),
+            "breakpoint_slope": np.ascontiguousarray(table[:, 4]),
+        }
+        return x0, A, K, V, breakpoints, carrier
+
+    def _delayed(self) -> IntArray:
+        return np.flatnonzero(self.system.delays > 0)
+
+    def _smooth(self, B: Array, C: Array, D: Array, Kz: Array) -> tuple[Array, dict]:
+        """Smooth channels of the elements, then one delay channel for each delayed output."""
+        rows_x, rows_H, kinds, scales = [], [], [], []
+        for e, a in enumerate(self.automata):
+            inputs = slice(int(self.first[e, 0]), int(self.first[e + 1, 0]))
+            for channel in a.smooth:
+                if np.any(channel.on_input @ D[inputs]):
+                    raise ModelError(
+                        f"{self.system.name}: the input of {self.names[e]} jumps with another element's output; "
+                        "a smooth element needs an input from the linear part."
+                    )
+                rows_x.append(channel.on_input @ C[inputs])
+                row = channel.on_input @ Kz[inputs]
+                row[-1] += channel.constant
+                rows_H.append(row)
+                kinds.append(SMOOTH_KINDS[channel.kind])
+                scales.append(channel.scale)
+        delayed = self._delayed()
+        n_s, n = len(kinds) + len(delayed), C.shape[1]
+        S = np.zeros((n, n_s))
+        x_rows, H_rows = np.zeros((n_s, n)), np.zeros((n_s, self.n_H))
+        if kinds:
+            x_rows[: len(kinds)], H_rows[: len(kinds)] = rows_x, rows_H
+        outputs, delay = np.zeros(n_s, np.int64), np.zeros(n_s)
+        for j, w in enumerate(delayed, start=len(kinds)):
+            S[:, j], outputs[j], delay[j] = B[:, w], w, self.system.delays[w]
+        return S, {
+            "count": n_s,
+            "kind": np.array([*kinds, *([DELAY_LINE] * len(delayed))], np.int64),
+            "x": x_rows,
+            "H": H_rows,
+            "scale": np.array([*scales, *([1.0] * len(delayed))], float),
+            "w": outputs,
+            "delay": delay,
+        }
+
+    def _modes(self, B: Array, C: Array, D: Array, n_s: int) -> tuple[dict, dict]:
+        """Flat tables of all modes and guards, sticking modes admitted or bypassed."""
+        z_max = max(a.n_inputs for a in self.automata)
+        w_max = max(1, *(a.n_outputs for a in self.automata))
+        h_max = max(1, *(a.n_memory for a in self.automata))
+        n_modes = sum(len(a.modes) for a in self.automata)
+        n_guards = sum(len(a.guards) for a in self.automata)
+        m = {
+            "mode_first": np.cumsum([0, *(len(a.modes) for a in self.automata)]).astype(np.int64),
+            "mode_wz": np.zeros((n_modes, w_max, z_max)),
+            "mode_wh": np.zeros((n_modes, w_max, h_max)),
+            "mode_ws": np.zeros((n_modes, w_max, n_s)),
+            "mode_w0": np.zeros((n_modes, w_max)),
+            "mode_stick": np.zeros(n_modes, np.int64),
+            "mode_lags": np.zeros(n_modes, np.int64),
+            "mode_level": np.zeros(n_modes),
+        }
+        g = {
+            "guard_first": np.zeros(n_modes + 1, np.int64),
+            "guard_element": np.zeros(n_guards, np.int64),
+            "guard_target": np.zeros(n_guards, np.int64),
+            "guard_bypass": np.zeros(n_guards, np.int64),
+            "guard_z": np.zeros((n_guards, z_max)),
+            "guard_rate": np.zeros((n_guards, z_max)),
+            "guard_h": np.zeros((n_guards, h_max)),
+            "guard_w": np.zeros((n_guards, w_max)),
+            "guard_0": np.zeros(n_guards),
+            "reset_z": np.zeros((n_guards, h_max, z_max)),
+            "reset_h": np.zeros((n_guards, h_max, h_max)),
+            "reset_0": np.zeros((n_guards, h_max)),
+        }
+        i_mode, i_guard, i_smooth = 0, 0, 0
+        for e, a in enumerate(self.automata):
+            z, w, h = a.n_inputs, a.n_outputs, a.n_memory
+            for k, mode in enumerate(a.modes):
+                m["mode_wz"][i_mode, :w, :z] = mode.from_input
+                m["mode_wh"][i_mode, :w, :h] = mode.from_memory
+                m["mode_ws"][i_mode, :w, i_smooth : i_smooth + len(a.smooth)] = mode.from_smooth
+                m["mode_w0"][i_mode, :w] = mode.constant
+                m["mode_stick"][i_mode], m["mode_level"][i_mode] = mode.sticking, mode.level
+                m["mode_lags"][i_mode] = mode.sticking or a.follows(k)
+                for guard in (q for q in a.guards if q.mode == k):
+                    g["guard_element"][i_guard] = e
+                    g["guard_target"][i_guard] = self._target(e, guard, B, C, D)
+                    g["guard_bypass"][i_guard] = guard.bypass
+                    g["guard_z"][i_guard, :z], g["guard_rate"][i_guard, :z] = guard.on_input, guard.on_rate
+                    g["guard_h"][i_guard, :h], g["guard_w"][i_guard, :w] = guard.on_memory, guard.on_output
+                    g["guard_0"][i_guard] = guard.constant
+                    g["reset_z"][i_guard, :h, :z], g["reset_h"][i_guard, :h, :h] = (
+                        guard.memory_from_input,
+                        guard.memory_from_memory,
+                    )
+                    g["reset_0"][i_guard, :h] = guard.memory_constant
+                    i_guard += 1
+                i_mode += 1
+                g["guard_first"][i_mode] = i_guard
+            i_smooth += len(a.smooth)
+        return m, g
+
+    def _target(self, e: int, guard: Guard, B: Array, C: Array, D: Array) -> int:
+        """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
+        target = self.automata[e].modes[guard.target]
+        z, w = self.first[e, :2]
+        if not target.sticking or admitted(target.jump, int(z), int(w), B, C, D):
+            return guard.target
+        return guard.bypass
+
+
+def _ordered(automaton: Automaton) -> list[Guard]:
+    """Guards in the order of the flat table: by mode, then as given."""
+    return [g for k in range(len(automaton.modes)) for g in automaton.guards if g.mode == k]

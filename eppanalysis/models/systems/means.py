@@ -1,0 +1,133 @@
+"""Means of a loop: the static balance of its elements' means, from which the state is eliminated, and the mean state.
+
+Modes at zero that the elements do not see (a free position, say) put no condition on the elements. Ranks are found in
+equilibrated coordinates, so that units do not decide them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.lure import LureSystem
+
+Array = NDArray[np.float64]
+#: Share of its terms below which a sum of the static balance is rounding.
+_REMAINDER = 1e-12
+
+
+class StaticBalance(NamedTuple):
+    """``on_bias @ b + on_mean @ mean = prescribed`` between mean inputs b and mean outputs of the elements.
+
+    Attributes
+    ----------
+    rows : array of int, shape (m,)
+        Places of the elements' first inputs among all inputs.
+    on_bias, on_mean, prescribed : array, shapes (m, m), (m, nw), (m,)
+    """
+
+    rows: NDArray[np.intp]
+    on_bias: Array
+    on_mean: Array
+    prescribed: Array
+
+
+def static_balance(system: LureSystem, value: Array) -> StaticBalance:
+    """Static balance of a system with the external inputs at `value` (nv,).
+
+    Raises
+    ------
+    ModelError
+        If it leaves the means of the elements undetermined or overdetermined.
+    """
+    rows = np.array([s.start for s in system.input_slices], dtype=np.intp)
+    n, m = system.A.shape[0], len(rows)
+    A = system.A - (np.eye(n) if system.time_step else 0.0)
+    state = np.hstack([A.T, system.C[rows].T]).T
+    left = _left_null(state, A, system.C[rows])
+    if left.shape[0] != m:
+        raise ModelError(f"{system.name}: the static balance has {left.shape[0]} equations for {m} means.")
+    outputs = np.vstack([system.B, system.D[rows]])
+    inputs = np.vstack([system.B_input, system.D_input[rows]])
+    constants = np.concatenate([system.constant_state, system.constant_input[rows]])
+    on_mean = -without_rounding(left @ outputs, np.abs(left) @ np.abs(outputs))
+    forced_size = np.abs(inputs) @ np.abs(value) + np.abs(constants)
+    prescribed = without_rounding(left @ (inputs @ value + constants), np.abs(left) @ forced_size)
+    sign = _signs(left[:, n:], on_mean)
+    return StaticBalance(rows, sign * left[:, n:], sign * on_mean, sign[:, 0] * prescribed)
+
+
+def _signs(on_bias: Array, on_mean: Array) -> Array:
+    """The sign of each equation, which a null vector leaves open, shape (m, 1).
+
+    Where a loop integrates, means above zero are balanced below it: then contours do not run along the edge of a region
+    in which an element with a dead zone leaves any bias as it is.
+    """
+    leading = np.where(np.any(on_bias, axis=1), on_bias.sum(1), -on_mean.sum(1))
+    return np.where(leading < 0, -1.0, 1.0)[:, None]
+
+
+def without_rounding(values: Array, terms: Array) -> Array:
+    """Sums with zero where the sizes of their terms show them to be rounding."""
+    return np.where(np.abs(values) > _REMAINDER * terms, values, 0.0)
+
+
+def _left_null(state: Array, A: Array, C: Array) -> Array:
+    """Rows that annihilate [A; C], found in equilibrated coordinates so that units do not decide ranks.
+
+    Modes at zero that the elements do not see (a free position, say) put no condition on the elements and are dropped.
+    """
+    n = A.shape[0]
+    if n == 0:
+        return np.eye(C.shape[0])
+    row, column = equilibrate(state)
+    scaled = row[:, None] * state * column
+    u, s, vt = np.linalg.svd(scaled)
+    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
+    left = without_rounding(u[:, rank:].T, np.ones(1)) * row
+    if rank == n:
+        return left
+    hidden = column[:, None] * vt[rank:].T
+    return _without_hidden(left, A, hidden)
+
+
+def _without_hidden(left: Array, A: Array, hidden: Array) -> Array:
+    """Leave out the rows that only say that a hidden mode must not drift."""
+    # A row acts on the rate along a hidden direction h through left[:n] @ h; keep the combinations blind to it.
+    acts = left[:, : A.shape[0]] @ hidden
+    size = np.abs(left).max(-1)
+    u, s, _ = np.linalg.svd(acts / size[:, None])
+    rank = int(np.sum(s > 1e-11 * s.max(initial=0.0)))
+    keep = u[:, rank:].T / size
+    return without_rounding(keep @ left, np.abs(keep) @ np.abs(left))
+
+
+def equilibrate(matrix: Array) -> tuple[Array, Array]:
+    """Row and column factors (powers of two) that bring the largest entries of all rows and columns to about one."""
+    row, column = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
+    size = np.abs(matrix)
+    for _ in range(6):
+        r = (row[:, None] * size * column).max(1, initial=0.0)
+        row = row / np.where(r > 0, 2.0 ** np.round(np.log2(np.where(r > 0, r, 1.0)) / 2.0), 1.0)
+        c = (row[:, None] * size * column).max(0, initial=0.0)
+        column = column / np.where(c > 0, 2.0 ** np.round(np.log2(np.where(c > 0, c, 1.0)) / 2.0), 1.0)
+    return row, column
+
+
+def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Array:
+    """State at which inputs and outputs of the elements have the given means, shape (n,); hidden modes stay at zero."""
+    rows = np.array([s.start for s in system.input_slices], dtype=int)
+    n = system.A.shape[0]
+    A = system.A - (np.eye(n) if system.time_step else 0.0)
+    matrix = np.vstack([A, system.C[rows]])
+    right = np.concatenate(
+        [
+            -(system.B @ mean + system.B_input @ value + system.constant_state),
+            bias - system.D[rows] @ mean - system.D_input[rows] @ value - system.constant_input[rows],
+        ]
+    )
+    row, column = equilibrate(matrix)
+    return column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0]

@@ -1,0 +1,158 @@
+"""Where a run begins: modes and memory values from what the elements remember, and what they remember from these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.models.elements.memory import Slip
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.models.elements.automaton import Automaton
+    from eppanalysis.models.elements.base import Nonlinearity
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+#: Distance from a value, relative to its terms, that is rounding.
+_ROUNDING = 1e-9
+
+
+class Hybrid(Protocol):
+    """What is needed of a hybrid system here; its attributes are those of :class:`HybridSystem`."""
+
+    @property
+    def model(self) -> Model:
+        """Linear parts and guards."""
+
+    @property
+    def automata(self) -> tuple[Automaton, ...]:
+        """Of the elements."""
+
+    @property
+    def elements(self) -> tuple[Nonlinearity, ...]:
+        """In the order of the loop."""
+
+    @property
+    def x0(self) -> Array:
+        """States."""
+
+    @property
+    def H0(self) -> Array:
+        """Memory values."""
+
+    @property
+    def modes0(self) -> IntArray:
+        """Modes."""
+
+    @property
+    def n_plant(self) -> int:
+        """Number of states of the loop."""
+
+
+def starting_values(hybrid: Hybrid, state: Array, memory: Sequence[Any]) -> tuple[Array, Array, IntArray]:
+    """States, memory values and modes of a hybrid system at a state of its loop with what its elements remember.
+
+    Parameters
+    ----------
+    hybrid : HybridSystem
+    state : array, shape (n_plant,)
+    memory : sequence
+        One for each element, as its `output` takes it; None, or none at all, for the element's own.
+
+    Notes
+    -----
+    An element that follows its input goes on from there, but where an input that jumps at the start is against that.
+    """
+    model = hybrid.model
+    x, H, modes = hybrid.x0.copy(), hybrid.H0.copy(), hybrid.modes0.copy()
+    x[: hybrid.n_plant] = state
+    now = x.copy()
+    at_start = model.breakpoint_time <= 0.0
+    now[model.breakpoint_state[at_start]] = model.breakpoint_value[at_start]
+    for e, automaton in enumerate(hybrid.automata):
+        value = memory[e] if e < len(memory) else None
+        mode, stored = automaton.start_mode, automaton.start_memory
+        if e < len(hybrid.elements):
+            mode, stored = hybrid.elements[e].start(automaton, value)
+        if automaton.modes[mode].sticking:
+            mode = _beside_level(hybrid, e, mode, now)
+        elif automaton.follows(mode) and _turned_back(model, e, value, now, H):
+            mode = automaton.start_mode
+        modes[e] = mode
+        H[model.first[e, 2] : model.first[e + 1, 2]] = stored
+    return x, H, modes
+
+
+def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
+    """A sticking mode only where the loop admits it and the input stands on the level, else that on its side."""
+    model, automaton = hybrid.model, hybrid.automata[e]
+    start, row = automaton.modes[mode], model.first[e, 0]
+    z = float(model.C[row] @ x + model.Kz[row, -1])
+    size = float(np.abs(model.C[row]) @ np.abs(x) + abs(model.Kz[row, -1]))
+    holds = admitted(start.jump, row, model.first[e, 1], model.B, model.C, model.D)
+    if holds and abs(z - start.level) <= 1e-12 * size:
+        return mode
+    for guard in automaton.guards:
+        if guard.target == mode and (guard.on_input[0] < 0) == (z > start.level):
+            return guard.mode
+    return mode
+
+
+def admitted(jump: float, z: int, w: int, B: Array, C: Array, D: Array) -> bool:
+    """Whether the loop pulls an element's input (row z) back against the jump of its output (w)."""
+    pull = float(C[z] @ B[:, w])
+    size = float(np.abs(C[z]) @ np.abs(B[:, w]))
+    return pull * jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
+
+
+def _turned_back(model: Model, e: int, memory: Any, x: Array, H: Array) -> bool:
+    """Whether an input from the linear part has jumped back from what it had reached."""
+    row = model.first[e, 0]
+    if not isinstance(memory, Slip) or np.any(model.D[row]):
+        return False
+    z = float(model.C[row] @ x + model.Kz[row] @ H)
+    size = float(np.abs(model.C[row]) @ np.abs(x) + np.abs(model.Kz[row]) @ np.abs(H))
+    direction, reached = float(np.asarray(memory.direction)), float(np.asarray(memory.reached))
+    return direction * (z - reached) < -_ROUNDING * size
+
+
+def remembered(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Any, ...]:
+    """What the elements remember at a state, shape (n + inputs,), with memory values, shape (memory,), in
+    given modes.
+    """
+    first = hybrid.model.first
+    z, w = _inputs_and_outputs(hybrid, x, H, modes)
+    return tuple(
+        element.memory_at(
+            int(modes[e]),
+            H[first[e, 2] : first[e + 1, 2]],
+            z[first[e, 0] : first[e + 1, 0]],
+            w[first[e, 1] : first[e + 1, 1]],
+        )
+        for e, element in enumerate(hybrid.elements)
+    )
+
+
+def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> tuple[Array, Array]:
+    """Inputs and outputs of all elements, but for the force of what sticks."""
+    model = hybrid.model
+    z0 = model.C @ x + model.Kz @ H
+    E, w0 = np.eye(model.B.shape[1]), np.zeros(model.B.shape[1])
+    for e, automaton in enumerate(hybrid.automata):
+        mode = automaton.modes[modes[e]]
+        zs, ws, hs = (slice(*model.first[e : e + 2, k]) for k in range(3))
+        smooth = [_smooth(c.kind, c.scale, float(c.on_input @ z0[zs] + c.constant)) for c in automaton.smooth]
+        E[ws] -= mode.from_input @ model.D[zs]
+        w0[ws] = (
+            mode.from_input @ z0[zs] + mode.from_memory @ H[hs] + mode.from_smooth @ np.array(smooth) + mode.constant
+        )
+    w: Array = np.asarray(np.linalg.solve(E, w0), float)
+    return z0 + model.D @ w, w
+
+
+def _smooth(kind: str, scale: float, a: float) -> float:
+    return float(scale * {"sine": np.sin(a), "cube": a**3, "reciprocal_abs": 1.0 / (1.0 + abs(a))}[kind])

@@ -1,0 +1,110 @@
+"""What the methods need of a case: the case layer stands above them, so that they know it by these members only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeVar
+
+from eppanalysis.errors import EppError
+from eppanalysis.models.systems.inputs import InputSignal
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+
+
+class CaseLike(Protocol):
+    """What the methods need of a case (the case layer stands above them)."""
+
+    @property
+    def name(self) -> str:
+        """What results call it."""
+
+    @property
+    def input(self) -> InputSignal | Mapping[str, InputSignal] | None:
+        """Signal of the external input."""
+
+    @property
+    def t_end(self) -> float:
+        """Length of a run [s]."""
+
+    @property
+    def operating_point(self) -> OperatingPoint:
+        """Where the inputs stand at the end of the run."""
+
+    def to_system(self) -> LureSystem:
+        """The system."""
+
+    def with_values(self, values: Mapping[str, Any]) -> CaseLike:
+        """The same case with other values."""
+
+    def si(self, name: str, value: object) -> float:
+        """SI value of a quantity."""
+
+    def value(self, name: str) -> float:
+        """A parameter [SI]."""
+
+    def unit(self, name: str) -> tuple[str, str]:
+        """SI unit and the unit people use."""
+
+    def readable(self, name: str) -> tuple[str, float]:
+        """The unit people use, and the factor from SI to it."""
+
+
+def facts_of(case: CaseLike) -> Mapping[str, Any]:
+    """What provenance says of a case: all that it tells of itself, at least its name."""
+    own = getattr(case, "provenance", None)
+    return {"case": case.name} if own is None else own()
+
+
+#: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
+PointLike = OperatingPoint | Mapping[str, float]
+C = TypeVar("C", bound=CaseLike)
+
+
+def system_of(loop: LureSystem | CaseLike, analysis: str) -> LureSystem:
+    """The system that an analysis was handed, as itself or as a case.
+
+    Raises
+    ------
+    EppError
+        If it is neither.
+    """
+    if isinstance(loop, LureSystem):
+        return loop
+    if not hasattr(loop, "to_system"):
+        raise EppError(f"{analysis}: the first argument is a {type(loop).__name__}; expected a Case or a LureSystem.")
+    return loop.to_system()
+
+
+def standing(loop: LureSystem | CaseLike, given: PointLike | None, analysis: str) -> tuple[LureSystem, OperatingPoint]:
+    """The system and the operating point of an analysis: as given, else that of the case or the loop.
+
+    Raises
+    ------
+    EppError
+        If it is neither a case nor a loop, or an input does not stand still.
+    ModelError
+        If there is no input of that name.
+    """
+    system = system_of(loop, analysis)
+    point = OperatingPoint.of(system) if isinstance(loop, LureSystem) else loop.operating_point
+    if given is not None:
+        point = given if isinstance(given, OperatingPoint) else point.with_inputs(given)
+    inputs = point.vector(system).tolist()
+    return system, OperatingPoint(dict(zip(system.input_names, inputs, strict=True)))
+
+
+def require_case(case: C | LureSystem, analysis: str) -> C:
+    """The case that an analysis over parameters was handed; at the public door a loop has become one.
+
+    Raises
+    ------
+    EppError
+        If it is none.
+    """
+    if isinstance(case, LureSystem) or not hasattr(case, "to_system"):
+        kind = type(case).__name__
+        hint = "; Case.from_system() makes one of a loop" if isinstance(case, LureSystem) else ""
+        raise EppError(
+            f"{analysis}: the first argument is a {kind}; expected a Case, as case() and read_case() give{hint}."
+        )
+    return case

@@ -1,0 +1,170 @@
+"""What pictures are made of: colours, panels, labels with units, Nyquist curves. Knows no result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, shown
+from eppanalysis.readable import readable, with_unit, words
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+
+#: Colours that stay apart under every form of colour blindness (Okabe and Ito, "Color Universal Design", 2008).
+BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#56B4E9",
+    "#7F7F7F",
+)
+STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
+#: More marks than these merge into a bar that says nothing.
+_MOST_MARKS = 300
+_PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
+#: What varies by less than this share of itself is a constant, whose digits are rounding errors.
+_CONSTANT = 1e-6
+#: Half height of the axis around a constant, relative to it.
+_AROUND = 0.05
+#: What a system is called that was given no name.
+_UNNAMED = "loop"
+
+
+def with_name(text: str, subject: str) -> str:
+    """A title with the case or the system in front that a result is of, where it has a name."""
+    # A loop that nobody named has no name to show; a dollar would begin a formula.
+    name = "" if subject == _UNNAMED else subject.replace("$", r"\$")
+    return f"{name}: {text}" if name and text else name or text
+
+
+def show_constant(ax: Axes, *curves: Array) -> None:
+    """Draw what is constant but for rounding as a flat line, on an axis around it; no axis counts from an offset."""
+    ax.ticklabel_format(axis="y", useOffset=False)
+    values = np.concatenate([np.ravel(curve) for curve in curves] or [np.zeros(0)])
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max()) if values.size else 0.0
+    if largest > 0.0 and np.ptp(values) < _CONSTANT * largest:
+        middle = float(values.mean())
+        ax.set_ylim(middle - _AROUND * largest, middle + _AROUND * largest)
+
+
+def mark_events(ax: Axes, times: Array) -> None:
+    """Grey marks at the foot of a panel where elements switch."""
+    if 0 < times.size <= _MOST_MARKS:
+        foot: dict[str, Any] = {"color": GREY, "markersize": 5, "transform": ax.get_xaxis_transform()}
+        ax.plot(times, np.zeros_like(times), "|", label="switch of an element", **foot)
+
+
+def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]) -> None:
+    """G(j omega) and -1/N(A) with their directions, in a window that shows where they meet."""
+    box = nyquist_window(response, locus, meets)
+    ax.axhline(0.0, color=GREY, linewidth=0.5)
+    ax.axvline(0.0, color=GREY, linewidth=0.5)
+    ax.plot(response.real, response.imag, color=BLUE, linewidth=1.3, label=r"$G(j\omega)$, growing frequency")
+    ax.plot(
+        locus.real, locus.imag, color=VERMILLION, linewidth=1.3, linestyle="--", label=r"$-1/N(A)$, growing amplitude"
+    )
+    _arrows(ax, response, box, BLUE)
+    _arrows(ax, locus, box, VERMILLION)
+    ax.set_xlim(box[0], box[1])
+    ax.set_ylim(box[2], box[3])
+    ax.set_xlabel("real part")
+    ax.set_ylabel("imaginary part")
+
+
+def nyquist_window(
+    response: ComplexArray, locus: ComplexArray, meets: Sequence[complex]
+) -> tuple[float, float, float, float]:
+    """Limits that show the origin and every cycle (where there is none, -1 and the locus's nearest point).
+
+    Curves that run to infinity are cut.
+    """
+    finite = locus[np.isfinite(locus)]
+    points = [0j, *meets] if len(meets) else [0j, -1.0 + 0j, *finite[np.argsort(np.abs(finite))[:1]]]
+    reach = 1.3 * max([abs(p) for p in points])
+    reals, imags = [p.real for p in points], [p.imag for p in points]
+    return min(reals) - 0.8 * reach, max(reals) + 0.5 * reach, min(imags) - 0.65 * reach, max(imags) + 0.65 * reach
+
+
+def _arrows(ax: Axes, curve: ComplexArray, box: tuple[float, float, float, float], colour: str) -> None:
+    """Two arrow heads along the part of a curve that is inside the picture."""
+    with np.errstate(invalid="ignore"):
+        inside = (curve.real > box[0]) & (curve.real < box[1]) & (curve.imag > box[2]) & (curve.imag < box[3])
+    index = np.flatnonzero(inside[:-1] & inside[1:])
+    length = np.cumsum(np.abs(np.diff(curve)[index]))
+    if not index.size or length[-1] == 0.0:
+        return
+    head = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.3}
+    for share in (0.3, 0.75):
+        k = index[int(np.searchsorted(length, share * length[-1]))]
+        start, end = curve[k], curve[k + 1]
+        near = end + 1e-3 * (start - end)
+        ax.annotate("", (end.real, end.imag), (near.real, near.imag), arrowprops=head)
+
+
+def chosen(available: Mapping[str, Any], signals: Sequence[str] | None) -> list[str]:
+    """The signals that were asked for; all by default."""
+    names = list(available) if signals is None else list(signals)
+    missing = [name for name in names if name not in available]
+    if missing:
+        raise EppError(f"There is no signal {shown(missing[0])}; expected one of {', '.join(available)}.")
+    if not names:
+        raise EppError("There is no signal to draw; expected at least one.")
+    return names
+
+
+def panels_of(n: int, height: float = _PANEL_HEIGHT) -> tuple[Figure, list[Axes]]:
+    """A figure with `n` panels below each other, in two columns where there are many."""
+    columns = 1 if n <= 4 else 2
+    rows = max(1, -(-n // columns))
+    figure = Figure(figsize=(_PANEL_WIDTH * columns, 0.9 + height * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    panels = [grid[i % rows, i // rows] for i in range(rows * columns)]
+    for ax in panels[n:]:
+        ax.set_axis_off()
+    for ax in panels:
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, panels[:n]
+
+
+def label_time(panels: Sequence[Axes], text: str) -> None:
+    """The lowest panel of each column carries the label of the time axis, and all share its range."""
+    placed = [(ax, spec) for ax in panels if (spec := ax.get_subplotspec()) is not None]
+    last_row = max(spec.rowspan.stop for _, spec in placed)
+    columns: dict[int, Axes] = {}
+    for ax, spec in placed:
+        columns[spec.colspan.start] = ax
+        ax.margins(x=0.0)
+        ax.tick_params(labelbottom=spec.rowspan.stop == last_row)
+    for ax in columns.values():
+        ax.tick_params(labelbottom=True)
+        ax.set_xlabel(text)
+    root_figure(panels[0]).align_ylabels(panels)
+
+
+def label_of(name: str, units: Mapping[str, str]) -> tuple[str, float]:
+    """A signal's name with the unit that people read it in, and the factor to it from SI."""
+    unit, factor = readable(units.get(name, ""))
+    return with_unit(words(name), unit), factor
+
+
+def legend_below(figure: Figure, ax: Axes) -> None:
+    """What the marks and shades of all panels mean, once."""
+    handles, texts = ax.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+
+
+def root_figure(ax: Axes) -> Figure:
+    """The figure that axes stand in at last."""
+    figure = ax.figure
+    while isinstance(figure, SubFigure):
+        figure = figure.figure
+    return figure

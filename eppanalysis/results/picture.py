@@ -1,0 +1,212 @@
+"""Pictures of what all methods share: a run, one period of a cycle, the Nyquist picture of a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    SKY,
+    STABILITY,
+    chosen,
+    draw_nyquist,
+    label_of,
+    label_time,
+    legend_below,
+    mark_events,
+    panels_of,
+    root_figure,
+    show_constant,
+    with_name,
+)
+from eppanalysis.readable import count, readable, with_unit, words
+from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
+
+Array = NDArray[np.float64]
+
+
+#: What the shaded part of a run is.
+_STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
+
+
+def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None) -> Figure:
+    """Signals against time, one panel each; grey marks at the foot are events, shaded is where the run is steady.
+
+    Angles are in degrees, lengths in millimetres.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    signals : sequence of str, optional
+        Which signals, in this order; all by default.
+
+    Raises
+    ------
+    EppError
+        If the trajectory has no such signal.
+    """
+    names = chosen(trajectory.signals, signals)
+    figure, panels = panels_of(len(names))
+    times = np.array([event.time for event in trajectory.events])
+    for name, ax in zip(names, panels, strict=True):
+        label, factor = label_of(name, trajectory.units)
+        values = factor * trajectory.signals[name]
+        ax.plot(trajectory.t, values, color=BLUE, linewidth=1.0)
+        show_constant(ax, values)
+        ax.set_ylabel(label)
+        mark_events(ax, times)
+        if np.isfinite(trajectory.settled_since) and trajectory.t.size:
+            steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
+            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {trajectory.settled_since:.3g} s on)"
+            ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)
+    label_time(panels, "time [s]")
+    legend_below(figure, panels[0])
+    figure.suptitle(with_name(trajectory.status.value, trajectory.provenance.subject), fontsize=10)
+    return figure
+
+
+def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) -> Figure:
+    """One period of a limit cycle, one panel a signal, with its mean (dashed) and its switches (grey marks).
+
+    Angles are in degrees, lengths in millimetres.
+
+    Parameters
+    ----------
+    cycle : LimitCycle
+    signals : sequence of str, optional
+        Which signals, in this order; all by default.
+
+    Raises
+    ------
+    EppError
+        If the cycle has no such signal.
+    """
+    time, waveform = one_period(cycle)
+    names = chosen(waveform, signals)
+    figure, panels = panels_of(len(names))
+    switches = np.array([event.time for event in cycle.events if event.time <= cycle.period])
+    for name, ax in zip(names, panels, strict=True):
+        label, factor = label_of(name, cycle.units)
+        values = factor * np.asarray(waveform[name])
+        ax.plot(time, values, color=BLUE, linewidth=1.2)
+        ax.axhline(factor * cycle.mean[name], color=GREY, linewidth=0.8, linestyle="--", label="mean")
+        show_constant(ax, values)
+        ax.set_ylabel(label)
+        mark_events(ax, switches)
+    label_time(panels, "time within the period [s]")
+    legend_below(figure, panels[0])
+    text = f"{cycle.method}, {cycle.frequency:.4g} Hz, {STABILITY[cycle.stable]}"
+    figure.suptitle(with_name(text, cycle.provenance.subject), fontsize=10)
+    return figure
+
+
+def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
+    """Nyquist picture: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
+
+    A filled circle is a stable cycle, an open one any other. Loops with several elements have no single -1/N locus; for
+    them the picture is the loop gain over the amplitude at the principal element, cut there, at the frequency at which
+    the loop's phase closes and with all other balances met. A cycle is where it is one: where it rises with amplitude
+    an oscillation grows away from the cycle, where it falls it returns to it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    ax : matplotlib.axes.Axes, optional
+        Where to draw, without the name of the case; a figure of its own by default.
+    """
+    own = ax is None
+    if ax is None:
+        figure = Figure(figsize=(5.6, 5.0), layout="constrained")
+        ax = figure.add_subplot()
+    else:
+        figure = root_figure(ax)
+    if prediction.curves.get("kind") == "nyquist":
+        _draw_nyquist(ax, prediction)
+    else:
+        _draw_loop_gain(ax, prediction)
+    text = f"{count(len(prediction), 'limit cycle')} predicted"
+    ax.set_title(with_name(text, prediction.provenance.subject if own else ""), fontsize=10)
+    return figure
+
+
+def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
+    curves = prediction.curves
+    response = np.asarray(curves["response"], complex)
+    locus = np.asarray(curves["locus"], complex)
+    meets = [complex(point["value"]) for point in curves["intersections"]]
+    draw_nyquist(ax, response, locus, meets)
+    _mark_cycles(ax, meets, prediction.cycles)
+
+
+def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
+    curves = prediction.curves
+    element = words(str(curves.get("element", "the element")))
+    unit, factor = readable(curves.get("unit", ""))
+    ax.axhline(1.0, color=GREY, linewidth=0.8)
+    for branch in curves.get("branches", ()):
+        ax.plot(factor * np.asarray(branch["amplitude"]), branch["loop_gain"], color=BLUE, linewidth=1.3)
+    points = [complex(factor * point["amplitude"], 1.0) for point in curves.get("intersections", ())]
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    if not curves.get("branches"):
+        ax.text(0.5, 0.5, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
+    _mark_cycles(ax, points, prediction.cycles)
+    ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
+    ax.set_ylabel("loop gain (one at a cycle)")
+
+
+def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:
+    """Filled circles for stable cycles, open ones around them for the others; numbers lead to the legend."""
+    to_share = ax.transData + ax.transAxes.inverted()
+    places: dict[tuple[int, int], list[int]] = {}
+    for i, (point, cycle) in enumerate(zip(points, cycles, strict=True)):
+        face, size = (GREEN, 7) if cycle.stable else ("none", 11)
+        name = next(iter(cycle.harmonics))
+        unit, factor = readable(cycle.units.get(name, ""))
+        amplitude = f"{name.replace('_', ' ')} amplitude {factor * cycle.amplitude(name):.3g} {unit}"
+        text = f"{STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {amplitude}"
+        style: dict[str, Any] = {
+            "mfc": face,
+            "mec": GREEN,
+            "mew": 1.5,
+            "markersize": size,
+            "linestyle": "none",
+            "zorder": 5,
+        }
+        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text.strip()}", **style)
+        share = to_share.transform((point.real, point.imag))
+        # Cycles at one point share their numbers.
+        places.setdefault((round(50 * share[0]), round(50 * share[1])), []).append(i)
+    for numbers in places.values():
+        point = points[numbers[0]]
+        ax.annotate(
+            ", ".join(str(i + 1) for i in numbers),
+            (point.real, point.imag),
+            (8, 5),
+            textcoords="offset points",
+            fontsize=9,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            zorder=6,
+        )
+    if len(points) or ax.get_legend_handles_labels()[0]:
+        ax.legend(fontsize=7, loc="best", framealpha=0.9)
+
+
+def one_period(cycle: LimitCycle) -> tuple[Array, Mapping[str, Array]]:
+    """Times and waveform; of a cycle that has only harmonics, their sum."""
+    if cycle.time.size:
+        return cycle.time, cycle.waveform
+    time = np.linspace(0.0, cycle.period, 401)
+    return time, {
+        name: sum((c * np.exp(1j * k * cycle.omega * time) for k, c in enumerate(coefficients)), np.zeros(401)).real
+        for name, coefficients in cycle.harmonics.items()
+    }

@@ -1,0 +1,344 @@
+"""Results to tables on the console: numbers in the units that people read; computes nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.table import Table
+
+from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.readable import readable, with_unit
+
+if TYPE_CHECKING:
+    import pandas
+
+    from eppanalysis.cases import Case
+    from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.methods.search.trigger import Trigger
+    from eppanalysis.results import LimitCycle, Trajectory
+
+#: SI units of what an elbow is disturbed at; the inputs and states of other loops have none.
+_DISTURBED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
+
+#: How to read an estimate that says no more than that it cannot tell.
+_BEYOND = (
+    "may not exist: the harmonics that first order neglects take this cycle away, or it passes a threshold by less "
+    "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
+    "Compare with the exact cycles (validate, cycles)."
+)
+
+
+def parameters_table(case: Case) -> Table:
+    """Every value of a case with where it comes from."""
+    table = _table("field", "value", "from", "note", numbers=False)
+    for name, parameter in case.parameters.items():
+        table.add_row(name, str(parameter), parameter.mark, parameter.note)
+    return table
+
+
+def rest_table(run: Trajectory) -> Table:
+    """Where each signal rests."""
+    table = _table("signal", "rests at")
+    for name, value in run.settled_at.items():
+        unit, factor = readable(run.units.get(name, ""))
+        table.add_row(with_unit(name, unit), _number(value * factor))
+    return table
+
+
+def margins_text(margins: Mapping[str, float]) -> str:
+    """Classical margins with their units: gain and disk margins are factors, crossovers in rad/s."""
+    texts = []
+    for name, value in margins.items():
+        words = name.replace("_", " ")
+        if name == "phase_margin":
+            texts.append(f"{words} {_number(math.degrees(value))} deg")
+        else:
+            unit = " rad/s" if name.endswith("crossover") and not math.isnan(value) else ""
+            texts.append(f"{words} {_number(value)}{unit}")
+    return ", ".join(texts)
+
+
+def margins_table(margins: Mapping[str, float]) -> Table:
+    """Classical margins, one a row."""
+    table = _table("margin", "value")
+    for name, value in margins.items():
+        text = margins_text({name: value}).removeprefix(name.replace("_", " ")).strip()
+        table.add_row(name.replace("_", " "), text)
+    return table
+
+
+def triggers_table(triggers: Sequence[Trigger]) -> Table:
+    """The smallest disturbance of each kind that starts a cycle."""
+    table = _table("disturbed", "starts a cycle from", "largest tried")
+    for trigger in triggers:
+        unit, factor = readable(_DISTURBED.get(trigger.name, ""))
+        none = math.isnan(trigger.size)
+        size = "nothing tried starts one" if none else _number(trigger.size * factor)
+        table.add_row(with_unit(trigger.name, unit), size, _number(trigger.tried * factor))
+    return table
+
+
+def provenance_table(facts: Mapping[str, Any]) -> Table:
+    """Where a result comes from, one fact a row; parameters have a table of their own."""
+    table = _table("", "", numbers=False)
+    for name, value in facts.items():
+        if name == "parameters":
+            continue
+        if isinstance(value, Mapping):
+            for key, inner in value.items():
+                if not isinstance(inner, Mapping | list | tuple):
+                    table.add_row(f"{name}: {key}".replace("_", " "), str(inner))
+        else:
+            table.add_row(name.replace("_", " "), str(value))
+    return table
+
+
+def sentence_table(text: str) -> Table:
+    """A table that holds one sentence."""
+    table = _table("", numbers=False)
+    table.add_row(text)
+    return table
+
+
+def cases_table(cases: Sequence[Case]) -> Table:
+    """Name, kind and title of cases."""
+    table = _table("name", "kind", "title", numbers=False)
+    for case in cases:
+        table.add_row(case.name, case.kind, case.title)
+    return table
+
+
+def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
+    """Signals down, cycles across: mean and peak-to-peak of each."""
+    table = _table("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
+    stability = {True: "stable", False: "unstable", None: "stability unknown"}
+    for label, values in (
+        ("", [stability[c.stable] for c in cycles]),
+        ("frequency [Hz]", [_number(c.frequency) for c in cycles]),
+        ("period [s]", [_number(c.period) for c in cycles]),
+        ("estimated error", [_percent(c.error_estimate) for c in cycles]),
+    ):
+        table.add_row(label, *(cell for value in values for cell in (value, "")))
+    table.add_section()
+    table.add_row("signal", *(cell for _ in cycles for cell in ("peak to peak", "mean")))
+    for name in dict.fromkeys(name for c in cycles for name in c.mean):
+        unit, factor = readable(next((c.units[name] for c in cycles if name in c.units), ""))
+        cells = []
+        for c in cycles:
+            cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
+        table.add_row(with_unit(name, unit), *cells)
+    if any(c.error_estimate > 1.0 for c in cycles):
+        table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
+    return table
+
+
+def ladder_table(ladder: Ladder) -> Table:
+    """Frequency, and peak-to-peak and mean of each signal, down; predicted and simulated cycles and errors across."""
+    shown = ("describing function", "simulation")
+    rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
+    at_rest = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
+    heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
+    table = _table("", *heads, *(["at rest in simulation"] if at_rest else []), *(["error"] if ladder.errors else []))
+
+    def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
+        last = [_signed_percent(error)] if ladder.errors else []
+        table.add_row(label, *cells, *([rest] if at_rest else []), *last)
+
+    paces = [_number(row.quantities["frequency"]) for row in rungs]
+    add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
+    for name in ladder.run.signals:
+        unit, factor = readable(ladder.run.units.get(name, ""))
+        cycles = [row.cycle for row in rungs if row.cycle is not None]
+        errors = ladder.errors.get(name, {})
+        spans = [_number(c.peak_to_peak.get(name, math.nan) * factor) for c in cycles]
+        add(f"{with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
+        means = [_mean(c, name, factor) for c in cycles]
+        rest = at_rest.get(name, math.nan)
+        add("   mean", means, _number(rest * factor if abs(rest) > 1e-12 else 0.0), errors.get("mean"))
+    return table
+
+
+def rungs_table(ladder: Ladder) -> Table:
+    """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
+    unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
+    size = with_unit(ladder.signal, unit) + " peak to peak"
+    table = _table("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
+    table.columns[1].justify = table.columns[-1].justify = "left"
+    numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
+    for i in [*sorted(numbers), None]:
+        for row in (row for row in ladder.rows if row.exact == i):
+            frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
+            own = row.method.startswith("exact")
+            errors = ["exact"] * 2 if own else [_error(row.errors.get(k)) for k in ("period", "peak-to-peak")]
+            period = f"{1.0 / frequency:.6g}" if frequency else "-"
+            cells = [period, f"{span * factor:.6g}" if span is not None else "-", *errors, f"{row.seconds:.2g}"]
+            table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
+        table.add_section()
+    return table
+
+
+def _error(share: float | None) -> str:
+    """A relative error in per cent, with a power of ten when it is small."""
+    if share is None or math.isnan(share):
+        return "-"
+    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else _signed_percent(share)
+
+
+def frame_table(frame: pandas.DataFrame) -> Table:
+    """A table of texts as it stands, each column folded at its unit."""
+    table = _table(*(name.replace(" [", "\n[") for name in frame.columns))
+    for row in frame.itertuples(index=False):
+        table.add_row(*row)
+    return table
+
+
+class TruthTable:
+    """All cases in one table: what is known of each, what the run did, whether it agrees, and what first order says."""
+
+    def __init__(self) -> None:
+        heads = (
+            "case",
+            "figure",
+            "finding",
+            "must",
+            "simulated",
+            "",
+            "predicted [Hz]",
+            "simulated [Hz]",
+            "exact",
+            "first order",
+        )
+        self.table = _table(*heads, numbers=False)
+        self.found: list[bool] = []
+        self.from_paper = True
+
+    def add(self, case: Case, ladder: Ladder) -> None:
+        """A case, with the frequency of the stable predicted cycle (of the one that the run is on, if it is on one)."""
+        expected, cycle = case.expected, ladder.run.limit_cycle
+        stable = [i for i, c in enumerate(ladder.prediction or ()) if c.stable]
+        chosen = [ladder.matched] if ladder.matched is not None else stable
+        predicted = ", ".join(_number(ladder.rows[i].quantities["frequency"]) for i in chosen) or "none"
+        found = as_found(case, ladder)
+        self.table.add_row(
+            case.name,
+            expected.paper or "-",
+            expected.finding or "-",
+            expected.outcome or "-",
+            ladder.outcome,
+            AS_FOUND[found],
+            predicted,
+            _number(ladder.oscillations * cycle.frequency) if cycle else "none",
+            _exact_cycles(ladder),
+            _first_sentences(ladder),
+        )
+        if found is not None:
+            self.found.append(found)
+            self.from_paper &= bool(expected.paper)
+
+    def sentence(self) -> str:
+        """How many cases came out as they must; empty where none says."""
+        whom = "the paper found" if self.from_paper else "their sources say"
+        return f"{sum(self.found)} of {len(self.found)} as {whom}." if self.found else ""
+
+
+def bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds by every method, over the parameter that runs."""
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    table = _table(
+        with_unit(bounds.over, x_unit),
+        with_unit("first order", y_unit),
+        "",
+        with_unit("harmonic balance", y_unit),
+        "",
+        "order",
+        with_unit("exact", y_unit),
+        "frequency [Hz]",
+        "verified",
+    )
+    for c in bounds:
+        if c.finding is not Finding.BOUND:
+            table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding)
+            continue
+        tested = f"yes, {c.n_settled} runs" if c.verified else "no"
+        side = " unsafe" if c.first_order_unsafe else ""
+        table.add_row(
+            _number(x * c.value),
+            _number(y * c.first_order),
+            _signed_percent(c.first_order_error) + side,
+            _number(y * c.harmonic),
+            _signed_percent(c.harmonic_error),
+            str(c.order),
+            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
+            _number(c.frequency),
+            tested,
+        )
+    return table
+
+
+#: How a table says whether the run did what it must.
+AS_FOUND = {True: "ok", False: "FAIL", None: ""}
+
+
+def as_found(case: Case, ladder: Ladder) -> bool | None:
+    """Whether the run did what the case must do; None where the case does not say."""
+    must = case.expected.outcome
+    return None if must is None else ladder.outcome is must
+
+
+def _exact_cycles(ladder: Ladder) -> str:
+    """How many exact cycles of either kind there are; a dash where there can be none (discrete time)."""
+    if ladder.search is None:
+        return "-"
+    kinds = ((ladder.search.stable, "stable"), (ladder.search.unstable, "unstable"))
+    return "\n".join(f"{len(cycles)} {kind}" for cycles, kind in kinds if cycles) or "none"
+
+
+def _first_sentences(ladder: Ladder) -> str:
+    """What the ladder says, in few words."""
+    if not ladder.errors:
+        return ladder.agreement.value
+    f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
+    size = f", {_signed_percent(a)} in {ladder.signal}" if a is not None else ""
+    return f"Agrees: {_signed_percent(f)} in frequency{size}."
+
+
+def _mean(cycle: LimitCycle, name: str, factor: float) -> str:
+    """A mean in readable units; what is left of a mean of zero after summation is not worth its digits."""
+    span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
+    return _number(mean * factor if abs(mean) > 1e-9 * span else 0.0)
+
+
+def _table(*columns: str, numbers: bool = True) -> Table:
+    """An empty table; its columns after the first hold numbers, or texts."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
+    return table
+
+
+def _percent(share: float) -> str:
+    if math.isnan(share):
+        return "-"
+    if share > 1.0:
+        return "may not exist" if math.isinf(share) else "> 100 %"
+    return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
+
+
+def _signed_percent(share: float | None) -> str:
+    if share is None or math.isnan(share):
+        return "-"
+    return "0 %" if abs(share) < 5e-5 else f"{100.0 * share:+.2f} %" if abs(share) < 0.01 else f"{100.0 * share:+.1f} %"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(value: Any) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.4g}" if _is_number(value) else str(value)

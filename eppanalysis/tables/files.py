@@ -1,0 +1,242 @@
+"""Results to files: tables as CSV or NetCDF, pictures; a file is complete or it is not there at all."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+import secrets
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from eppanalysis.errors import EppError
+from eppanalysis.readable import with_unit
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+    from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.results import LimitCycle, Prediction, Trajectory
+
+PICTURES = (".png", ".svg", ".pdf")
+TABLES = (".csv", ".nc")
+#: Most systems take 255 bytes; a file that is being written has some more letters in its name.
+_LONGEST_NAME = 200
+_Engine = Literal["h5netcdf", "netcdf4"]
+_FORMULA_SIGNS = ("=", "+", "-", "@", "|", "＝", "＋", "－", "＠")
+_INNER_FORMULA = re.compile(r"([;\t\r\n]\s*)(?=[-=+@|＝＋－＠])")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns (sequences of equal length), with the unit of each where it has one."""
+
+    columns: dict[str, Any]
+    units: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None = None) -> Table:
+        """Table with the columns of all rows, in the order of their first appearance; what is missing is None."""
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        return cls({name: [row.get(name) for row in rows] for name in names}, dict(units or {}))
+
+    def __len__(self) -> int:
+        return max((len(column) for column in self.columns.values()), default=0)
+
+    def header(self) -> list[str]:
+        """Names of the columns with their units in brackets."""
+        return [with_unit(name, self.units.get(name, "")) for name in self.columns]
+
+    def to_dataset(self) -> xarray.Dataset:
+        """The table as an xarray Dataset over ``row``; truth values become 1 and 0, what is missing becomes nan."""
+        import xarray
+
+        data = {name: ("row", _plain_column(column)) for name, column in self.columns.items()}
+        dataset = xarray.Dataset(data)
+        for name, unit in self.units.items():
+            if name in dataset:
+                dataset[name].attrs["units"] = unit
+        return dataset
+
+
+def join(tables: Sequence[tuple[str, Table]]) -> Table:
+    """Tables of several cases below each other, with the name of the case in the first column."""
+    rows = [
+        {"case": case, **dict(zip(table.columns, values, strict=True))}
+        for case, table in tables
+        for values in zip(*table.columns.values(), strict=True)
+    ]
+    units: dict[str, str] = {}
+    for _, table in tables:
+        units.update(table.units)
+    return Table.from_rows(rows, units)
+
+
+def cycle_table(cycles: Sequence[LimitCycle]) -> Table:
+    """One row a cycle: method, frequency, stability; mean, amplitude and peak-to-peak of every signal in SI units."""
+    rows, units = [], {"frequency": "Hz", "period": "s"}
+    for cycle in cycles:
+        row: dict[str, Any] = {
+            "method": cycle.method,
+            "frequency": cycle.frequency,
+            "period": cycle.period,
+            "stable": cycle.stable,
+            "error_estimate": cycle.error_estimate,
+        }
+        for name in cycle.mean:
+            quantities = {
+                f"mean {name}": cycle.mean[name],
+                f"peak_to_peak {name}": cycle.peak_to_peak.get(name),
+                f"amplitude {name}": cycle.amplitude(name) if name in cycle.harmonics else None,
+            }
+            row.update(quantities)
+            units.update(dict.fromkeys(quantities, cycle.units.get(name, "")))
+        rows.append(row)
+    return Table.from_rows(rows, units)
+
+
+def prediction_table(prediction: Prediction) -> Table:
+    """The cycles of a prediction, one a row."""
+    return cycle_table(prediction.cycles)
+
+
+def trajectory_table(trajectory: Trajectory) -> Table:
+    """The signals of a run, one column each, after the time."""
+    return Table({"time": trajectory.t, **trajectory.signals}, {"time": "s", **trajectory.units})
+
+
+def ladder_table(ladder: Ladder) -> Table:
+    """The methods of a ladder, one a row, with the verdict beside each."""
+    rows = [
+        {
+            "method": row.method,
+            **row.quantities,
+            "exact cycle": None if row.exact is None else row.exact + 1,
+            "error of the period": row.errors.get("period"),
+            "error of the peak-to-peak": row.errors.get("peak-to-peak"),
+            "seconds": row.seconds,
+            "note": row.note,
+            "verdict": ladder.verdict,
+        }
+        for row in ladder.rows
+    ]
+    return Table.from_rows(rows, {**ladder.units, "seconds": "s"})
+
+
+def check_target(path: Path, suffixes: Sequence[str] = PICTURES + TABLES) -> None:
+    """Refuse a file that cannot be written, before anything is computed for it.
+
+    Raises
+    ------
+    EppError
+        If the suffix is not one of `suffixes`, the folder does not exist, the path is a folder itself, or its name is
+        too long for a file.
+    """
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
+    if path.suffix.lower() not in suffixes:
+        raise EppError(
+            f"{path}: cannot write a file that ends in {path.suffix!r}; expected one of {', '.join(suffixes)}."
+        )
+    if not os.path.isdir(path.parent):
+        raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
+    if os.path.isdir(path):
+        raise EppError(f"{path}: is a folder; expected the name of a file.")
+
+
+def write_result(result: Any, to_table: Callable[[Any], Table], path: Path) -> None:
+    """Write a result as the picture or the table that the suffix of `path` asks for."""
+    if path.suffix.lower() in PICTURES:
+        write_figure(result.plot(), path)
+    elif path.suffix.lower() == ".nc" and hasattr(result, "to_dataset"):
+        write_dataset(result.to_dataset(), path)
+    else:
+        write_table(to_table(result), path)
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a picture; its format is the suffix of `path`."""
+    import matplotlib as mpl
+
+    # Text stays text in SVG and PDF, and equal results give equal files.
+    with (
+        mpl.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "eppanalysis"}),
+        atomic(path) as part,
+    ):
+        stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower())
+        figure.savefig(part, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
+
+
+def write_table(table: Table, path: Path) -> None:
+    """Write a table as CSV or NetCDF, by the suffix of `path`."""
+    if path.suffix.lower() == ".nc":
+        write_dataset(table.to_dataset(), path)
+        return
+    with atomic(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow([csv_cell(name) for name in table.header()])
+        writer.writerows([csv_cell(value) for value in row] for row in zip(*table.columns.values(), strict=True))
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a text in UTF-8."""
+    with atomic(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
+    """Write a dataset as NetCDF (version 4 where h5netcdf and h5py, or netCDF4, are installed, else version 3)."""
+    from importlib.util import find_spec
+
+    # Named, because xarray takes h5netcdf as soon as it is there, with or without the h5py that it needs.
+    complete: tuple[tuple[_Engine, tuple[str, ...]], ...] = (
+        ("h5netcdf", ("h5netcdf", "h5py")),
+        ("netcdf4", ("netCDF4",)),
+    )
+    engines = [name for name, needed in complete if all(find_spec(module) for module in needed)]
+    with atomic(path) as part:
+        dataset.to_netcdf(part, engine=engines[0] if engines else "scipy")
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """A temporary path in the same folder that takes the place of `path` when the block ends well, else vanishes."""
+    target = Path(os.path.realpath(path))
+    part = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")
+    try:
+        yield part
+        os.replace(part, target)
+    except OSError as error:
+        raise EppError(
+            f"{path}: cannot be written ({error.strerror or error}); expected a place to write to."
+        ) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def csv_cell(value: Any) -> str:
+    """A value as a table's cell: texts that a spreadsheet would take for a formula are marked as texts."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if not isinstance(value, str):
+        return repr(value.item() if hasattr(value, "item") else value)
+    # A spreadsheet runs a text that begins like a formula (after blanks too, and with the wide signs of East Asian
+    # keyboards); a leading apostrophe makes it a text. Some split lines at semicolons and tabs as well.
+    body = value.lstrip()
+    begin = "'" * body.startswith(_FORMULA_SIGNS) + value[: len(value) - len(body)]
+    return begin + _INNER_FORMULA.sub(r"\1'", body)
+
+
+def _plain_column(column: Sequence[Any]) -> Any:
+    import numpy as np
+
+    if any(isinstance(value, str) for value in column):
+        return np.array(["" if value is None else str(value) for value in column], dtype=object)
+    return np.array([math.nan if value is None else float(value) for value in column])

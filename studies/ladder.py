@@ -1,0 +1,166 @@
+"""All rungs of the ladder for all shipped cases: time taken, and error against the exact cycle, to a table.
+
+``python -m studies.ladder`` makes ``docs/_static/ladder.csv`` afresh (some minutes): what ``eppanalysis validate``
+shows of each case. Times are processor times, the shorter one of two climbs unless the first took long, so that
+other work on the machine hardly counts.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import eppanalysis as epp
+from eppanalysis.methods.comparison.rungs import Clock
+from studies import STORED
+from studies.stored_tables import read_rows, write_rows
+
+TABLE = STORED / "ladder.csv"
+#: A climb that takes longer is not repeated [s].
+LONG = 10.0
+METHODS = ("describing function", "harmonic balance", "exact orbit", "simulation")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One rung of one case (numbers are nan where it has no cycle).
+
+    Attributes
+    ----------
+    case, signal : str
+    method : str
+        As the ladder calls it: with the order of a balance, or the stability.
+    exact : int
+        Number of the exact cycle that the rung belongs to, -1 for none.
+    frequency, peak_to_peak : float
+        Of the signal [Hz, SI].
+    error_period, error_size : float
+        Relative errors against the exact cycle.
+    seconds : float
+    note : str
+    """
+
+    case: str
+    signal: str
+    method: str
+    exact: int
+    frequency: float
+    peak_to_peak: float
+    error_period: float
+    error_size: float
+    seconds: float
+    note: str
+
+
+def study() -> Iterator[list[Row]]:
+    """Rows of one case after the other."""
+    Clock.read = staticmethod(time.process_time)
+    for name in epp.shipped_cases():
+        sys.stderr.write(f"{name}\n")
+        yield rows_of(name)
+
+
+def rows_of(name: str) -> list[Row]:
+    """Rows of one case."""
+    begin = time.process_time()
+    tries = [epp.ladder(epp.case(name))]
+    if time.process_time() - begin < LONG:
+        tries.append(epp.ladder(epp.case(name)))
+    rows = []
+    for rungs in zip(*(t.rows for t in tries), strict=True):
+        r = rungs[0]
+        frequency, size = (r.quantities[k] for k in ("frequency", "peak-to-peak"))
+        rows.append(
+            Row(
+                case=name,
+                signal=tries[0].signal,
+                method=r.method,
+                exact=-1 if r.exact is None else r.exact,
+                frequency=_or_nan(frequency),
+                peak_to_peak=_or_nan(size),
+                error_period=r.errors.get("period", float("nan")),
+                error_size=r.errors.get("peak-to-peak", float("nan")),
+                seconds=min(x.seconds for x in rungs),
+                note=r.note,
+            )
+        )
+    return rows
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def write(rows: Sequence[Row], path: Path = TABLE) -> None:
+    """Rows to the stored table."""
+    write_rows(rows, Row, path, __file__)
+
+
+def read(path: Path = TABLE) -> list[Row]:
+    """Rows of the stored table."""
+    return read_rows(Row, path)
+
+
+def table() -> tuple[list[str], list[list[str]]]:
+    """One line for each exact cycle, and for each prediction or balance that no exact cycle belongs to."""
+    rows = read()
+    lines = []
+    for name in dict.fromkeys(r.case for r in rows):
+        own = [r for r in rows if r.case == name]
+        alone = []
+        for number in sorted({r.exact for r in own if r.exact >= 0}):
+            rungs = [r for r in own if r.exact == number]
+            if len(rungs) == 1 and rungs[0].note and "unstable" in rungs[0].method:
+                alone += rungs
+            else:
+                lines.append(_line(name, rungs))
+        if alone:
+            low, high = (f(r.frequency for r in alone) for f in (min, max))
+            lines.append([f"`{name}`", f"{len(alone)} unstable", f"{low:.4g} to {high:.4g}", "", "", "by search", ""])
+        lines += [_line(name, [r]) for r in own if r.exact < 0 and np.isfinite(r.frequency)]
+        if not any(np.isfinite(r.frequency) for r in own):
+            lines.append([f"`{name}`", "no cycle", "", *[""] * len(METHODS)])
+    return ["case", "cycle", "frequency [Hz]", *METHODS], lines
+
+
+def _line(name: str, rungs: Sequence[Row]) -> list[str]:
+    best = rungs[-1]
+    exact = next((r for r in rungs if r.method.startswith("exact")), None)
+    if best.exact < 0:
+        what = "not real" if best.method.startswith(METHODS[:2]) else "not closed"
+    else:
+        what = "sampled" if exact is None else exact.method.split(", ")[-1]
+    cells = [_cell([r for r in rungs if r.method.startswith(m)]) for m in METHODS]
+    return [f"`{name}`", what, f"{(exact or best).frequency:.5g}", *cells]
+
+
+def _cell(rungs: Sequence[Row]) -> str:
+    """Errors in period and size [%], and the time taken."""
+    if not rungs:
+        return ""
+    rung = rungs[0]
+    took = f"{1e3 * rung.seconds:.3g} ms"
+    order = rung.method.split(", ")[-1].replace("order ", "n = ") + ", " if rung.method.startswith("harmonic") else ""
+    if rung.method.startswith("exact"):
+        return "by search" if rung.note else took
+    errors = ""
+    if np.isfinite(rung.error_period):
+        errors = f"{_percent(rung.error_period)} / {_percent(rung.error_size)} %, "
+    return f"{order}{errors}{took}"
+
+
+def _percent(error: float) -> str:
+    """Two digits of a relative error in per cent; "0" where it is rounding."""
+    return "0" if abs(error) < 1e-9 else f"{100.0 * error:+.2g}"
+
+
+if __name__ == "__main__":
+    found: list[Row] = []
+    for some in study():
+        found += some
+        write(found)

@@ -1,0 +1,133 @@
+"""The page on the elements of a case file, made from their signatures: ``python -m studies.pages.elements``.
+
+It is under version control, for it is read where nothing is built; a test compares it with the code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from itertools import groupby
+
+from eppanalysis.cases.blocks import element_class
+from eppanalysis.models.elements import ELEMENTS
+from studies import DOCS
+
+PAGE = DOCS / "reference" / "elements.md"
+
+_INTRODUCTION = """\
+# Elements of a case file
+
+<!-- Made by "python -m studies.pages.elements" from the code; changes belong there. -->
+
+What stands behind `element =` in `[[loop.blocks]]` or `[[loop.elements]]` ({doc}`loops`), with its fields. A field
+without a default must be given. A value is a plain number, a text with a unit (`"12 mm"`, which becomes SI), or a table
+of `value`, `mark`, `note` and `tolerance` ({doc}`../cases`); the fields of `piecewise_linear` are lists of numbers or
+texts. Units in brackets are those that the loop around the element has there: where its input is a length, the gap of a
+play is one too.
+
+Besides its own fields every element takes
+
+| field | default | meaning |
+| --- | --- | --- |
+| `name` | the element's kind | what `--set`, sweeps and signals call it (`play.gap`); its own in a loop |
+| `memory` | the element's own | value that an element with memory holds at the start |
+"""
+
+#: Fields of elements whose docstring says in its first sentence what they do; here their meaning with its unit.
+_MEANINGS = {
+    "saturation": {
+        "lower": "Least output [unit of the output].",
+        "upper": "Greatest output [unit of the output], above `lower`.",
+        "slope": "Between the limits, positive [unit of the output per unit of the input].",
+    },
+    "dead_zone": {
+        "lower": "Lower edge [unit of the input].",
+        "upper": "Upper edge [unit of the input], above `lower`.",
+        "slope": "Outside the edges, not zero [unit of the output per unit of the input].",
+    },
+    "relay": {
+        "low": "Output below the threshold [unit of the output].",
+        "high": "Output above it [unit of the output].",
+        "threshold": "[unit of the input]",
+    },
+    "relay_dead_zone": {
+        "threshold": "Half the width of the dead zone [unit of the input], positive.",
+        "level": "Output beyond it [unit of the output].",
+    },
+    "preload": {
+        "level": "Half the step at zero [unit of the output].",
+        "slope": "[unit of the output per unit of the input]",
+    },
+    "quantiser": {
+        "step": "Width and height of a step [unit of input and output], positive.",
+        "levels": "Steps on each side, a positive whole number.",
+    },
+    "coulomb": {"level": "Output while the input is positive [unit of the output]."},
+    "cube": {"scale": "[unit of the output per cubed unit of the input]"},
+    "sine": {"scale": "Greatest output [unit of the output]."},
+    "hysteresis_relay": {
+        "lower": "Where it goes low [unit of the input].",
+        "upper": "Where it goes high [unit of the input], at least `lower`.",
+        "low": "Output while low [unit of the output].",
+        "high": "Output while high [unit of the output].",
+    },
+    "hysteresis_relay_dead_zone": {
+        "on": "Where it switches on [unit of the input], positive.",
+        "off": "Where it switches off [unit of the input], from 0 to `on`.",
+        "level": "Output while on, positive [unit of the output].",
+    },
+    "play": {
+        "gap": "Total width, at least zero [unit of the input, which is that of the output]; the output stays within "
+        "`gap/2` of the input."
+    },
+}
+
+_PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
+_ENTRY = re.compile(r"^(\w[\w, ]*?) : [^\n]*\n((?:[ ]+[^\n]*\n?|\n)+)", re.MULTILINE)
+
+
+def page() -> str:
+    """The page as Markdown."""
+    return _INTRODUCTION + "".join(f"\n{_section(kind)}" for kind in ELEMENTS)
+
+
+def meanings(kind: str) -> dict[str, str]:
+    """What each field of an element means, from its docstring where that lists them."""
+    section = _PARAMETERS.search((inspect.getdoc(element_class(kind)) or "") + "\n")
+    listed = {
+        name.strip(): " ".join(text.split())
+        for names, text in (_ENTRY.findall(section[1]) if section else ())
+        for name in names.split(",")
+    }
+    return listed | _MEANINGS.get(kind, {})
+
+
+def _section(kind: str) -> str:
+    """Heading, first paragraph of the docstring, and the fields of an element."""
+    made = element_class(kind)
+    says, known = (inspect.getdoc(made) or "").split("\n\n")[0], meanings(kind)
+    fields = inspect.signature(made).parameters.values()
+    rows = [
+        f"| {', '.join(f'`{p.name}`' for p in alike)} | {default} | {_markdown(meaning)} |"
+        for (default, meaning), alike in groupby(fields, key=lambda p: (_default(p), known[p.name]))
+    ]
+    head = ["| field | default | meaning [unit] |", "| --- | --- | --- |"]
+    return "\n".join([f"## {kind}", "", _markdown(says).replace("\\|", "|"), "", *head, *rows]) + "\n"
+
+
+def _default(parameter: inspect.Parameter) -> str:
+    if parameter.default is parameter.empty:
+        return "must be given"
+    return "none" if parameter.default is None else f"`{parameter.default}`"
+
+
+def _markdown(text: str) -> str:
+    """A piece of a docstring as one line of a Markdown table."""
+    line = re.sub(r"`+([^`]*)`+", r"`\1`", re.sub(r":class:", "", " ".join(text.split())))
+    # A star between units is no emphasis; a bar ends no cell.
+    return re.sub(r"(?<=\w)\*(?=\w)(?=[^`]*(?:`[^`]*`[^`]*)*$)", "·", line).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

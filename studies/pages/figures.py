@@ -1,0 +1,224 @@
+"""Pictures of the documentation, made from the package itself: ``python -m studies.pages.figures``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import eppanalysis as epp
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
+from studies import GENERATED, STORED
+from studies.first_order_tables import first_order_errors
+from studies.pages.cycles import elbow_basins, elbow_branch
+from studies.pages.harmonic import harmonic_convergence
+
+Array = NDArray[np.float64]
+
+#: Thick lines first, so that curves that coincide in part are all seen.
+STYLES = ((BLUE, 2.6), (VERMILLION, 1.5), (GREEN, 0.9))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """An element (or several, for comparison) in time and as a describing function.
+
+    Attributes
+    ----------
+    elements : dict
+        By the label in the legend.
+    amplitude : float
+        Of the sine in the left panel.
+    largest : float
+        Amplitude to which the describing function is drawn.
+    omega : float
+        Angular frequency [rad/s], for elements whose describing function depends on it.
+    bias : float
+        Of the sine, in both panels.
+    names : tuple of str
+        Input and output with their units.
+    """
+
+    elements: dict[str, epp.Nonlinearity]
+    amplitude: float
+    largest: float
+    omega: float = 1.0
+    bias: float = 0.0
+    names: tuple[str, str] = ("input x", "output y")
+
+
+def drawings() -> dict[str, Drawing]:
+    """All pictures of elements, by file name."""
+    lbf, degree = 4.4482216152605, np.pi / 180.0
+    bands = {"slack": 1.25 * lbf, "low": 2.4 * lbf, "high": 2.6 * lbf, "max": 3.75 * lbf, "supply_voltage": 16.0}
+    pin = {"gap": 2.5 * degree, "stiffness": 1000.0, "damping": 3.0}
+    cable = {"harness_stiffness": 8381.6, "forearm_stiffness": 33526.3, "friction": 0.0447}
+    return {
+        "saturation": Drawing({"symmetric": epp.Saturation(), "upper limit 0.5": epp.Saturation(upper=0.5)}, 2.0, 6.0),
+        "dead_zone": Drawing({"symmetric": epp.DeadZone(), "from -1 to 0.5": epp.DeadZone(upper=0.5)}, 2.0, 6.0),
+        "relay": Drawing({"relay": epp.Relay(), "preload, slope 0.5": epp.Preload(level=1.0, slope=0.5)}, 1.5, 4.0),
+        "dead_zone_saturation": Drawing(
+            {"dead zone 1, limited from 1.5": epp.DeadZoneSaturation(dead_zone=1.0, slope=4.0, limit=2.0)}, 3.0, 8.0
+        ),
+        "relay_dead_zone": Drawing({"threshold 1": epp.RelayDeadZone(threshold=1.0)}, 2.0, 6.0),
+        "quantiser": Drawing({"step 1": epp.Quantiser(step=1.0, levels=20)}, 3.2, 6.0),
+        "five_band_law": Drawing(
+            {
+                "symmetric": epp.FiveBandLaw(**bands),
+                "wide upper band": epp.FiveBandLaw(**{**bands, "max": 5.5 * lbf}),
+                "offset voltage 2 V": epp.FiveBandLaw(**bands, offset_voltage=2.0),
+            },
+            10.0,
+            30.0,
+            bias=2.5 * lbf,
+            names=("force [N]", "voltage [V]"),
+        ),
+        "hysteresis_relay": Drawing({"thresholds -0.5, 0.5": epp.HysteresisRelay(lower=-0.5, upper=0.5)}, 1.5, 4.0),
+        "hysteresis_relay_dead_zone": Drawing(
+            {"on 1, off 0.6": epp.HysteresisRelayDeadZone(on=1.0, off=0.6)}, 1.5, 4.0
+        ),
+        "play": Drawing({"gap 1": epp.Play(gap=1.0)}, 1.5, 4.0),
+        "jump_and_follow": Drawing(
+            {f"S = 1, J = {jump:g}": epp.JumpAndFollow(stick_band=1.0, slip_jump=jump) for jump in (0.0, 0.5, 1.0)},
+            1.5,
+            4.0,
+        ),
+        "stiction_pulley": Drawing(
+            {f"kinetic ratio {k:g}": epp.StictionPulley(**cable, kinetic_ratio=k) for k in (1.0, 0.6)},
+            4e-4,
+            2e-3,
+            bias=1.66e-3,
+            names=("cable stretch [m]", "sensor force [N]"),
+        ),
+        "friction": Drawing(
+            {
+                "Coulomb": epp.Friction(coulomb=1.0),
+                "falling with speed": epp.Friction(coulomb=1.0, static=1.0, stribeck=3.0),
+            },
+            1.5,
+            4.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
+        "lock_pin": Drawing(
+            {
+                "contact only pushes": epp.LockPin(**pin),
+                "classical": epp.LockPin(**pin, model="classical"),
+            },
+            1.6 * degree,
+            5.0 * degree,
+            omega=60.0,
+            names=("twist [rad]", "torque [N m]"),
+        ),
+    }
+
+
+def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple[Array, Array]:
+    """One steady period of input and (first) output, by stepping the element's own map along the sine."""
+    phase = np.linspace(0.0, 4.0 * np.pi, 2 * n + 1)
+    x = drawing.bias + drawing.amplitude * np.sin(phase)
+    rate = drawing.amplitude * drawing.omega * np.cos(phase)
+    y = np.empty_like(x)
+    memory: Any = None
+    for i in range(x.size):
+        given = x[i] if element.n_inputs == 1 else (x[i], rate[i])
+        value, memory = element.output(given, memory)
+        y[i] = np.atleast_1d(value)[0]
+    return x[n:], y[n:]
+
+
+def draw_element(drawing: Drawing) -> Figure:
+    """Map under a sine on the left; real and imaginary part of the describing function on the right."""
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    amplitude = np.linspace(0.0, drawing.largest, 802)[1:]
+    for (colour, width), (label, element) in zip(STYLES, drawing.elements.items(), strict=False):
+        width = width if len(drawing.elements) > 1 else 1.3
+        x, y = loop_of(element, drawing)
+        left.plot(x, y, color=colour, linewidth=width, label=label)
+        _, gain = element.describing_function(amplitude, drawing.bias, drawing.omega)
+        gain = gain[..., 0] if element.n_outputs > 1 else gain
+        right.plot(amplitude, gain.real, color=colour, linewidth=width, label="real part")
+        if np.nanmax(np.abs(gain.imag)) > 0:
+            right.plot(amplitude, gain.imag, color=colour, linewidth=width, linestyle="--", label="imaginary part")
+    left.set_xlabel(drawing.names[0])
+    left.set_ylabel(drawing.names[1])
+    right.set_xlabel("amplitude a" + drawing.names[0][drawing.names[0].find(" [") :] * ("[" in drawing.names[0]))
+    right.set_ylabel("describing function N")
+    _limit_poles(right)
+    for ax in (left, right):
+        ax.axhline(0.0, color=GREY, linewidth=0.5)
+        ax.spines[["top", "right"]].set_visible(False)
+    if len(drawing.elements) > 1:
+        left.legend(fontsize=7)
+    kinds = dict(zip(*reversed(right.get_legend_handles_labels()), strict=True))
+    right.legend(kinds.values(), kinds.keys(), fontsize=7)
+    return figure
+
+
+def _limit_poles(ax: Axes) -> None:
+    """Cut a describing function that grows without bound towards small amplitudes (relays)."""
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
+    values = values[np.isfinite(values)]
+    top = float(np.quantile(np.abs(values), 0.97))
+    if np.abs(values).max() > 3.0 * top:
+        ax.set_ylim(max(1.1 * values.min(initial=0.0), -1.3 * top), 1.3 * top)
+
+
+def nyquist_play() -> Figure:
+    """The servo of the quickstart."""
+    return epp.predict_limit_cycles(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))).plot()
+
+
+def nyquist_relay_dead_zone() -> Figure:
+    """The loop of the README."""
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
+    return epp.predict_limit_cycles(loop).plot()
+
+
+def fig8a_original() -> Figure:
+    """The picture of the README and of the quickstart."""
+    return epp.ladder(epp.case("fig8a_original")).plot()
+
+
+def bounds_original() -> dict[str, Figure]:
+    """The boundary and the tornado of the page on bounds."""
+    case = epp.case("fig8a_original")
+    found = epp.design_bounds(case, "bands.range", "lock_pin.backlash", start="2 lbf", stop="3 lbf", points=5)
+    return {"bounds_original": found.plot(), "bounds_tornado": found.plot_elasticities(2)}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a picture."""
+    figure.savefig(path, dpi=150, metadata={"Software": None})
+
+
+def make_all(folder: Path) -> None:
+    """Make every picture of the pages."""
+    for name, drawing in drawings().items():
+        save(draw_element(drawing), folder / f"{name}.png")
+    pictures: Sequence[Callable[[], Figure]] = (
+        nyquist_play,
+        nyquist_relay_dead_zone,
+        harmonic_convergence,
+        first_order_errors,
+        elbow_basins,
+        elbow_branch,
+    )
+    for make in pictures:
+        save(make(), folder / f"{make.__name__}.png")
+
+
+if __name__ == "__main__":
+    GENERATED.mkdir(exist_ok=True)
+    make_all(GENERATED)
+    # The picture of the README is under version control, because a README is read where nothing is built.
+    save(fig8a_original(), STORED / "fig8a_original.png")
+    # Those of the bounds take a minute to compute.
+    for label, figure in bounds_original().items():
+        save(figure, STORED / f"{label}.png")

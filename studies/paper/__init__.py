@@ -1,0 +1,1 @@
+"""Everything the pages on the paper show."""

@@ -1,1 +1,0 @@
-"""Rivals on the same work, alternately, in one run, ratios with accuracy: ``python -m tests.benchmarks``."""

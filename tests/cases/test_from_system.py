@@ -1,0 +1,171 @@
+"""Loops that become cases: the same numbers, and the same answers from every analysis."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import eppanalysis as epp
+from eppanalysis.models.elements.memory import Slip
+from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
+from eppanalysis.models.systems.lure import SignalMap
+
+#: An elbow with parking logic holds an element that case files do not know.
+WRITTEN = tuple(name for name in epp.shipped_cases() if name != "parking_stops_it")
+
+
+def bits(value: Any) -> Any:
+    """What must be the same of a value, to the last bit."""
+    if isinstance(value, np.ndarray):
+        return value.shape, np.asarray(value, float).tobytes()
+    if isinstance(value, Slip):
+        return tuple(float(part).hex() for part in value)
+    if isinstance(value, float):
+        return value.hex()
+    if isinstance(value, epp.Nonlinearity):
+        return type(value), {name: bits(part) for name, part in vars(value).items()}
+    if isinstance(value, SignalMap):
+        units = value.units or ("",) * len(value.names)
+        return [bits(getattr(value, f.name)) for f in fields(value) if f.name != "units"], units
+    return tuple(map(bits, value)) if isinstance(value, tuple) else value
+
+
+def assert_same(one: epp.LureSystem, other: epp.LureSystem) -> None:
+    for field in fields(one):
+        assert bits(getattr(one, field.name)) == bits(getattr(other, field.name)), field.name
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_every_shipped_loop_reads_back_to_the_same_bits(name: str) -> None:
+    loop = epp.case(name).to_system()
+    case = epp.Case.from_system(loop)
+    assert_same(case.to_system(), loop)
+    assert_same(epp.case_from_text(case.to_toml(), name).to_system(), loop)
+
+
+@st.composite
+def loops(draw: st.DrawFn) -> epp.LureSystem:
+    """Loops with everything: cascades, dead times, inputs, constants, memories, signals, no states at all."""
+    number = st.floats(-1e6, 1e6, allow_nan=False)
+
+    def array(*shape: int) -> np.ndarray:
+        count = int(np.prod(shape))
+        return np.array(draw(st.lists(number, min_size=count, max_size=count)), float).reshape(shape)
+
+    positive = st.floats(1e-6, 1e3)
+    elements = [epp.Play(gap=draw(positive)), epp.Friction(draw(positive)), epp.Quantiser(draw(positive), 7)]
+    elements.append(epp.JumpAndFollow(2.0, 1.0, draw(positive)))
+    memory = [draw(st.none() | number), None, None, draw(st.none() | st.builds(Slip, number, st.just(1), number))]
+    n, nv, ns = draw(st.integers(0, 3)), draw(st.integers(0, 2)), 2
+    units = draw(st.sampled_from([(), ("rad", "N*m")]))
+    return epp.LureSystem.build(
+        array(n, n), array(n, 4), array(4, n), elements, D=np.triu(array(4, 4), 1), B_input=array(n, nv),
+        D_input=array(4, nv), input_names=[f"v{i}" for i in range(nv)], constant_state=array(n),
+        constant_input=array(4), x0=array(n), v0=array(nv), memory=memory, delays=np.abs(array(4)),
+        time_step=draw(st.none() | positive),
+        signals=SignalMap(("a", "b"), array(ns, n), array(ns, 4), array(ns, nv), array(ns), units),
+    )  # fmt: skip
+
+
+@settings(max_examples=60, deadline=None)
+@given(loops())
+def test_any_loop_reads_back_to_the_same_bits(loop: epp.LureSystem) -> None:
+    case = epp.Case.from_system(loop)
+    assert_same(case.to_system(), loop)
+    again = epp.case_from_text(case.to_toml(), "loop")
+    assert_same(again.to_system(), loop)
+    assert again.operating_point == epp.OperatingPoint.of(loop)
+
+
+INPUT_SIGNALS: tuple[InputSignal, ...] = (
+    Constant(0.1),
+    Step(0.1, 1 / 3),
+    Steps([0.1, 0.7], [1 / 3, -0.2]),
+    Ramp(0.1, 0.2, 1 / 3),
+    Ramp(1 / 7),
+    Sine(0.1, 1 / 3, 0.2),
+    Recorded([0.0, 0.1, 1 / 3], [0.1, 0.2, 1 / 7]),
+)
+
+
+@pytest.mark.parametrize("input_signal", INPUT_SIGNALS, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("by_name", [False, True])
+def test_motions_are_read_back(input_signal: InputSignal, by_name: bool) -> None:
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    pushed = epp.LureSystem.build(loop.A, loop.B, loop.C, loop.elements, D_input=[[1.0]], input_names=["hand"])
+    case = epp.Case.from_system(pushed, input={"hand": input_signal} if by_name else input_signal, t_end=2 / 3)
+    again = epp.case_from_text(case.to_toml(), "loop")
+    found = again.input["hand"] if isinstance(again.input, dict) else again.input
+    assert found is not None and again.t_end == 2 / 3
+    t = np.linspace(0.0, 1.0, 500)
+    assert found.value(t).tobytes() == input_signal.value(t).tobytes()
+
+
+def test_what_no_case_file_can_hold_is_said() -> None:
+    class Odd(epp.Saturation):
+        """An element of one's own."""
+
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), Odd())
+    with pytest.raises(epp.EppError, match="odd is a Odd, which no case file knows"):
+        epp.Case.from_system(loop)
+    with pytest.raises(epp.EppError, match="play 1"):
+        epp.Case.from_system(epp.LureSystem.from_blocks([epp.Play(1.0), ([1.0], [1.0, 1.0])], element_names=["play 1"]))
+    with pytest.raises(epp.EppError, match=r"run\.inputs\.foot is 'given'; expected an input of the loop: none"):
+        epp.Case.from_system(loop_of_a_relay(), input={"foot": Constant(1.0)})
+
+
+def loop_of_a_relay() -> epp.LureSystem:
+    """The loop of a shipped case, as one would make it in Python."""
+    return epp.case("relay_deadzone").to_system()
+
+
+def plain(result: Any) -> Any:
+    """A result without what says where it comes from, and how long it took."""
+    if isinstance(result, dict):
+        left_out = ("provenance", "seconds")
+        return {k: plain(v) for k, v in result.items() if k not in left_out}
+    if isinstance(result, list | tuple):
+        return [plain(v) for v in result]
+    return repr(result)
+
+
+LEVEL, THRESHOLD = "relay_dead_zone.level", "relay_dead_zone.threshold"
+ANALYSES = {
+    "predict_limit_cycles": lambda x: epp.predict_limit_cycles(x).to_dict(),
+    "find_limit_cycles": lambda x: epp.find_limit_cycles(x).to_dict(),
+    "simulate": lambda x: epp.simulate(x, t_end=50.0).to_dict(),
+    "harmonic_balance": lambda x: epp.harmonic_balance(x, epp.predict_limit_cycles(x)[-1], 5).to_dict(),
+    "exact_orbit": lambda x: epp.exact_orbit(x, epp.predict_limit_cycles(x)[-1]).to_dict(),
+    "trigger": lambda x: [k.to_dict() for k in epp.trigger(x)],
+    "ladder": lambda x: epp.ladder(x).to_dict(),
+    "continue_branch": lambda x: epp.continue_branch(x, THRESHOLD, 1.0, 1.1, n_points=4, n_others=0).to_dict(),
+    "design_bounds": lambda x: epp.design_bounds(
+        x, LEVEL, THRESHOLD, at=[1.0], within=(0.5, 2.0), exact=False
+    ).to_dict(),
+    "sweep": lambda x: epp.sweep(x, {THRESHOLD: [0.5, 1.0]}, "predict", progress=False).to_dict()["data_vars"],
+    "frozen_nyquist": lambda x: epp.frozen_nyquist(x, epp.predict_limit_cycles(x)[-1]).response.tolist(),
+}
+
+
+@pytest.mark.parametrize("analysis", ANALYSES)
+def test_every_analysis_gives_the_same_of_a_case_and_of_its_loop(analysis: str) -> None:
+    loop = loop_of_a_relay()
+    case = epp.Case.from_system(loop)
+    assert plain(ANALYSES[analysis](loop)) == plain(ANALYSES[analysis](case))
+
+
+def test_a_report_of_a_loop(tmp_path: Path) -> None:
+    """The notebook of the report reads the loop from the text of its case, whatever the loop is called."""
+    from eppanalysis.report.notebook import make_notebook
+
+    case = epp.Case.from_system(loop_of_a_relay(), "my loop")
+    cells = [c.source for c in make_notebook([case]).cells]
+    place: dict[str, Any] = {"epp": epp}
+    exec(next(c for c in cells if "case = " in c).split("import eppanalysis as epp")[1], place)
+    assert_same(epp.Case.from_system(place["case"].to_system(), "relay_deadzone").to_system(), loop_of_a_relay())
+    assert any("continue_branch" in c for c in cells)

@@ -1,0 +1,103 @@
+"""The commands ``cycles`` and ``branch``: their files and their mistakes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+from eppanalysis.errors import EppError
+from eppanalysis.methods.search.picture import plot_cycles
+from eppanalysis.methods.search.trigger import Trigger
+
+
+def run(*arguments: str, code: int = 0):
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_cycles_writes_a_table_and_a_picture(tmp_path: Path) -> None:
+    run("cycles", "relay_deadzone", "-o", str(tmp_path / "all.csv"))
+    with (tmp_path / "all.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["stable"] for row in rows] == ["false", "true"]
+    assert float(rows[1]["period [s]"]) == pytest.approx(6.327796595, rel=1e-9)
+    run("cycles", "relay_deadzone", "--json", "-o", str(tmp_path / "all.png"))
+    assert (tmp_path / "all.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_wrong_file_is_refused_before_anything_is_computed(tmp_path: Path) -> None:
+    assert "expected one of" in run("cycles", "relay_deadzone", "-o", str(tmp_path / "all.xyz"), code=2).output
+    bad = run("branch", "relay_deadzone", "--over", "x", "--from", "1", "--to", "2", "-o", "b.csv", code=2)
+    assert ".png" in bad.output
+
+
+def test_cycles_as_json() -> None:
+    (case,) = json.loads(run("cycles", "sat_am165", "--json").stdout)["cases"]
+    assert [c["stable"] for c in case["result"]["cycles"]] == [True]
+
+
+def test_cycles_are_in_units_that_people_read() -> None:
+    output = run("cycles", "fig8a_original").output
+    assert "theta 4.3941249 deg peak to peak" in output and "rad " not in output
+
+
+def test_a_branch_is_in_units_that_people_read() -> None:
+    output = run(
+        "branch", "wheelchair", "--over", "play.gap", "--from", "12 mm", "--to", "10 mm", "--points", "8"
+    ).output
+    assert re.search(r"orbits over play.gap between [\d.]+ mm and 12 mm", output), output
+
+
+def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
+    ends = ("--over", "loop.gain", "--from", "0.7", "--to", "1")
+    output = run("branch", "wheelchair", "--set", "loop.gain=1", "--set", "play.gap=12 mm", *ends).output
+    assert re.search(r"No orbit between 0\.7 and 0\.846257: the branch turns back there", output), output
+    assert "It covers a part of the range" in output
+
+
+def test_a_trigger_is_told_in_readable_units_by_two_numbers_that_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    hits = (
+        Trigger("harness_position", -0.00024566037, -0.000245660366, -0.000245660378, 1.0),
+        Trigger("theta", 0.01, 0.009999999, 0.01, 1.0),
+        Trigger("theta_dot", math.nan, 0.0, math.nan, 2.0),
+    )
+    monkeypatch.setattr("eppanalysis.methods.search.trigger.trigger", lambda *_, **__: hits)
+    found = [
+        line for line in run("cycles", "fig8a_original", "--trigger").stdout.splitlines() if line.startswith("trigger")
+    ]
+    assert found == [
+        "trigger: harness_position by -0.24566038 mm starts a cycle; -0.24566037 mm settles.",
+        "trigger: theta by 0.5729578 deg starts a cycle; 0.5729577 deg settles.",
+        "trigger: theta_dot by up to 114.592 deg/s starts no cycle.",
+    ]
+
+
+def test_a_branch_of_one_orbit_is_one_orbit() -> None:
+    ends = ("--over", "lock_pin.backlash", "--from", "1 deg", "--to", "2 deg")
+    assert "\n1 orbit over" in run("branch", "fig8a_original", *ends, "--points", "1").stdout
+
+
+def test_picture_of_all_cycles() -> None:
+    found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system())
+    left, right = found.plot().axes
+    assert found.plot().get_suptitle() == "relay_deadzone: 1 stable and 1 unstable limit cycles"
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["unstable, 0.1211 Hz", "stable, 0.158 Hz"]
+    # The waveform begins where its fundamental rises through zero; here it is odd, so it begins at zero.
+    assert abs(left.lines[1].get_ydata()[0]) < 0.05 * found[1].peak_to_peak["x"]
+    assert right.get_ylabel() == "rate of x [1/s]"
+    with pytest.raises(EppError, match="no signal"):
+        plot_cycles(found, "nothing")
+
+
+def test_picture_of_no_cycle_says_so() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
+    assert epp.find_limit_cycles(loop).plot().get_suptitle() == "no limit cycle"

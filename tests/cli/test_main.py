@@ -1,0 +1,423 @@
+"""The command line: tables, JSON and files come out; what is wrong is one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from eppanalysis.cli import app
+
+runner = CliRunner()
+
+
+def run(*arguments: str):
+    result = runner.invoke(app, list(arguments))
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def one_sentence(result) -> str:
+    """The only line on the standard error, of a command that was refused."""
+    assert result.exit_code == 2
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert "Traceback" not in result.output
+    return lines[0]
+
+
+def test_help_names_every_command():
+    output = run("--help").output
+    for command in ("check", "predict", "simulate", "validate", "cases"):
+        assert command in output
+
+
+def test_cases_lists_what_ships():
+    found = json.loads(run("cases", "--json").stdout)["cases"]
+    assert "fig8a_original" in [case["name"] for case in found]
+    assert "fig8a_original" in run("cases").stdout
+
+
+def test_check_says_where_values_come_from():
+    output = run("check", "fig8a_original").stdout
+    assert "fig8a_original: valid" in output
+    assert "2.5 deg" in output
+    assert "paper" in output
+
+
+def test_check_reports_every_case_that_is_wrong():
+    result = run("check", "fig8a_original", "no_such_case", "neither_this")
+    assert result.exit_code == 2
+    assert "fig8a_original: valid" in result.stdout
+    assert len(result.stderr.strip().splitlines()) == 2
+
+
+def test_check_json_has_values_in_si_units():
+    document = json.loads(run("check", "fig8a_original", "--set", "lock_pin.backlash=0.5 deg", "--json").stdout)
+    backlash = document["cases"][0]["result"]["parameters"]["lock_pin.backlash"]
+    assert backlash["value"] == pytest.approx(0.5 * 3.141592653589793 / 180)
+    assert document["set"] == {"lock_pin.backlash": "0.5 deg"}
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("lock_pin.backlash=2.5 kg", "expected an angle"),
+        ("lock_pin.backlsh=2.5 deg", "lock_pin.backlash"),
+        ("lock_pin.stiffness=-1 N*m/rad", "lock_pin.stiffness"),
+        ("lock_pin.backlash=nan", "lock_pin.backlash"),
+        ("lock_pin.backlash", "expected FIELD=VALUE"),
+        ("=1", "expected FIELD=VALUE"),
+    ],
+)
+def test_wrong_settings_are_one_sentence(setting, expected):
+    assert expected in one_sentence(run("simulate", "fig8a_original", "--set", setting))
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"), [("", ""), ("a = ", ""), ('base = "self"', ""), ('title = "x"\nunknown = 1', "unknown")]
+)
+def test_wrong_files_are_one_sentence(tmp_path, content, expected):
+    path = tmp_path / "self.toml"
+    path.write_text(content)
+    sentence = one_sentence(run("predict", str(path)))
+    assert "self.toml" in sentence
+    assert expected in sentence
+
+
+ELBOW = 'base = "fig8a_original"\n'
+LOOP = 'kind = "loop"\ntitle = "x"\n[run]\nt_end = "9 s"\n[[loop.elements]]\nelement = "relay"\n[loop]\n'
+RECORDED = ELBOW + '[run.input]\nkind = "recorded"\nfile = "motion.csv"\n'
+BAD = {
+    "unknown field": (
+        ELBOW + '[lock_pin]\nbacklsh = "2 deg"',
+        "lock_pin.backlsh is '2 deg'",
+        "did you mean 'backlash'",
+    ),
+    "missing field": (
+        'kind = "elbow"\ntitle = "x"\n[drive]\ninertia = 1',
+        "drive.supply_voltage is missing",
+        "a voltage",
+    ),
+    "wrong dimension": (ELBOW + '[lock_pin]\nbacklash = "2.5 kg"', "lock_pin.backlash is '2.5 kg'", "an angle"),
+    "order": (
+        ELBOW + '[bands]\nslack = "3 lbf"\nlow = "2 lbf"\nhigh = "4 lbf"\nmax = "5 lbf"',
+        "bands.low is '2 lbf'",
+        "slack < low < high < max",
+    ),
+    "negative stiffness": (ELBOW + '[cable]\nstiffness = "-5 N/m"', "cable.stiffness is '-5 N/m'", "a positive number"),
+    "kind left out": ('title = "x"\n[loop]\nnum = [1]\n', "kind is missing", "'loop'"),
+    "initial state": (
+        LOOP + "num = [9]\nden = [1, 3, 2, 0]\ninitial_state = [0.0, 0.1]",
+        "loop.initial_state is [0.0, 0.1]",
+        "3 numbers",
+    ),
+    "tolerance of a count": (
+        ELBOW + '[sensor]\nbits = {value=12, tolerance="2"}',
+        "sensor.bits is '2'",
+        "no tolerance",
+    ),
+    "nan": (ELBOW + "[lock_pin]\nbacklash = nan", "lock_pin.backlash is nan", "a finite number"),
+    "infinity": (ELBOW + '[lock_pin]\nbacklash = "inf deg"', "lock_pin.backlash is 'inf deg'", "an angle"),
+    "empty": ("", "is 'empty'", "a case file"),
+    "not toml": ("a = = 1", "not TOML", "a TOML file"),
+    "its own base": ('base = "bad"\ntitle = "x"', "base is 'bad'", "does not inherit from itself"),
+    "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "improper"),
+    "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
+}
+
+
+@pytest.mark.parametrize(("name", "what"), [(".", "a folder"), ("", "CASE is ''"), ("/dev/null", "not a file")])
+def test_what_is_no_case_file_is_named_as_what_it_is(name, what):
+    sentence = one_sentence(run("check", name))
+    assert what in sentence and "expected a case file" in sentence
+
+
+def test_a_folder_that_bears_the_name_of_a_shipped_case_does_not_hide_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sat_am165").mkdir()
+    assert run("check", "sat_am165").exit_code == 0
+
+
+def test_a_byte_order_mark_is_read(tmp_path):
+    (tmp_path / "marked.toml").write_text('base = "sat_am165"\n', encoding="utf-8-sig")
+    assert run("check", str(tmp_path / "marked.toml")).exit_code == 0
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_input_is_one_sentence_with_file_field_value_and_what_was_expected(tmp_path, kind):
+    content, what, expected = BAD[kind]
+    (tmp_path / "bad.toml").write_text(content)
+    (tmp_path / "motion.csv").write_text("time [s],position [m]\n0,0\n1,\n2,0.02\n")
+    before = sorted(p.name for p in tmp_path.iterdir())
+    sentence = one_sentence(run("simulate", str(tmp_path / "bad.toml"), "-o", str(tmp_path / "out.png")))
+    assert "bad.toml" in sentence or "motion.csv" in sentence
+    assert what in sentence and "expected" in sentence and expected in sentence
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+def test_simulate_prints_the_verdict():
+    output = run("simulate", "fig8b_reduced_backlash").stdout
+    assert "settled at rest" in output
+    assert "theta [deg]" in output
+
+
+def test_simulate_json_is_documented_data():
+    (case,) = json.loads(run("simulate", "fig8a_original", "--json").stdout)["cases"]
+    assert case["result"]["status"] == "limit_cycle"
+    assert case["result"]["limit_cycle"]["frequency"] > 0
+    assert set(case) == {"name", "title", "kind", "result"}
+
+
+def test_predict_finds_both_cycles_of_the_original_elbow():
+    (case,) = json.loads(run("predict", "fig8a_original", "--json").stdout)["cases"]
+    assert {True, False} <= {cycle["stable"] for cycle in case["result"]["cycles"]}
+
+
+def test_validate_gives_a_verdict_in_words():
+    (case,) = json.loads(run("validate", "relay_deadzone", "--json").stdout)["cases"]
+    assert case["result"]["verdict"]
+    assert case["result"]["verdict"] in " ".join(run("validate", "relay_deadzone").stdout.split())
+
+
+def test_validate_puts_every_signal_side_by_side():
+    output = run("validate", "fig8a_original").stdout
+    head = next(line for line in output.splitlines() if "simulated" in line)
+    assert head.split() == ["predicted,", "unstable", "predicted,", "stable", "simulated", "error"]
+    for text in ("frequency [Hz]", "theta [deg] peak to peak", "sensor_force [N] peak to peak", "pulley_stretch [mm]"):
+        assert text in output
+    row = next(line for line in output.splitlines() if "frequency [Hz]" in line).split()
+    assert row[2:] == ["5.611", "10.61", "8.974", "+18.3", "%"]
+    rungs = [line.split() for line in output.splitlines() if line.strip().startswith(("1 ", "2 "))]
+    assert [" ".join(r[1:3]) for r in rungs[:3]] == ["describing function,", "harmonic balance,", "exact orbit,"]
+    assert len(rungs) == 7 and "search for all exact cycles" in output
+
+
+def test_truth_table_is_printed_as_the_paper_found():
+    result = run(*TRUTH_TABLE)
+    assert result.exit_code == 0
+    output = result.stdout
+    assert output.strip().endswith("8 of 8 as the paper found.")
+    rows = {line.split()[0]: line for line in output.splitlines() if line.strip() and line.split()[0] in TRUTH}
+    assert list(rows) == list(TRUTH)
+    for name, (figure, must) in TRUTH.items():
+        words = " ".join(rows[name].split())
+        assert figure in words and f" {must} {must} ok " in words
+    # A step that settles is no proof: beside the light forearm's resting state there are cycles.
+    assert " 1 stable " in rows["light_forearm"] and rows["soft_cable"].split().count("none") == 3
+
+
+TRUTH_TABLE = ["validate", "truth-table"]
+TRUTH = {
+    "fig8a_original": ("Fig. 8(a)", "oscillate"),
+    "fig8b_reduced_backlash": ("Fig. 8(b)", "settle"),
+    "gain_brings_it_back": ("text after Fig. 8", "oscillate"),
+    "fig6a_original_pulley": ("Fig. 6(a)", "oscillate"),
+    "fig6b_ball_bearing": ("Fig. 6(b)", "settle"),
+    "soft_cable": ("text after Equation (2)", "settle"),
+    "light_forearm": ("text after Equation (2)", "settle"),
+    "upright": ("Discussion", "settle"),
+}
+
+
+def test_a_case_that_fails_is_called_so_and_the_exit_code_stays(tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text('base = "relay_deadzone"\ntitle = "x"\n[expected]\noutcome = "settle"\n')
+    result = run("validate", str(path), "relay_deadzone")
+    assert result.exit_code == 0
+    assert "FAIL" in result.stdout and "1 of 2 as their sources say." in result.stdout
+
+
+def test_validate_json_says_what_must_come_out():
+    (case,) = json.loads(run("validate", "relay_deadzone", "--json").stdout)["cases"]
+    assert (case["result"]["must"], case["result"]["as_found"]) == ("oscillate", True)
+
+
+def test_prediction_is_made_where_the_harness_ends():
+    """20 mm of step over 19 mm of radius is 60.3 deg; without the step the cycles would be about 0 deg."""
+    (case,) = json.loads(run("predict", "fig8a_original", "--json").stdout)["cases"]
+    for cycle in case["result"]["cycles"]:
+        assert cycle["mean"]["theta"] == pytest.approx(20 / 19, abs=5e-3)
+
+
+@pytest.mark.parametrize("command", ["predict", "simulate", "validate"])
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf", ".csv", ".nc"])
+def test_every_command_writes_every_kind_of_file(tmp_path, command, suffix):
+    path = tmp_path / f"out{suffix}"
+    result = run(command, "relay_deadzone", "-o", str(path))
+    assert result.exit_code == 0, result.output
+    assert path.stat().st_size > 100
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_one_table_holds_several_cases(tmp_path):
+    path = tmp_path / "cycles.csv"
+    assert run("predict", "relay_deadzone", "sat_am165", "-o", str(path)).exit_code == 0
+    with path.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["case"] for row in rows] == ["relay_deadzone", "relay_deadzone", "sat_am165"]
+
+
+def test_several_pictures_need_a_name_for_each(tmp_path):
+    cases = ("relay_deadzone", "sat_am165")
+    assert "{case}" in one_sentence(run("predict", *cases, "-o", str(tmp_path / "all.png")))
+    assert run("predict", *cases, "-o", str(tmp_path / "{case}.png")).exit_code == 0
+    assert sorted(p.stem for p in tmp_path.iterdir()) == sorted(cases)
+
+
+@pytest.mark.parametrize("name", ["out.docx", "out", "missing/out.png"])
+def test_output_that_cannot_be_written_is_refused_before_computing(tmp_path, monkeypatch, name):
+    def computed(*_):
+        raise AssertionError("computed before the output was checked")
+
+    monkeypatch.setattr("eppanalysis.methods.simulation.simulate.simulate", computed)
+    one_sentence(run("simulate", "fig8a_original", "-o", str(tmp_path / name)))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("predict", "relay_deadzone", "-o", "a.png", "-o", "b.png"), "-o/--output"),
+        (("report", "relay_deadzone", "-o", "a.html", "--output", "b.pdf"), "-o/--output"),
+        (("identify", "fig8a_original", "--tray", "a.csv", "--tray", "b.csv"), "--tray"),
+        (
+            ("branch", "backlash_servo", "--over", "x", "--from", "1", "--to", "2", "--points", "3", "--points=4"),
+            "--points",
+        ),
+    ],
+)
+def test_an_option_of_one_value_is_not_given_twice(tmp_path, monkeypatch, arguments, option):
+    monkeypatch.chdir(tmp_path)
+    assert one_sentence(run(*arguments)) == f"{option}: is given 2 times; expected it once."
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["check", "predict", "simulate", "validate", "cycles"])
+def test_a_heading_names_what_is_overridden(command):
+    """The title of a case still tells of the old values."""
+    plain, changed = (run(command, "backlash_servo", *more) for more in ((), ("--set", "play.gap=0.3")))
+    assert changed.exit_code == 0, changed.stderr
+    lines = [line for line in changed.stdout.splitlines() if line]
+    assert lines[0].startswith("backlash_servo: ") and lines[1] == "with play.gap = 0.3"
+    assert "with play.gap" not in plain.stdout
+
+
+def test_two_cases_of_one_name_are_not_written_over_each_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "eppanalysis.methods.describing.predict.predict_limit_cycles", lambda *_: pytest.fail("computed")
+    )
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.toml").write_text('base = "relay_deadzone"\n')
+    cases = [str(tmp_path / folder / "x.toml") for folder in ("a", "b")]
+    sentence = one_sentence(run("predict", *cases, "-o", str(tmp_path / "out_{case}.csv")))
+    assert "2 cases are called x; expected a name for each" in sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("predict", "relay_deadzone", "-o", "{foo}.png"), "{foo}.png: {foo} stands for nothing; expected {case}."),
+        (("cycles", "relay_deadzone", "-o", "{case}.png"), "{case} stands for nothing; expected a name without it."),
+        (("identify", "fig8a_original", "--tray", "x.csv", "-o", "{foo}.png"), "expected {bench}."),
+        (("predict", "relay_deadzone", "-o", "x" * 5000 + ".png"), "is a name of 5004 letters; expected at most 200."),
+        (("predict", "relay_deadzone", "-o", "x" * 5000), "is a name of 5000 letters; expected at most 200."),
+        (("predict", "x" * 5000), "is missing; expected a case file, or the name of a shipped case."),
+        (
+            ("branch", "backlash_servo", "--over", "play.gap", "--from", "0.1", "--to", "1", "--points", "0"),
+            "--points 0",
+        ),
+        (("branch", "fig8a_original", "--over", "bands.range", "--from", "2", "--to", "-1"), "--to: bands.range is"),
+        (("branch", "fig8a_original", "--over", "bands.range", "--from", "-2", "--to", "1"), "--from: bands.range is"),
+    ],
+)
+def test_names_and_values_that_cannot_be_are_one_sentence(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert words in one_sentence(run(*arguments))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["predict", "validate", "cycles"])
+@pytest.mark.parametrize("setting", ["play.gap=1e308", "loop.num=[1e300]"])
+def test_numbers_beyond_all_range_are_one_sentence(command, setting):
+    result = run(command, "backlash_servo", "--set", setting)
+    if command == "predict" or "gap" in setting:  # a loop whose motion grows without bound is an answer, too
+        assert "backlash_servo: numbers beyond all range" in one_sentence(result)
+        assert not result.stdout
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no disk that is always full")
+@pytest.mark.parametrize("arguments", [("cases",), ("cases", "--json"), ("--version",), ("check", "sat_am165")])
+def test_a_full_disk_behind_the_standard_output_is_one_sentence(arguments):
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "eppanalysis", *arguments]
+        process = subprocess.run(command, check=False, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == [
+        "standard output: No space left on device; expected a place to read from or write to."
+    ]
+
+
+def test_options_that_may_be_repeated_still_may():
+    twice = ("--set", "lock_pin.backlash=2 deg", "--set", "lock_pin.stiffness=900 N*m/rad", "--json", "--json")
+    assert run("check", "fig8a_original", *twice).exit_code == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_interrupt_ends_with_130_and_no_file(tmp_path):
+    code = (
+        "import os, signal, eppanalysis.tables.files as export\n"
+        "export.write_result = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
+        "from eppanalysis.cli import main\n"
+        "main()\n"
+    )
+    arguments = ["simulate", "relay_deadzone", "-o", str(tmp_path / "out.png")]
+    process = subprocess.run([sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True)
+    assert process.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in process.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("command", "place", "said"),
+    [
+        ("cycles", "eppanalysis.cli.cycles.load_case", "Interrupted: nothing is kept."),
+        ("predict", "eppanalysis.cli.commands.expanded", "Interrupted: nothing is kept."),
+        ("explore", "eppanalysis.explorer.explore", ""),
+    ],
+)
+def test_an_interrupt_is_a_sentence_wherever_it_comes(monkeypatch, command, place, said):
+    """Of a page, which has no other end, it is none."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, interrupted)
+    result = run(command, "sat_am165")
+    assert (result.exit_code, result.stderr.strip()) == (130, said)
+
+
+def test_help_loads_nothing_heavy():
+    """Asking for help must stay quick: none of the numerical packages may be loaded for it."""
+    code = (
+        "import sys\nfrom eppanalysis.cli import main\nsys.argv = ['eppanalysis', '--help']\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print([m for m in ('numpy', 'scipy', 'numba', 'matplotlib', 'pint', 'pydantic') if m in sys.modules])"
+    )
+    process = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert process.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize("command", ["cases", "predict relay_deadzone --json"])
+@pytest.mark.parametrize("end", [">&-", "2>&-", "| head -1"])
+def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) -> None:
+    line = f'"{sys.executable}" -m eppanalysis {command} {end}'
+    done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr == "", done.stderr

@@ -1,0 +1,117 @@
+"""Border collisions of branches, where a visit to a mode ends after no time: from both sides, and by another
+integrator.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.bounds.elasticity import exact_elasticities
+from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.continuation.borders import across
+from eppanalysis.methods.continuation.branch import SpecialPoint
+from tests.reference.elbow_reference import DEG, nominal, simulate_reference
+
+LIMIT, FRICTION = "lock_pin.backlash", 0.0526
+#: Where the elbow with its original pulley ceases to oscillate, at a profile range of 2.5 lbf [rad].
+COLLISION = 0.8234704211 * DEG
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    return epp.case("fig8a_original").with_values({"pulley.friction": FRICTION})
+
+
+@pytest.fixture(scope="module")
+def branch(case: epp.Case) -> epp.Branch:
+    """From the stable cycle at 0.9 degrees down to the border collision, and up again on the unstable one."""
+    return epp.continue_branch(case, LIMIT, "0.9 deg", "0.7 deg", max_step=0.05)
+
+
+def collision_of(branch: epp.Branch) -> SpecialPoint:
+    [collision] = [s for s in branch.special if s.kind == "turning change of sequence"]
+    return collision
+
+
+def test_a_stable_and_an_unstable_cycle_meet_in_a_collision(branch: epp.Branch) -> None:
+    collision = collision_of(branch)
+    value, stable = branch.points["value"], branch.points["stable"]
+    assert collision.value == pytest.approx(COLLISION, rel=1e-9)
+    assert np.all(value > collision.value * (1.0 - 1e-12)) and not branch.folds
+    assert np.all(stable[: collision.index]) and not np.any(stable[collision.index :])
+    # It is no smooth fold: the multiplier jumps over 1.
+    below, above = branch.points["multiplier"][[collision.index - 1, collision.index]]
+    assert below < 0.96 and above > 1.1
+    assert value[-1] == pytest.approx(0.9 * DEG)
+
+
+def test_the_drive_just_stops_at_the_collision(branch: epp.Branch) -> None:
+    """Speed and acceleration are zero at one instant: the torque on it is just the friction's."""
+    collision = collision_of(branch)
+    orbit, arc = collision.point.orbit, collision.point.arc
+    assert arc is not None and orbit.residual < 1e-11 and abs(orbit.tau[arc]) < 1e-15
+    states = ("theta", "theta_dot", "drive_angle", "drive_speed", "motor_torque")
+    before = dict(zip(states, orbit.ends[arc - 1], strict=False))
+    assert abs(before["drive_speed"]) < 1e-12
+    acceleration = orbit.arcs.F[arc - 1][3] @ orbit.ends[arc - 1]
+    assert abs(acceleration) < 1e-9 * np.ptp(orbit.ends[:, 4]) / 0.03
+
+
+def test_the_collision_is_the_same_from_the_unstable_side(case: epp.Case, branch: epp.Branch) -> None:
+    """There the drive does not stop yet; where it begins to, the longer sequence of events says where it is."""
+    changed = case.with_values({LIMIT: "0.86 deg"})
+    [unstable] = epp.find_limit_cycles(changed).unstable
+    back = epp.continue_branch(case, LIMIT, "0.86 deg", "0.7 deg", cycle=unstable)
+    assert not back.points["stable"][0] and back.points["stable"][-1]
+    assert collision_of(back).value == pytest.approx(collision_of(branch).value, rel=1e-10)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(-0.005, "settle"), (0.005, "oscillate")])
+def test_an_independent_integrator_agrees_on_both_sides(case: epp.Case, share: float, verdict: str) -> None:
+    backlash = COLLISION * (1.0 + share)
+    run = simulate_reference(nominal(backlash=backlash, pulley_friction=FRICTION), 8.0, rtol=1e-8, atol=1e-10)
+    assert run.verdict == verdict
+    if verdict == "oscillate":
+        exact = epp.continue_branch(case, LIMIT, "0.9 deg", backlash)
+        assert exact.points["value"][-1] == pytest.approx(backlash)
+        # The period is the mean over a second at the end, where what is left of the start has died away (0.8 a turn).
+        assert run.period == pytest.approx(exact.points["period"][-1], rel=1e-5)
+
+
+def test_elasticities_of_a_border_collision_against_moved_ones(case: epp.Case, branch: epp.Branch) -> None:
+    h, point = 1e-3, collision_of(branch).point
+    known = exact_elasticities(Question(case, LIMIT, 0.01, 0.02), point)
+    for name in ("bands.range", "pulley.friction"):
+        moved = []
+        for share in (-h, h):
+            changed = case.with_values({name: case.value(name) * (1.0 + share)})
+            moved.append(collision_of(epp.continue_branch(changed, LIMIT, "0.85 deg", "0.8 deg")).value)
+        slope = (math.log(moved[1]) - math.log(moved[0])) / (2.0 * h)
+        assert known[name] == pytest.approx(slope, rel=1e-4)
+
+
+def test_two_events_that_do_not_undo_each_other_are_left_alone(branch: epp.Branch) -> None:
+    """Without the visit between them, two changes of mode would have to lead back to the same modes."""
+    point = collision_of(branch).point
+    modes = point.orbit.arcs.event_sequence.modes
+    p = len(modes)
+    other = next(k for k in range(p) if not np.array_equal(modes[k - 1], modes[(k + 1) % p]))
+    assert across(replace(point, arc=other), -1.0) == (None, False)
+
+
+def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
+    """A band is visited for ever shorter times before the drive stops; without the visit the cycle goes on."""
+    name, friction = "fig6a_original_pulley", "pulley.friction"
+    case = epp.case(name)
+    branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245)
+    assert branch.message.endswith("the other leaves the range.") and branch.points["stable"].all()
+    (change,) = [s for s in branch.special if "disappears: bands falls through 3" in s.note]
+    assert change.value == pytest.approx(0.0252124506, rel=1e-7)
+    run = epp.simulate(case.with_values({friction: 0.0245}).to_system(), case.input, t_end=12.0)
+    assert run.limit_cycle is not None
+    assert branch.points["period"][-1] == pytest.approx(run.limit_cycle.period, rel=1e-9)

@@ -1,0 +1,279 @@
+"""Branches through folds and changes of sequence: both sides of a fold, and searches at single values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.continuation.cover import gaps
+from eppanalysis.methods.continuation.families import Family, interpolate
+from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
+
+POUND = 4.4482216152605
+
+
+@pytest.fixture(scope="module")
+def original():
+    case = epp.case("fig8a_original")
+    return case, epp.find_limit_cycles(case)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "start", "stop", "unit", "expected"),
+    [
+        ("lock_pin.backlash", "2.5 deg", "0.6 deg", math.pi / 180, 0.978586853),
+        ("bands.range", "2.5 lbf", "6 lbf", POUND, 5.005421649),
+    ],
+)
+def test_folds_are_the_same_from_both_sides(original, parameter, start, stop, unit, expected):
+    case, found = original
+    folds = []
+    for cycle in found:
+        branch = epp.continue_branch(case, parameter, start, stop, cycle=cycle)
+        assert len(branch.folds) == 1
+        folds.append(branch.folds[0])
+    assert folds[0].value == pytest.approx(folds[1].value, rel=1e-9)
+    assert folds[0].value / unit == pytest.approx(expected, rel=1e-8)
+    for fold in folds:
+        assert abs(fold.cycle.multipliers[0] - 1.0) < 1e-6
+        assert fold.cycle.residual < 1e-9
+
+
+def test_nothing_oscillates_below_the_fold_and_two_cycles_exist_above():
+    case = epp.case("fig8a_original")
+    for degrees, expected in ((0.97, 0), (0.99, 2)):
+        changed = case.with_values({"lock_pin.backlash": f"{degrees} deg"})
+        assert len(epp.find_limit_cycles(changed)) == expected
+
+
+def test_branch_passes_through_what_simulation_finds():
+    case = epp.case("fig8a_original")
+    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "1.2 deg", n_simulated=4)
+    value, stable = branch.points["value"], branch.points["stable"]
+    order = np.argsort(value[stable])
+    for v, span in zip(branch.simulated["value"], branch.simulated["theta"], strict=True):
+        on_branch = np.interp(v, value[stable][order], branch.points["theta"][stable][order])
+        assert on_branch == pytest.approx(span, rel=2e-3)
+    assert branch.points["residual"].max() < 1e-9
+    assert {s.kind for s in branch.special} <= {"fold", "change of sequence"}
+    assert branch.to_dict()["points"]["value"] == value.tolist()
+
+
+def test_every_orbit_of_a_branch_is_a_cycle_of_its_own_case():
+    case = epp.case("relay_deadzone")
+    branch = epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 0.4, n_points=30)
+    for i in (5, len(branch) - 1):
+        changed = case.with_values({"relay_dead_zone.threshold": float(branch.points["value"][i])})
+        periods = [c.period for c in epp.find_limit_cycles(changed.to_system())]
+        assert min(abs(p / branch.points["period"][i] - 1.0) for p in periods) < 1e-9
+
+
+@pytest.mark.parametrize("there", ["2.4 lbf", "3 lbf"])
+def test_curve_of_folds(there):
+    # Upwards a contact grazes beside the fold, and the curve goes on by a branch.
+    case = epp.case("fig8a_original")
+    curve = epp.continue_folds(
+        case, "lock_pin.backlash", "bands.range", ("2.5 deg", "0.6 deg"), ("2.5 lbf", there), n_points=2
+    )
+    assert curve.values[0, 0] == pytest.approx(math.radians(0.978586853), rel=1e-8)
+    assert np.all(np.abs(curve.multiplier - 1.0) < 1e-6)
+    other = case.with_values({"bands.range": there})
+    single = epp.continue_branch(other, "lock_pin.backlash", "2.5 deg", "0.6 deg")
+    assert curve.values[1, 0] == pytest.approx(single.folds[0].value, rel=1e-9)
+
+
+def test_interpolated_system_is_the_system():
+    case = epp.case("fig8a_original")
+
+    def build(value):
+        return steady_case(case.with_values({"bands.range": value}))
+
+    found = interpolate(build, 2.0 * POUND, 5.0 * POUND)
+    one, other = found.at(3.3 * POUND), build(3.3 * POUND)
+    np.testing.assert_allclose(one.model.mode_wz, other.model.mode_wz, rtol=1e-13)
+    np.testing.assert_allclose(one.x0, other.x0, rtol=1e-14)
+
+
+def test_change_of_structure_is_not_interpolated():
+    case = epp.case("fig8a_original")
+    # Without friction the loop has one element less.
+    family = Family(lambda v: steady_case(case.with_values({"drive.coulomb_friction": v})), (0.0, 0.3))
+    assert family.at(0.0).model.mode_first.size < family.at(0.3).model.mode_first.size
+
+
+def test_empty_ranges_and_loops_without_cycles_are_refused():
+    case = epp.case("fig8a_original")
+    with pytest.raises(EppError, match="two different values"):
+        epp.continue_branch(case, "lock_pin.backlash", "1 deg", "1 deg")
+    with pytest.raises(EppError, match="no limit cycle"):
+        epp.continue_branch(case, "lock_pin.backlash", "0.25 deg", "0.3 deg")
+
+
+@dataclass(frozen=True)
+class Chua:
+    """Chua's circuit (piecewise linear; Matsumoto 1984) as a case with one parameter: it doubles its period."""
+
+    alpha: float
+    name: str = "Chua's circuit"
+    input: None = None
+    t_end: float = 400.0
+
+    def to_system(self) -> epp.LureSystem:
+        a, inner, outer = self.alpha, -8 / 7, -5 / 7
+        A = [[-a * (1 + outer), a, 0], [1, -1, 1], [0, -100 / 7, 0]]
+        B = [[-a * (inner - outer)], [0], [0]]
+        return epp.LureSystem.build(A, B, [[1.0, 0, 0]], [epp.Saturation()], x0=[1.5, 0.1, -1.5], name=self.name)
+
+    @property
+    def operating_point(self) -> epp.OperatingPoint:
+        return epp.OperatingPoint()
+
+    def with_values(self, values):
+        return Chua(float(values["alpha"]))
+
+    def si(self, name, value):
+        return float(value)
+
+    def value(self, name):
+        return self.alpha
+
+    def unit(self, name):
+        return "", ""
+
+
+def test_period_doubling_is_located_and_labelled():
+    branch = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3)
+    (doubling,) = branch.special
+    assert doubling.kind == "period doubling"
+    assert min(abs(doubling.cycle.multipliers + 1.0)) < 1e-9
+    # Regression value; runs on both sides witness it: one turn below, two turns above.
+    assert doubling.value == pytest.approx(8.17520835, rel=1e-8)
+    for offset, turns in ((-0.05, 1), (0.05, 2)):
+        cycle = epp.simulate(Chua(doubling.value + offset).to_system(), t_end=800.0).limit_cycle
+        assert cycle is not None
+        assert cycle.period == pytest.approx(turns * doubling.cycle.period, rel=1e-2)
+
+
+def settled_turns(alpha: float) -> tuple[float, float]:
+    """Period and peak-to-peak of x on which Chua's circuit settles, by scipy's integrator and its own section."""
+
+    def rate(t, v):
+        x, y, z = v
+        return [alpha * (y - x + 5 / 7 * x + 3 / 7 * min(max(x, -1.0), 1.0)), x - y + z, -100 / 7 * y]
+
+    def section(t, v):
+        return v[1]
+
+    section.direction = 1
+    kinds = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    begin = solve_ivp(rate, (0.0, 500.0), [1.5, 0.1, -1.5], **kinds | {"rtol": 1e-9}).y[:, -1]
+    run = solve_ivp(rate, (0.0, 20.0), begin, events=section, dense_output=True, **kinds)
+    at, states = run.t_events[0], run.y_events[0]
+    turns = next(k for k in range(1, 5) if np.max(np.abs(states[k] - states[0])) < 1e-6)
+    wave = run.sol(np.linspace(at[0], at[turns], 20_001))[0]
+    return float(at[turns] - at[0]), float(np.ptp(wave))
+
+
+def test_branch_of_doubled_period_is_what_the_circuit_settles_on():
+    single = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3)
+    (doubling,) = single.special
+    double = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3, origin=doubling)
+    points = double.points
+    assert "half the period" in double.message and "leaves the range" in double.message
+    # It leaves at twice the period, and only beyond the point, where the single turn is unstable.
+    assert points["period"][0] == pytest.approx(2 * doubling.cycle.period, rel=1e-5)
+    # Beside the point the equations are nearly singular, which leaves the first value six digits.
+    assert points["value"].min() >= doubling.value - 1e-6 and points["value"][-1] == pytest.approx(8.3)
+    assert points["stable"].all() and points["residual"].max() < 1e-8
+    period, span = settled_turns(8.3)
+    assert points["period"][-1] == pytest.approx(period, rel=1e-8)
+    assert points[double.signals[0]][-1] == pytest.approx(span, rel=1e-6)
+
+
+def test_doubled_branch_leads_back_to_where_it_branches_off():
+    branch = epp.continue_branch(Chua(8.25), "alpha", 8.25, 8.1)
+    (meets,) = branch.special
+    assert branch.points["period"][0] == pytest.approx(2 * 2.29, rel=1e-2)
+    assert meets.kind == "period doubling" and "half the period" in meets.note
+    assert meets.value == pytest.approx(8.17520835, rel=1e-8)
+    assert "joins the branch of half its period" in branch.message
+
+
+def test_nothing_branches_off_at_a_fold(original):
+    case, found = original
+    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", cycle=found[1])
+    with pytest.raises(EppError, match="expected a period doubling"):
+        epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", origin=branch.folds[0])
+
+
+def test_steps_lead_on_from_a_grazing_contact_however_closely_it_is_located() -> None:
+    """The new visit grows like a root there: from too close beside it no step arrives, and the branch would be lost."""
+    case = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", "pulley.friction": 0.0252})
+    branch = epp.continue_branch(case, "lock_pin.backlash", "0.53 deg", "0.38 deg", n_points=20, max_step=0.05)
+    graze = branch.special[0]
+    assert "makes contact" in graze.note and graze.value == pytest.approx(np.radians(0.52704), rel=1e-5)
+    before = step(graze.point, -1e-3)
+    assert before is not None
+    for n_halvings in range(12, 31):
+        new, back = other_sequence(*last_admissible(before, 2e-3, n_halvings))
+        assert new is not None and not back
+        assert new.orbit.arcs.n_arcs == graze.point.orbit.arcs.n_arcs + 1
+        assert new.value == pytest.approx(graze.value, rel=1e-6)
+        ahead = step(new, 1e-6)
+        assert ahead is not None and bend(new, ahead) < 0.1, n_halvings
+
+
+# What a branch covers of what was asked ----------------------------------------------------------------------------
+def test_a_branch_that_ends_on_the_way_is_joined_by_those_of_other_cycles() -> None:
+    """The wheelchair's stable cycle grows beyond all bounds near a gain of 1.41; an unstable one exists up to 2."""
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    branch = epp.continue_branch(case, "loop.gain", 1.0, 2.0, n_points=60)
+    assert branch.points["value"].max() < 1.5 and "number of points" in branch.message
+    (other,) = branch.others
+    assert other.points["value"].min() == 1.0 and other.points["value"].max() == 2.0 and not branch.missing
+    at_two = epp.find_limit_cycles(case.with_values({"loop.gain": 2.0}).to_system())
+    assert min(abs(c.period / other.points["period"][np.argmax(other.points["value"])] - 1.0) for c in at_two) < 1e-9
+    legend = [text.get_text() for text in branch.plot("play_input").axes[0].get_legend().get_texts()]
+    assert legend == ["stable", "unstable"]
+    assert branch.to_dict()["others"][0]["message"] == other.message
+
+
+def test_what_a_branch_does_not_cover_is_said_in_result_and_picture() -> None:
+    case = epp.case("wheelchair").with_values({"loop.gain": 1.0})
+    alone = epp.continue_branch(case, "loop.gain", 1.0, 2.0, n_points=20, n_others=0)
+    (gap,) = alone.missing
+    assert gap.low == alone.points["value"].max() and gap.high == 2.0
+    assert gap.why == "the branch stops at the number of points asked for" and "a part of the range" in alone.message
+    figure = alone.plot("play_input")
+    assert f"no orbit: {gap.why}" in [
+        text.get_text().replace("\n", " ") for text in figure.axes[0].get_legend().get_texts()
+    ]
+    assert figure.axes[0].get_xlim()[1] >= 2.0
+    assert alone.to_dict()["missing"] == [{"low": gap.low, "high": 2.0, "why": gap.why}]
+
+
+def test_beyond_a_fold_there_is_no_orbit(original) -> None:
+    case, found = original
+    branch = epp.continue_branch(case, "lock_pin.backlash", "1.2 deg", "0.6 deg", cycle=None)
+    (gap,) = branch.missing
+    assert gap.low == math.radians(0.6) and gap.high == branch.folds[0].value
+    assert "turns back" in gap.why and not branch.others
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_branches_and_gaps_make_up_the_range(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    branches = [(rng.uniform(0.0, 1.0, rng.integers(1, 6)), ("begins", "ends")) for _ in range(rng.integers(1, 4))]
+    left = gaps((0.0, 1.0), branches)
+    x = rng.uniform(0.0, 1.0, 2000)
+    covered = np.any([(v.min() <= x) & (x <= v.max()) for v, _ in branches], axis=0)
+    missing = np.any([(g.low < x) & (x < g.high) for g in left] or [np.zeros(x.size, bool)], axis=0)
+    assert np.array_equal(covered, ~missing)
+    assert all(g.why for g in left)

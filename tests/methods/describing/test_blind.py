@@ -1,0 +1,122 @@
+"""What a prediction says of cycles that first order cannot see: it warns where they are, and nowhere else."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.models.elements import Friction, Play, Quantiser
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.results import Status
+from tests.stress.first_order_loops import random_loop
+
+
+def pid(integral: float, static: float, position: bool = True) -> LureSystem:
+    """A mass with friction under PID control of its position, or PI control of its speed alone."""
+    A = [[0.0, 1.0, 0.0], [-10.0 if position else 0.0, -1.0, -integral], [1.0 if position else 0.0, 0.0, 0.0]]
+    if not position:
+        A[2] = [0.0, 1.0, 0.0]
+    return LureSystem.build(A, [[0], [-1], [0]], [[0, 1, 0]], [Friction(coulomb=1.0, static=static)], x0=[0.1, 0, 0])
+
+
+def test_friction_that_hunts_under_integral_action_is_said():
+    """With integral action, and more friction at rest than in motion, there is a stable cycle of stick and slip."""
+    prediction = predict_limit_cycles(pid(5.0, 2.0))
+    assert len(prediction) == 0 and len(find_limit_cycles(pid(5.0, 2.0)).stable) > 0
+    assert len(prediction.warnings) == 1 and "sticks" in prediction.warnings[0]
+    assert prediction.to_dict()["warnings"] == list(prediction.warnings)
+
+
+@pytest.mark.parametrize(
+    "loop", [pid(0.0, 2.0), pid(5.0, 1.0), pid(5.0, 2.0, position=False)], ids=["PD", "no stiction", "speed control"]
+)
+def test_friction_that_stays_stuck_is_not(loop):
+    assert predict_limit_cycles(loop).warnings == ()
+
+
+def test_stick_slip_is_seen_through_the_rest_of_a_servo():
+    """The same behind a gear with play and an encoder: what the other elements do does not hide the integrator."""
+    a = [[0, 1, 0, 0, 0], [0, -62.5, 0, 0, 2500.0], [0, 0, 0, 1, 0], [0, 0, 0, -2.0, 0], [0, 0, 0, 0, 0]]
+    b = [[0, 0, 0], [-20, 0, -1000.0], [0, 0, 0], [20, -20, 0], [0, 0, -1.0]]
+    c = [[1, 0, -1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 1, 0, 0]]
+
+    def warnings(static: float, integral: float) -> tuple[str, ...]:
+        scaled = [[v * (integral if i == 4 else 1.0) for v in row] for i, row in enumerate(b)]
+        shaft = epp.DeadZone(-1e-3, 1e-3, 800.0)
+        elements = [shaft, Friction(0.5, static), Quantiser(0.00153398, 40)]
+        names = ["shaft", "load friction", "encoder"]
+        return predict_limit_cycles(LureSystem.build(a, scaled, c, elements, element_names=names)).warnings
+
+    assert [w for w in warnings(0.7, 1.0) if "load friction sticks" in w]
+    assert not [w for w in warnings(0.5, 1.0) if "sticks" in w]
+
+
+def encoder(reference: float, proportional: float = 0.0, unit: float = 1.0, **more: object) -> LureSystem:
+    """A motor's position, or with no proportional action its speed, under integral action, read by an encoder."""
+    if proportional:
+        A = [[0.0, 1.0, 0.0], [0.0, -1.0, 2.0], [0.0, 0.0, 0.0]]
+        B, C, constant = [[0.0], [-proportional], [-1.0]], [[1.0, 0.0, 0.0]], [0.0, proportional * reference, reference]
+    else:
+        A, B, C, constant = [[-1.0, 1.0], [0.0, 0.0]], [[0.0], [-1.0]], [[1.0, 0.0]], [0.0, reference]
+    return LureSystem.build(A, B, C, [Quantiser(unit, 20)], constant_state=np.array(constant) * unit, **more)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("proportional", [0.0, 1.0])
+def test_a_reference_between_the_levels_of_an_encoder_is_said_to_hunt(proportional, unit):
+    """Integral action comes to rest only where the encoder gives just the reference, which no level does."""
+    for level in (-2.0, 0.0, 3.0):
+        assert predict_limit_cycles(encoder(level, proportional, unit)).warnings == ()
+        between = predict_limit_cycles(encoder(level + 0.3, proportional, unit))
+        assert len(between) == 0
+        (warning,) = between.warnings
+        assert "no state of rest" in warning and f"passes {(level + 0.5) * unit:.4g};" in warning
+
+
+def test_what_is_said_to_hunt_does():
+    """Dead time makes the cycle of the encoder's loop visible; at a level the same loop rests."""
+    run = epp.simulate(encoder(0.3, 1.0, delays=[0.05]), t_end=60.0, max_events=4000)
+    assert run.status is not Status.SETTLED
+    assert epp.simulate(encoder(0.0, 1.0, delays=[0.05]), t_end=60.0, max_events=4000).status is Status.SETTLED
+
+
+def test_a_stable_predicted_cycle_is_no_surprise_and_a_sliding_relay_rests():
+    A = [[-1.0, 1.0, 0.0], [0.0, -1.0, 0.5], [0.0, 0.0, 0.0]]
+    loop = LureSystem.build(A, [[0], [0], [-1]], [[1, 0, 0]], [Quantiser(1.0, 20)], constant_state=[0, 0, 0.3])
+    prediction = predict_limit_cycles(loop)
+    assert [c.stable for c in prediction] == [True] and prediction.warnings == ()
+    sliding = LureSystem.build([[0.0]], [[-1.0]], [[1.0]], [Quantiser(1.0, 20)], constant_state=[0.3])
+    assert predict_limit_cycles(sliding).warnings == ()
+
+
+@pytest.mark.parametrize("gain", [3.3, 3.38])
+def test_a_cycle_that_only_harmonics_make_is_said_with_its_frequency(gain):
+    """Play in a servo just below the gain at which first order's two cycles meet and vanish."""
+    loop = LureSystem.from_tf(([gain], [1.0, 1.0, 0.0]), Play(gap=2.0))
+    prediction = predict_limit_cycles(loop)
+    assert len(prediction) == 0
+    (warning,) = prediction.warnings
+    said = float(re.search(r"stands at ([\d.]+) rad/s", warning).group(1))
+    assert min(abs(c.omega / said - 1.0) for c in find_limit_cycles(loop)) < 0.02
+
+
+def test_far_below_that_gain_there_is_nothing_to_say():
+    loop = LureSystem.from_tf(([1.5], [1.0, 1.0, 0.0]), Play(gap=2.0))
+    assert predict_limit_cycles(loop).warnings == () and len(find_limit_cycles(loop)) == 0
+
+
+def test_ordinary_loops_are_not_warned_of():
+    names = ("backlash_servo", "band_two_cycles", "relay_deadzone", "sat_khalil710", "stiction_deadband_none")
+    assert [n for n in names if predict_limit_cycles(epp.case(n).to_system()).warnings] == []
+
+
+def test_a_pair_of_cycles_between_the_levels_of_a_quantiser():
+    """A random loop in which first order has none, by a tenth of a per cent of gain, and the exact search a pair."""
+    loop = random_loop(24)
+    prediction = predict_limit_cycles(loop)
+    assert len(prediction) == 0 and len(find_limit_cycles(loop)) == 2 and len(prediction.warnings) == 1

@@ -1,0 +1,82 @@
+"""Nothing missed, nothing invented: the searches for limit cycles against runs from grids of initial states.
+
+Every attractor that a run ends on must be among the stable cycles found (or rest), and a run that starts on a stable
+cycle found must stay there. By default a few cases from 64 starts each; ``EPP_STARTS=1024`` in the environment takes
+all loops of the verification set and all cases of the truth table from so many (some minutes).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import qmc
+
+import eppanalysis as epp
+from eppanalysis.methods.search.basin import REST, UNDECIDED, basin
+
+LOOPS = [
+    name
+    for name in epp.shipped_cases()
+    if (case := epp.case(name)).kind == "loop" and case.expected.exact is not None and not case.to_system().time_step
+]
+TRUTH_TABLE = [
+    "fig8a_original",
+    "fig8b_reduced_backlash",
+    "gain_brings_it_back",
+    "fig6a_original_pulley",
+    "fig6b_ball_bearing",
+    "soft_cable",
+    "light_forearm",
+    "upright",
+]
+#: Cases of the small version, which shows one of each kind.
+QUICK = ["relay_deadzone", "quantised_sensor_ct", "backlash_servo", "thruster_dz_hyst", "belt_leine", "light_forearm"]
+
+
+def starts_around(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
+    """Low-discrepancy points of a box twice as large as all cycles, half of them in one a tenth as large."""
+    n = system.A.shape[0]
+    corners = np.concatenate([c.event_states for c in cycles] or [[system.x0, np.zeros(n)]])
+    middle, half = corners.mean(axis=0), 2.0 * np.maximum(np.ptp(corners, axis=0), 1e-6)
+    points = 2.0 * qmc.Sobol(n, seed=3).random(2 ** int(np.ceil(np.log2(count))))[:count] - 1.0
+    points[::2] *= 0.1
+    starts = middle + half * points
+    if "contact_angle" in system.state_names:
+        # Elsewhere than in the middle of the gap the contact angle is tied to the twist.
+        starts[:, system.state_names.index("contact_angle")] = 0.0
+    return starts
+
+
+def check(name: str, count: int) -> None:
+    case = epp.case(name)
+    system, value = case.to_system(), case.operating_point
+    found = epp.find_limit_cycles(system, value)
+    reached = basin(system, found, starts_around(system, found, count), value)
+    stable = {i for i, c in enumerate(found) if c.stable}
+    assert set(reached.ends.tolist()) <= stable | {REST, UNDECIDED}, f"{name}: a run ends on what was not found"
+    # Without verdict are runs that an integrator takes through a band without gain, ever more slowly, for ages.
+    assert reached.count(UNDECIDED) <= 0.15 * count
+    if REST in reached.ends:
+        assert found.settles
+    if stable and not any(m is not None for c in found for m in c.memory):
+        again = basin(system, found, np.array([found[i].state for i in sorted(stable)]), value)
+        assert again.ends.tolist() == sorted(stable), f"{name}: a run does not stay on a stable cycle that was found"
+
+
+@pytest.mark.parametrize("name", [*LOOPS, *TRUTH_TABLE] if "EPP_STARTS" in os.environ else QUICK)
+def test_every_run_ends_on_what_was_found(name: str) -> None:
+    count = int(os.environ.get("EPP_STARTS", "64"))
+    # The upright forearm moves by series instead of matrices, and its runs take a hundred times as long.
+    check(name, count // 8 if name == "upright" else count)
+
+
+def test_a_missed_cycle_would_be_noticed() -> None:
+    case = epp.case("quantised_sensor_ct")
+    system = case.to_system()
+    found = epp.find_limit_cycles(system)
+    blind = replace(found, cycles=tuple(c for c in found if c is not found.stable[-1]))
+    reached = basin(system, blind, starts_around(system, found, 16))
+    assert set(reached.ends.tolist()) - {i for i, c in enumerate(blind) if c.stable} - {REST, UNDECIDED}

@@ -1,0 +1,351 @@
+"""All limit cycles of the loops of the verification set and of the truth table, and the disturbances that
+start them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.orbits import shooting
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.orbits.guess import MOST_ARCS
+from eppanalysis.methods.search import find as cycles
+from eppanalysis.methods.search.find import decays
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.results import Status
+from tests.random_loops import random_loop
+
+LOOPS = [
+    name
+    for name in epp.shipped_cases()
+    if (case := epp.case(name)).kind == "loop" and case.expected.exact and not case.to_system().time_step
+]
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_every_cycle_of_the_verification_set_is_found_to_eight_digits(name):
+    case = epp.case(name)
+    found = epp.find_limit_cycles(case.to_system())
+    for expected in case.expected.exact:
+        near = min(found, key=lambda c: abs(c.period - expected.period))
+        assert near.period == pytest.approx(expected.period, rel=1e-8)
+        assert near.peak_to_peak[case.expected.signal] / 2 == pytest.approx(expected.amplitude, rel=1e-8)
+        assert near.stable == expected.stable
+        if expected.largest_multiplier is not None:
+            assert abs(near.multipliers[0]) == pytest.approx(expected.largest_multiplier, rel=1e-5)
+
+
+def test_original_elbow_has_a_stable_and_an_unstable_cycle():
+    case = epp.case("fig8a_original")
+    found = epp.find_limit_cycles(case)
+    assert [c.stable for c in found] == [False, True]
+    assert found.settles
+    assert found.status is Status.CONVERGED
+    # Regression values; the stable one is that of a long run (test_shooting).
+    assert found[0].period == pytest.approx(0.192932133055, rel=1e-9)
+    assert abs(found[0].multipliers[0]) == pytest.approx(8.29921, rel=1e-5)
+    assert found[1].period == pytest.approx(0.111438405954, rel=1e-9)
+
+
+def test_unstable_cycle_separates_outcomes():
+    case = epp.case("relay_deadzone")
+    unstable = epp.find_limit_cycles(case.to_system()).unstable[0]
+    ends = [
+        epp.simulate(replace(case.to_system(), x0=scale * unstable.state), t_end=60 * unstable.period).status
+        for scale in (0.99, 1.01)
+    ]
+    assert ends == [Status.SETTLED, Status.LIMIT_CYCLE]
+
+
+@pytest.mark.parametrize("name", ["fig8b_reduced_backlash", "fig6b_ball_bearing", "soft_cable", "upright"])
+def test_nothing_is_invented_where_all_starts_settle(name):
+    case = epp.case(name)
+    found = epp.find_limit_cycles(case)
+    assert len(found) == 0
+    assert found.settles
+
+
+def test_a_step_that_settles_is_no_proof():
+    # The light forearm settles after the step, and yet a stable cycle exists beside the resting state.
+    case = epp.case("light_forearm")
+    assert epp.simulate(case.to_system(), case.input, t_end=case.t_end).status is Status.SETTLED
+    assert [c.stable for c in epp.find_limit_cycles(case)] == [False, True]
+
+
+def test_triggers_are_confirmed_on_both_sides():
+    case = epp.case("relay_deadzone")
+    found = epp.trigger(case.to_system(), states=["x2"])
+    assert [np.sign(k.size) for k in found] == [1.0, -1.0]
+    assert found[0].size == pytest.approx(-found[1].size, rel=1e-6)
+    for size, status in ((found[0].settles, Status.SETTLED), (found[0].starts, Status.LIMIT_CYCLE)):
+        system = replace(case.to_system(), x0=np.array([0.0, 0.0, size]))
+        assert epp.simulate(system, t_end=400.0).status is status
+
+
+def test_a_loop_without_stable_cycle_needs_no_trigger():
+    assert epp.trigger(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())) == ()
+
+
+def test_bad_arguments_raise():
+    system = epp.case("relay_deadzone").to_system()
+    with pytest.raises(ModelError, match="no input"):
+        epp.find_limit_cycles(system, {"nothing": 1.0})
+    with pytest.raises(EppError, match="no state"):
+        epp.trigger(system, states=["nothing"])
+
+
+def test_search_is_plain_data():
+    found = epp.find_limit_cycles(epp.case("sat_am165").to_system())
+    assert found.to_dict()["cycles"][0]["stable"] is True
+    assert "predicted" in found.search
+
+
+def test_a_search_tells_how_far_it_is():
+    told = []
+    found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system(), progress=lambda *state: told.append(state))
+    done = [runs for runs, _, _ in told]
+    assert done[0] == 0 and done == sorted(done) and done[-1] < found.n_runs
+    assert {total for _, total, _ in told} == {None}
+    assert told[-1][2].endswith(f"{found.provenance.statistics['edges']} edges, 2 cycles")
+
+
+def test_a_search_among_interwoven_basins_ends_and_says_so(monkeypatch):
+    case = epp.case("relay_deadzone")
+    whole = epp.find_limit_cycles(case.to_system())
+    assert whole.status is Status.CONVERGED and whole.provenance.statistics["edges"] > 1
+    monkeypatch.setattr(cycles, "_MOST_EDGES", 1)
+    found = epp.find_limit_cycles(case.to_system())
+    assert found.status is Status.UNDECIDED and found.provenance.statistics["edges"] == 1
+    assert f"{whole.provenance.statistics['edges'] - 1} more edges were left" in found.search
+
+
+def test_cycles_that_cannot_be_closed_are_listed_as_runs_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eppanalysis.methods.orbits.shooting.delayed_motion", lambda *_: None)
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
+    found = epp.find_limit_cycles(loop)
+    (cycle,) = found
+    assert cycle.method == "simulation" and cycle.stable and found.status is Status.UNDECIDED
+    assert "listed as runs have them" in found.search
+    balance = epp.harmonic_balance(loop, epp.predict_limit_cycles(loop)[0], order=65)
+    assert balance.error_estimate < 2e-8
+    assert cycle.period == pytest.approx(balance.period, rel=2e-8)
+    assert cycle.peak_to_peak["x"] == pytest.approx(balance.peak_to_peak["x"], rel=1e-6)
+
+
+def test_a_cycle_whose_delayed_signal_moves_is_closed() -> None:
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Saturation(slope=4.0), delay=0.6)
+    found = epp.find_limit_cycles(loop)
+    (cycle,) = found
+    assert cycle.method == "exact orbit" and cycle.stable and found.status is Status.CONVERGED
+    assert "delayed signals are at rest" in found.search
+    run = epp.simulate(replace(loop, x0=cycle.state), t_end=40.0 * cycle.period)
+    assert cycle.period == pytest.approx(run.limit_cycle.period, rel=1e-9)
+
+
+def test_a_cycle_with_dead_time_goes_round_once():
+    # Ten turns of a run come closer to their begin than one; the orbit is that of one turn.
+    loop = epp.LureSystem.from_tf(([2.0], [1.0, 1.0, 0.0]), epp.RelayDeadZone(0.3), delay=0.3)
+    (stable,) = epp.find_limit_cycles(loop).stable
+    run = epp.simulate(replace(loop, x0=stable.state), t_end=100.0 * stable.period)
+    assert stable.period == pytest.approx(run.limit_cycle.period, rel=1e-9)
+    assert len(stable.events) == 4
+
+
+# Rest ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("away", "rest"), [(0.0, True), (1e-3, False)])
+def test_an_event_at_standstill_is_no_motion(away: float, rest: bool) -> None:
+    """A drive that creeps to a stop may still switch, by rounding, just before the end of a run."""
+    case = epp.case("fig8b_reduced_backlash")
+    hybrid = steady_hybrid(case.to_system(), case.operating_point)
+    t = 60.0
+    run = run_hybrid(hybrid, t, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 600)
+    size = np.ptp(run.state[run.order], axis=0)
+    assert decays(hybrid, run, t, 5.0, size)
+    # One more event, at the end of the run, from a state at rest or from one that moves.
+    assert run.count == run.time.size
+    time, state = np.append(run.time, t - 1e-3), np.vstack([run.state, run.x_end + away * size])
+    late = replace(run, count=run.count + 1, time=time, state=state)
+    assert decays(hybrid, late, t, 5.0, size) is rest
+
+
+@pytest.mark.parametrize("slower", [1e6, 1e-6])
+def test_a_loop_of_integrators_alone_has_no_time_scale_of_its_own(slower):
+    # Steps of a second would not end on cycles of months.
+    system = epp.case("thruster_dz_hyst").to_system()
+    other = replace(system, A=system.A / slower, B=system.B / slower)
+    assert not np.any(np.linalg.eigvals(system.A)) and not np.any(system.constant_state)
+    # The velocity is measured in the old time, so that the switching line stays where it is.
+    own, scaled = epp.find_limit_cycles(system), epp.find_limit_cycles(other)
+    assert [c.period for c in scaled] == pytest.approx([slower * c.period for c in own], rel=1e-9)
+    assert [c.stable for c in scaled] == [c.stable for c in own]
+
+
+@pytest.mark.parametrize(("seed", "periods"), [(41032, [6.70328410720]), (41033, [5.26874840229, 5.28214585336])])
+def test_a_continuum_of_cycles_is_listed_once(seed, periods):
+    # A preload that slides fixes no place for the motion; a play within its gap holds any value. Hundreds were listed.
+    loop = random_loop(seed)
+    found = epp.find_limit_cycles(loop)
+    # The loop is symmetric: a cycle may come with its mirror image.
+    assert sorted({round(c.period, 9) for c in found}) == pytest.approx(periods, rel=1e-9)
+    assert len(found) <= 2 * len(periods)
+    assert "stands for a continuum" in found.search
+    first = found[0]
+    assert first.stable and "one of a continuum" in first.stability_criterion
+    # A run beside it is on another one of the same period.
+    beside = replace(loop, x0=first.state * (1.0 + 1e-3))
+    run = epp.simulate(beside, t_end=400.0 * first.period)
+    assert run.limit_cycle is not None
+    assert run.limit_cycle.period == pytest.approx(first.period, rel=1e-5)
+
+
+def test_an_isolated_cycle_is_none_of_a_continuum():
+    for name in ("fig8a_original", "relay_deadzone", "backlash_servo", "stiction_level_S5J2"):
+        case = epp.case(name)
+        found = epp.find_limit_cycles(case)
+        assert found and "continuum" not in found.search + "".join(c.stability_criterion for c in found)
+
+
+def test_stick_slip_far_slower_than_the_linear_part_is_found():
+    # Stuck, this loop creeps for 37 s between slips, while its plant alone moves within half a second.
+    loop = random_loop(42018)
+    cycle, mirrored = epp.find_limit_cycles(loop)
+    run = epp.simulate(loop, t_end=1600.0)
+    assert cycle.stable and mirrored.stable
+    assert cycle.period == pytest.approx(run.limit_cycle.period, rel=1e-9) == mirrored.period
+    assert cycle.period > 100.0 / np.abs(np.linalg.eigvals(loop.A)).min()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_a_loop_that_starts_at_zero_and_has_no_prediction_is_searched_nevertheless(scale: float) -> None:
+    """A thermostat: first order has no cycle, but the temperature saws between the thresholds.
+
+    Warming from 1 - 0.1 to 1 + 0.1 towards 2 and cooling back towards 0, with a time constant of 5 s.
+    """
+    relay = epp.HysteresisRelay(-0.1 * scale, 0.1 * scale, 0.0, 1.0)
+    loop = epp.LureSystem.build([[-0.2]], [[0.4 * scale]], [[-1.0]], [relay], constant_input=[scale])
+    (cycle,) = epp.find_limit_cycles(loop)
+    assert cycle.stable
+    assert cycle.period == pytest.approx(5.0 * 2.0 * np.log(1.1 / 0.9), rel=1e-10)
+
+
+def test_starts_reach_beyond_the_elements_limits() -> None:
+    """An unstable plant in a saturated loop comes back from within 3 and not from beyond."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(([3.0], [1.0, -1.0]), epp.Saturation(), x0=[0.1]))
+    assert search.status is Status.CONVERGED and not search.cycles
+    assert search.settles and search.diverges
+
+
+@pytest.mark.parametrize(
+    ("plant", "element"),
+    [
+        (([1.0], [1.0, 1.0, 0.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Relay()),
+        (([1.0], [1.0, 2.0, 1.0]), epp.Preload(0.5, 1.0)),
+    ],
+)
+def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element) -> None:
+    """Of second order without zeros: the relay's describing function never meets the locus, and no cycle exists."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, element))
+    assert search.status is Status.CONVERGED and not search.cycles
+    assert search.settles and not search.diverges
+
+
+def test_integrators_that_run_away_leave() -> None:
+    """Conditionally stable: within the unstable cycle the motion comes to rest, beyond it piles up for ever."""
+    loop = epp.LureSystem.from_tf(([2.0, 4.0, 2.0], [1.0, 0.0, 0.0, 0.0]), epp.Saturation())
+    search = epp.find_limit_cycles(loop)
+    (cycle,) = search
+    assert not cycle.stable and cycle.omega == pytest.approx(0.932901, abs=1e-6)
+    assert search.status is Status.CONVERGED and search.settles and search.diverges
+
+
+def test_growth_is_no_rest() -> None:
+    """With dead time beyond ln 2 nothing holds this plant: what is far away and grows does not rest."""
+    search = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, -1.0]), epp.Relay(), delay=0.75))
+    assert search.diverges and not search.cycles
+    assert np.all(np.abs(search.rest_state) <= 1.0)
+
+
+@pytest.mark.parametrize("slope", [1.4, 1.55])
+def test_runs_that_fly_off_lose_no_cycle(slope: float) -> None:
+    """Far out rounding moves a state across a switch and back: switches at one instant are no period."""
+    plant = ([0.35], [1.0, 3.33, 2.88, 0.91, 0.64])
+    loop = epp.LureSystem.from_tf(plant, epp.DeadZone(-0.45, 0.35, slope=slope))
+    search = epp.find_limit_cycles(loop)
+    assert search.settles and search.diverges and len(search) == 1
+    # Within the dead zone the plant is stable, beyond it not: the cycle between is unstable.
+    assert not search[0].stable and search[0].residual < 1e-9
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+def test_a_loop_without_gain_has_no_cycle(delay: float) -> None:
+    loop = epp.LureSystem.from_tf(([0.0], [1.0, 1.0, 0.0]), epp.HysteresisRelay(-0.2, 0.2), delay=delay)
+    assert len(epp.predict_limit_cycles(loop)) == 0
+    search = epp.find_limit_cycles(loop)
+    assert search.status is Status.CONVERGED and not len(search)
+
+
+# Continua and rounding ----------------------------------------------------------------------------------------------
+#: Period times peak of x'' = -x^3, from x'^2 / 2 + x^4 / 4: the complete elliptic integral of modulus 1/2.
+CUBIC = 4.0 * ellipk(0.5)
+
+
+@pytest.mark.parametrize(
+    ("plant", "element", "families"),
+    [
+        (([1.0], [1.0, 0.0, 0.0]), epp.Cube(1.0), [lambda peak: CUBIC / peak]),
+        # Four quarters of a sine outside the dead zone of 1, and twice across it, at constant speed.
+        (([1.0], [1.0, 0.0, 0.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi + 4.0 / (peak - 1.0)]),
+        (([1.0], [1.0, 0.0, 0.0]), epp.Relay(), [lambda peak: 4.0 * np.sqrt(2.0 * peak)]),
+        # Linear within the dead zone, where nothing switches.
+        (([0.1], [1.0, 0.0, 1.0]), epp.DeadZone(), [lambda peak: 2.0 * np.pi, None]),
+    ],
+    ids=["cubic", "dead zone", "relay", "oscillator"],
+)
+def test_a_centre_is_one_continuum_and_not_a_list_of_cycles(plant, element, families):
+    """Every amplitude has its own closed orbit, and often its own period."""
+    found = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, element), predicted=())
+    assert len(found) == len(families)
+    for cycle, period in zip(found, families, strict=True):
+        assert cycle.method == "exact orbit" and cycle.stable
+        assert "one of a continuum" in cycle.stability_criterion
+        assert np.min(np.abs(cycle.multipliers - 1.0)) < 1e-5
+        if period is not None:
+            assert cycle.period == pytest.approx(period(cycle.peak_to_peak["x"] / 2.0), rel=1e-9)
+    assert "for a continuum of cycles" in found.search
+
+
+def test_what_rounding_moves_at_rest_is_no_cycle():
+    # A play that nothing moves is let go and caught again by the last bits of its input: twelve such were listed.
+    blocks = [epp.DeadZone(-0.2, 0.2), ([8.0], [1.0, 1.0, 0.0]), epp.Play(1.0)]
+    loop = epp.LureSystem.from_blocks(blocks, x0=[4.55938567, 0.42925234])
+    found = epp.find_limit_cycles(loop, predicted=())
+    assert [c.stable for c in found] == [False, True] and found.settles
+    assert min(c.peak_to_peak["play_input"] for c in found) > 1.0
+    still = replace(loop, x0=np.array([-5.4e-25, -0.0701351276]), memory=(None, 0.5713134929))
+    run = epp.simulate(still, t_end=300.0)
+    assert run.status is Status.SETTLED and run.limit_cycle is None
+
+
+def test_a_search_among_switches_that_pile_up_is_bounded_and_says_so(monkeypatch):
+    # Every follow-up of a sequence of events that does not close tripled it, until memory ended.
+    arcs = []
+    evaluate = shooting.evaluate
+
+    def counted(hybrid, given, y, tau):
+        arcs.append(given.n_arcs)
+        return evaluate(hybrid, given, y, tau)
+
+    monkeypatch.setattr(shooting, "evaluate", counted)
+    monkeypatch.setattr(cycles, "_MOST_WORK", 1e6)
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Relay(-1.0, 2.0))
+    found = epp.find_limit_cycles(loop, predicted=())
+    assert arcs and max(arcs) <= MOST_ARCS
+    assert found.status is Status.UNDECIDED and not found.cycles
+    assert "The search ended after 1e+06 steps" in found.search and "starts were left" in found.message

@@ -1,0 +1,85 @@
+"""The shape of a period against Fourier series that textbooks give in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eppanalysis.methods.simulation.period import N_HARMONICS, analyse_period
+
+
+def shape_of(function, marks, delays=(), time_scale=10.0):
+    """Period of a function of time; sampled where the pieces ask for it."""
+    return analyse_period(
+        np.asarray(marks, float), np.asarray(delays, float), time_scale, ["y"], lambda t: function(t)[:, None]
+    )
+
+
+def coefficient(series: np.ndarray, k: int) -> complex:
+    return complex(series[k])
+
+
+def test_square_wave_between_its_switches():
+    """+-1 with switches at 0 and 1.5 of a period of 3: 4/(pi k) sin, only odd harmonics."""
+    found = shape_of(lambda t: np.where(t % 3.0 < 1.5, 1.0, -1.0), [0.0, 1.5, 3.0])
+    assert found.mean["y"] == pytest.approx(0.0, abs=1e-15)
+    assert found.peak_to_peak["y"] == pytest.approx(2.0, abs=1e-12)
+    for k in range(1, N_HARMONICS + 1):
+        # sum Re(c exp(j k w t)): a sine of amplitude b has c = -j b.
+        want = -4j / (np.pi * k) if k % 2 else 0.0
+        assert coefficient(found.harmonics["y"], k) == pytest.approx(want, abs=1e-13)
+
+
+def test_extremum_between_samples_and_away_from_events():
+    """b + a sin(w t + phi) without any event inside: exact mean, fundamental and peak to peak."""
+    omega, a, b, phi = 2 * np.pi / 0.7, 0.3, 5.0, 1.234
+    found = shape_of(lambda t: b + a * np.sin(omega * t + phi), [2.0, 2.7])
+    assert found.mean["y"] == pytest.approx(b, rel=1e-15)
+    assert found.peak_to_peak["y"] == pytest.approx(2 * a, rel=1e-13)
+    # Phases count from the begin of the period.
+    assert coefficient(found.harmonics["y"], 1) == pytest.approx(-1j * a * np.exp(1j * (omega * 2.0 + phi)), abs=1e-13)
+
+
+def test_exponential_sawtooth():
+    """exp(-t/tau) on [0, 1): c_k = 2 (1 - exp(-1/tau)) / (1/tau + 2 pi j k), up to the last harmonic."""
+    tau = 0.13
+    found = shape_of(lambda t: np.exp(-(t % 1.0) / tau), [0.0, 1.0])
+    for k in (1, 5, 25):
+        want = 2 * (1 - np.exp(-1 / tau)) / (1 / tau + 2j * np.pi * k)
+        assert coefficient(found.harmonics["y"], k) == pytest.approx(want, rel=1e-11)
+    assert found.mean["y"] == pytest.approx(tau * (1 - np.exp(-1 / tau)), rel=1e-12)
+    assert found.peak_to_peak["y"] == pytest.approx(1 - np.exp(-1 / tau), rel=1e-3)
+
+
+def test_kink_that_echoes_behind_a_dead_time():
+    """A triangle whose corners lie a dead time behind the events is exact only if the echoes are corners too."""
+    late = 0.3
+
+    def triangle(t):
+        u = (t - late) % 2.0
+        return np.where(u < 1.0, u, 2.0 - u)
+
+    found = shape_of(triangle, [0.0, 1.0, 2.0], delays=[late])
+    assert found.peak_to_peak["y"] == pytest.approx(1.0, abs=1e-13)
+    assert abs(found.harmonics["y"][1]) == pytest.approx(4 / np.pi**2, rel=1e-13)
+    assert abs(found.harmonics["y"][3]) == pytest.approx(4 / (9 * np.pi**2), rel=1e-11)
+
+
+def test_pieces_are_refined_until_a_fast_signal_is_resolved():
+    """40 oscillations within an arc that was said to be slow."""
+    found = shape_of(lambda t: np.sin(2 * np.pi * 20 * t), [0.0, 1.0], time_scale=1.0)
+    assert abs(found.harmonics["y"][20]) == pytest.approx(1.0, rel=1e-10)
+    assert found.peak_to_peak["y"] == pytest.approx(2.0, rel=1e-10)
+
+
+def test_waveform_begins_with_the_period_and_stays_inside():
+    found = shape_of(lambda t: t, [3.0, 3.5, 4.0])
+    assert found.time[0] == 0.0 and np.all(np.diff(found.time) > 0) and found.time[-1] < 1.0
+    np.testing.assert_allclose(found.waveform["y"], 3.0 + found.time, atol=1e-12)
+
+
+@pytest.mark.parametrize("shift", np.linspace(-1e-4, 1e-4, 9))
+def test_extremum_just_beyond_the_end_of_a_piece(shift):
+    """The parabola's top lies beside an event, on either side: exact wherever it is."""
+    found = shape_of(lambda t: -((t - 0.5 - shift) ** 2), [0.0, 0.5, 1.0])
+    assert found.peak_to_peak["y"] == pytest.approx((0.5 + abs(shift)) ** 2, rel=1e-13)

@@ -1,0 +1,266 @@
+"""What each element says of itself, against its own map; and elements that users define."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.describing.predict import linear_margins
+from eppanalysis.models.elements import ELEMENTS, ParkingBandLaw
+
+BANDS = epp.FiveBandLaw(5.0, 10.0, 11.0, 16.0, 16.0, 2.0)
+SHIPPED: dict[str, Any] = {
+    "play": epp.Play(0.8),
+    "hysteresis relay": epp.HysteresisRelay(-0.3, 0.5, -1.0, 2.0),
+    "hysteresis relay, one side": epp.HysteresisRelay(0.2, 0.5, 0.0, 2.0),
+    "falling hysteresis relay": epp.HysteresisRelay(-0.3, 0.5, 1.0, -2.0),
+    "hysteresis relay with dead zone": epp.HysteresisRelayDeadZone(0.9, 0.4, 2.0),
+    "jump and follow": epp.JumpAndFollow(0.8, 0.3, 2.0),
+    "jump and follow without jump": epp.JumpAndFollow(0.8, 0.0, 2.0),
+    "pulley": epp.StictionPulley(200.0, 300.0, 0.1, 0.6),
+    "pulley without stiction": epp.StictionPulley(200.0, 300.0, 0.1, 1.0),
+    "saturation": epp.Saturation(-1.0, 2.0, 3.0),
+    "dead zone": epp.DeadZone(-0.4, 0.9, 1.5),
+    "dead zone and saturation": epp.DeadZoneSaturation(0.3, 2.0, 1.0),
+    "relay": epp.Relay(-1.0, 2.0, 0.3),
+    "relay with dead zone": epp.RelayDeadZone(0.5, 2.0),
+    "preload": epp.Preload(1.0, 0.5),
+    "coulomb": epp.Coulomb(1.0),
+    "quantiser": epp.Quantiser(0.25, 6),
+    "bands": BANDS,
+    "cube": epp.Cube(-0.7),
+    "sine": epp.Sine(1.5),
+    "friction": epp.Friction(1.0),
+    "falling friction": epp.Friction(0.0, 1.5, 2.0),
+    "piecewise": epp.PiecewiseLinear([-1.0, 0.5], [0.2, -1.0, 2.0], [0.0, -1.2, -2.7]),
+}
+
+
+def walk(element: Any, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs on random ways there and back in small steps, and outputs of the element's map with memory."""
+    rng = np.random.default_rng(seed)
+    turns = np.concatenate([[0.0], rng.uniform(-3.0, 3.0, 24)])
+    if element is BANDS:
+        turns = 8.0 + 4.0 * turns
+    x = np.concatenate([np.linspace(a, b, 400, endpoint=False) for a, b in zip(turns, turns[1:], strict=False)])
+    memory, y = None, []
+    for value in x:
+        out, memory = element.output(float(value), memory)
+        y.append(float(np.ravel(out)[0]))
+    return x, np.array(y)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_slopes_and_sector_hold_the_map(name: str) -> None:
+    element = SHIPPED[name]
+    x, y = walk(element, 7)
+    (low, high), (least, greatest) = element.slope_bounds(), element.sector()
+    slopes = np.diff(y) / np.diff(x)
+    slack = 1e-9 * (1.0 + np.abs(slopes).max())
+    assert low - slack <= slopes.min() and slopes.max() <= high + slack
+    # Nor is a finite bound wider than the slopes that occur; over 1 / 1000 of the range a jump is steep.
+    for bound, found in ((low, slopes.min()), (high, slopes.max())):
+        assert abs(found - bound) <= 0.05 * (1.0 + abs(bound)) if np.isfinite(bound) else abs(found) > 10.0
+    ratios = (y / np.where(x == 0.0, np.nan, x))[x != 0.0]
+    assert least - 1e-9 <= ratios.min() and ratios.max() <= greatest + 1e-9
+    for bound, found in ((least, ratios.min()), (greatest, ratios.max())):
+        assert np.isfinite(bound) or abs(found) > 3.0
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.4])
+@pytest.mark.parametrize("model", ["unilateral", "classical"])
+def test_slopes_and_sector_of_a_contact_at_any_rate(model: str, damping: float) -> None:
+    pin = epp.LockPin(0.5, 3.0, damping, model)
+    delta, rate = np.linspace(-2.0, 2.0, 4001)[:, None], np.linspace(-5.0, 5.0, 21)
+    torque = pin.output((delta + 0.0 * rate, 0.0 * delta + rate))[0]
+    slopes, ratios = (
+        np.diff(torque, axis=0) / np.diff(delta, axis=0),
+        torque[delta[:, 0] != 0] / delta[delta[:, 0] != 0],
+    )
+    for (low, high), found in ((pin.slope_bounds(), slopes), (pin.sector(), ratios)):
+        assert low - 1e-9 <= found.min() and found.max() <= high + 1e-9
+        assert damping or high == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_thresholds_about_a_bias_have_one_signature(name: str) -> None:
+    element = SHIPPED[name]
+    found = np.asarray(element.thresholds(bias=0.1))
+    assert np.all(found > 0) and np.array_equal(element.thresholds(), element.thresholds(0.0))
+
+
+def test_every_element_of_a_case_file_is_found_by_its_name() -> None:
+    for kind, made in ELEMENTS.items():
+        assert made.kind == kind and issubclass(made, epp.Nonlinearity)
+    assert ParkingBandLaw.kind == "" and ELEMENTS["play"] is epp.Play
+
+
+# Elements of the user's own -----------------------------------------------------------------------------------------
+RING = ([2.0], [1.0, 1.5, 1.0, 0.4])
+
+
+def ring(element: epp.Nonlinearity) -> epp.LureSystem:
+    return epp.LureSystem.from_tf(RING, element, x0=[0.3, 0.5, 2.0], name="ring")
+
+
+@pytest.mark.parametrize("name", ["play", "hysteresis relay", "relay", "falling friction", "cube", "saturation"])
+def test_an_element_rebuilt_from_its_automaton_runs_to_the_same_bits(name: str) -> None:
+    shipped = SHIPPED[name]
+    times = np.linspace(0.0, 15.0, 301)
+    one, other = (
+        epp.simulate(ring(e), t_end=15.0, t_eval=times) for e in (shipped, epp.AutomatonElement(shipped.automaton()))
+    )
+    assert one.events == other.events or [e[:1] + e[2:] for e in one.events] == [e[:1] + e[2:] for e in other.events]
+    for signal, values in one.signals.items():
+        np.testing.assert_array_equal(values, other.signals[signal])
+
+
+@pytest.mark.parametrize("name", [n for n in SHIPPED if n not in ("pulley", "pulley without stiction")])
+def test_its_describing_function_by_quadrature_is_the_closed_one(name: str) -> None:
+    shipped = SHIPPED[name]
+    own = epp.AutomatonElement(shipped.automaton())
+    bias = 11.0 if shipped is BANDS else 0.2
+    # Above the greatest amplitude at which memory tells what the element does.
+    amplitude = np.array([1.7, 2.9, 8.3])
+    mean, gain = shipped.describing_function(amplitude, bias, 2.0)
+    mean_own, gain_own = own.describing_function(amplitude, bias, 2.0)
+    np.testing.assert_allclose(mean_own, mean, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(gain_own, gain, rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["play", "hysteresis relay", "hysteresis relay with dead zone", "jump and follow"])
+def test_its_map_is_that_of_the_element(name: str) -> None:
+    shipped = SHIPPED[name]
+    x, y = walk(epp.AutomatonElement(shipped.automaton()), 3)
+    expected = walk(shipped, 3)[1]
+    same = np.abs(y - expected) <= 1e-12
+    # Without memory both start at zero input; what they hold there may differ until the input has gone far once.
+    first = int(np.argmax(np.abs(x) > 1.5))
+    turned = first + int(np.argmax(np.sign(x[first:]) != np.sign(x[first])))
+    assert same[max(turned, 2000) :].all()
+
+
+def hook() -> epp.AutomatonElement:
+    """Catches at 1 with a jump up to the line, lets go at a half; the same on the other side."""
+    build = epp.AutomatonBuilder()
+    free, up, down = build.mode("free"), build.mode("up", from_input=1.0), build.mode("down", from_input=1.0)
+    for name, mode, sign in (("up", up, 1.0), ("down", down, -1.0)):
+        build.guard(f"catches {name}", free, mode, on_input=sign, constant=-1.0)
+        build.guard(f"lets go {name}", mode, free, on_input=-sign, constant=0.5)
+    return epp.AutomatonElement(build.build())
+
+
+def test_an_element_of_ones_own_is_predicted_found_and_simulated() -> None:
+    loop = epp.LureSystem.from_tf(([5.5], [1.0, 3.0, 2.0, 0.0]), hook(), x0=[0.0, 0.0, 30.0])
+    assert loop.elements[0].slope_bounds() == (0.0, np.inf)
+    margins = linear_margins(loop)
+    assert margins["slope_of_automatonelement"] == np.inf and margins["gain_margin"] == 0.0
+    predicted = list(epp.predict_limit_cycles(loop))
+    assert predicted
+    for cycle in predicted:
+        a, w = cycle.amplitude("x"), cycle.omega
+        # The loop is balanced: N(a) G(j w) = -1, with N by the element and G by hand.
+        response = 5.5 / ((1j * w) * (1j * w + 1.0) * (1j * w + 2.0))
+        assert complex(hook().describing_function(a, 0.0, w)[1]) * response == pytest.approx(-1.0, abs=1e-6)
+    found = [c for c in epp.find_limit_cycles(loop, predicted=predicted) if c.stable]
+    run = epp.simulate(loop, t_end=200.0)
+    assert run.limit_cycle is not None and len(found) == 1
+    # The run still closes in on the cycle, slowly.
+    assert found[0].period == pytest.approx(run.limit_cycle.period, rel=1e-4)
+
+
+def test_an_element_that_the_package_does_not_know_gets_margins() -> None:
+    @dataclass(frozen=True)
+    class Bend(epp.Nonlinearity):
+        """Twice as steep above zero."""
+
+        def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+            return np.where(np.asarray(x) > 0, 2.0 * np.asarray(x), x), memory
+
+        def describing_function(self, amplitude: Any, bias: Any = 0.0, omega: Any = 1.0) -> tuple[Any, Any]:
+            return epp.PiecewiseLinear([0.0], [1.0, 2.0], [0.0, 0.0]).describing_function(amplitude, bias, omega)
+
+        def automaton(self) -> epp.Automaton:
+            build = epp.AutomatonBuilder()
+            low, high = build.mode("below", from_input=1.0), build.mode("above", from_input=2.0)
+            build.guard("up", low, high, on_input=1.0)
+            build.guard("down", high, low, on_input=-1.0)
+            return build.build()
+
+    plant = ([1.0], [1.0, 3.0, 2.0, 0.0])
+    margins = linear_margins(epp.LureSystem.from_tf(plant, Bend()))
+    assert Bend().slope_bounds() == (1.0, 2.0)
+    assert margins["gain_margin"] == pytest.approx(6.0 / 2.0, rel=1e-6)
+    assert margins == linear_margins(epp.LureSystem.from_tf(plant, epp.PiecewiseLinear([0.0], [1.0, 2.0], [0.0, 0.0])))
+
+
+@pytest.mark.parametrize(
+    ("element", "slope"),
+    [
+        (epp.HysteresisRelay(-0.1, 0.1), np.inf),
+        (epp.HysteresisRelayDeadZone(0.5, 0.2), np.inf),
+        (epp.Cube(1.0), np.inf),
+    ],
+)
+def test_margins_say_where_an_element_has_no_slope(element: epp.Nonlinearity, slope: float) -> None:
+    third = linear_margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), element))
+    assert third == {"gain_margin": 0.0, f"slope_of_{type(element).__name__.lower()}": slope}
+    first = linear_margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0]), element))
+    assert first["gain_margin"] == np.inf
+
+
+# Linear states of an element's own -----------------------------------------------------------------------------------
+def lag_behind(element: epp.Nonlinearity, time: float) -> epp.AutomatonElement:
+    """The element with a first-order lag behind it: x goes straight in, w drives s, and y = s."""
+    own = epp.OwnStates([[-1.0 / time]], [[0.0, 1.0 / time]], [[0.0], [1.0]], [[1.0, 0.0], [0.0, 0.0]])
+    return epp.AutomatonElement(element.automaton(), own)
+
+
+@pytest.mark.parametrize("shipped", [epp.Relay()])
+def test_a_lag_in_the_element_is_a_lag_in_the_plant(shipped: epp.Nonlinearity) -> None:
+    time, plant = 0.5, ([1.0], [1.0, 3.0, 2.0])
+    inside = epp.LureSystem.from_tf(plant, lag_behind(shipped, time), x0=[0.3, 0.2])
+    outside = epp.LureSystem.from_blocks([shipped, ([1.0], [time, 1.0]), plant], x0=[0.0, 0.3, 0.2])
+    assert inside.A.shape == (3, 3) and inside.state_names[-1] == "automatonelement_0"
+    omega = np.geomspace(0.1, 30.0, 40)
+    np.testing.assert_allclose(
+        inside.frequency_response(omega), outside.frequency_response(omega), rtol=1e-12, atol=1e-14
+    )
+    runs = [epp.simulate(loop, t_end=60.0) for loop in (inside, outside)]
+    assert runs[0].status is runs[1].status
+    np.testing.assert_allclose(runs[0].signals["x"], runs[1].signals["x"], atol=1e-9)
+    found = [list(epp.find_limit_cycles(loop)) for loop in (inside, outside)]
+    assert len(found[0]) == len(found[1]) > 0
+    for a, b in zip(*found, strict=True):
+        assert a.period == pytest.approx(b.period, rel=1e-8)
+        assert a.peak_to_peak["x"] == pytest.approx(b.peak_to_peak["x"], rel=1e-7)
+
+
+def test_a_rate_limiter_of_own_states_follows_no_faster_than_its_limit() -> None:
+    # ds/dt = limit * sat((x - s) / band), y = s: the state of the element stands in its own input.
+    law = epp.Saturation(-1.0, 1.0, slope=10.0)
+    own = epp.OwnStates([[0.0]], [[0.0, 1.0]], [[-1.0], [1.0]], [[1.0, 0.0], [0.0, 0.0]])
+    limiter = epp.AutomatonElement(law.automaton(), own)
+    loop = epp.LureSystem.build(
+        [[-1.0]], [[0.0]], [[0.0]], [limiter], D_input=[[1.0]], input_names=["u"], x0=[0.0], element_names=["limiter"]
+    )
+    run = epp.simulate(loop, epp.inputs.Step(3.0), t_end=4.0, t_eval=np.linspace(0.0, 4.0, 401))
+    y = run.signals["limiter_output"]
+    assert np.abs(np.diff(y)).max() <= 0.01 * (1 + 1e-9)
+    np.testing.assert_allclose(y[run.t <= 2.8], run.t[run.t <= 2.8], atol=1e-9)
+    assert y[-1] == pytest.approx(3.0, abs=1e-4)
+
+
+def test_own_states_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(epp.ModelError, match=r"OwnStates: B has shape .*; expected"):
+        epp.OwnStates([[0.0]], [[0.0, 1.0], [1.0, 0.0]], [[1.0]], [[0.0, 1.0]])
+    with pytest.raises(epp.ModelError, match="states of its own; expected none with a dead time"):
+        epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), lag_behind(epp.Relay(), 1.0), delay=0.1)
+    with pytest.raises(epp.ModelError, match="target of the guard 'far' is 5; expected the number of a mode"):
+        build = epp.AutomatonBuilder()
+        build.guard("far", build.mode("only"), 5, on_input=1.0)
+        build.build()

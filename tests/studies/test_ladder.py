@@ -1,0 +1,32 @@
+"""The stored table of all rungs for all cases: some cases are climbed again."""
+
+from __future__ import annotations
+
+import pytest
+
+import eppanalysis as epp
+from studies import ladder as study
+
+
+def test_every_shipped_case_is_in_the_table():
+    assert list(dict.fromkeys(row.case for row in study.read())) == list(epp.shipped_cases())
+
+
+@pytest.mark.parametrize("name", ["relay_deadzone", "sat_khalil710", "backlash_discrete_pi"])
+def test_stored_rows_come_out_again(name):
+    stored = [r for r in study.read() if r.case == name]
+    for old, new in zip(stored, study.rows_of(name), strict=True):
+        assert (new.method, new.exact) == (old.method, old.exact)
+        for field in ("frequency", "peak_to_peak", "error_period", "error_size"):
+            assert getattr(new, field) == pytest.approx(getattr(old, field), rel=1e-3, abs=1e-8, nan_ok=True)
+
+
+def test_exact_orbits_and_long_runs_agree_wherever_both_exist():
+    agreed = 0
+    for row in study.read():
+        if row.method == "simulation" and row.exact >= 0:
+            # The run of the wheelchair has not come quite to its end when it is judged.
+            limit = 1e-5 if row.case == "wheelchair" else 1e-8
+            assert abs(row.error_period) < limit and abs(row.error_size) < limit, row.case
+            agreed += 1
+    assert agreed >= 25

@@ -1,0 +1,184 @@
+"""Pictures of sweeps: what is drawn is what the dataset holds, in the units that people read."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.results import Status
+from eppanalysis.sweep.boundary import Boundary
+from eppanalysis.sweep.picture import plot_design_map, plot_parallel, plot_slices, plot_sweep
+
+DEG, LBF = math.pi / 180, 4.4482216152605
+SHORT = epp.case("fig8a_original").with_values({"run.t_end": "2 s"})
+AXES = {"bands.range": "2:3:3:lbf", "lock_pin.backlash": "0.5:2.5:4:deg"}
+RELAY = epp.case("relay_deadzone")
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return epp.sweep(SHORT, AXES, progress=False)
+
+
+@pytest.fixture(scope="module")
+def relays():
+    return epp.sweep(RELAY, {"relay_dead_zone.threshold": [0.5, 1.0, 4.0]}, run="all", progress=False)
+
+
+def texts(figure) -> list[str]:
+    legend = figure.axes[0].get_legend()
+    return [] if legend is None else [t.get_text() for t in legend.get_texts()]
+
+
+def test_a_map_shows_every_cell_at_its_place(grid) -> None:
+    ax = plot_design_map(grid).axes[0]
+    mesh = ax.collections[0]
+    np.testing.assert_array_equal(mesh.get_array().reshape(4, 3), grid["outcome"].values.T)
+    corners = mesh.get_coordinates()
+    np.testing.assert_allclose(corners[0, :, 0], [1.75, 2.25, 2.75, 3.25])
+    np.testing.assert_allclose(corners[:, 0, 1], 0.5 + (np.arange(5) - 0.5) * 2 / 3)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("bands range [lbf]", "lock pin backlash [deg]")
+
+
+def test_a_map_turns_with_its_axes(grid) -> None:
+    ax = plot_design_map(grid, "lock_pin.backlash", "bands.range").axes[0]
+    np.testing.assert_array_equal(ax.collections[0].get_array().reshape(3, 4), grid["outcome"].values)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_boundaries_lie_on_the_map_in_its_units(grid, turned) -> None:
+    names = tuple(AXES)[::-1] if turned else tuple(AXES)
+    edge = Boundary(tuple(AXES), np.array([[2 * LBF, DEG], [3 * LBF, 2 * DEG]]), "exact fold", Status.CONVERGED, "")
+    figure = plot_design_map(grid, *names, curves=[edge])
+    line = next(line for line in figure.axes[0].lines if line.get_label() == "exact fold")
+    by_name = dict(zip(names, line.get_data(), strict=True))
+    np.testing.assert_allclose(by_name["bands.range"], [2, 3])
+    np.testing.assert_allclose(by_name["lock_pin.backlash"], [1, 2])
+    assert "exact fold" in texts(figure)
+
+
+def test_curves_by_name_differ_in_colour_and_line(grid) -> None:
+    curves = {name: ([2 * LBF, 3 * LBF], [DEG, DEG]) for name in ("one", "two", "three", "four")}
+    lines = [line for line in plot_design_map(grid, curves=curves).axes[0].lines if line.get_label() in curves]
+    assert len({line.get_color() for line in lines}) == len({line.get_linestyle() for line in lines}) == 4
+
+
+def test_a_map_of_more_axes_says_where_it_is() -> None:
+    axes = {"forearm.inertia": [0.03, 0.0465], **AXES}
+    found = epp.sweep(SHORT.with_values({"run.t_end": "0.3 s"}), axes, progress=False)
+    figure = plot_design_map(found, at={"forearm.inertia": 1})
+    assert figure.axes[0].get_title("right") == "forearm.inertia = 0.0465 kg*m^2"
+
+
+def test_slices_have_a_line_for_every_value_of_the_other_axis(grid) -> None:
+    figure = plot_slices(grid)
+    amplitude, frequency = figure.axes
+    assert [ax.get_ylabel() for ax in figure.axes] == ["amplitude [deg]", "frequency [Hz]"]
+    assert frequency.get_xlabel() == "lock pin backlash [deg]"
+    assert texts(figure) == [f"bands range {v} lbf" for v in ("2", "2.5", "3")]
+    backlash = grid["lock_pin.backlash"].values / DEG
+    for line, i in zip(amplitude.lines, range(3), strict=True):
+        drawn = np.asarray(line.get_ydata(), float)
+        values = grid["amplitude"].values[i] / DEG
+        np.testing.assert_allclose(drawn[np.isin(line.get_xdata(), backlash)], values)
+    # Dark to light, so that the lines keep apart in print.
+    brightness = [float(np.mean(line.get_color()[:3])) for line in amplitude.lines]
+    assert brightness == sorted(brightness)
+
+
+def test_slices_are_broken_between_rest_and_oscillation(relays) -> None:
+    for line, name in zip(plot_slices(relays).axes[0].lines, ("", "predicted_", "exact_"), strict=True):
+        x, y = (np.asarray(values, float) for values in line.get_data())
+        assert relays[f"{name}outcome"].values.tolist() == [2, 2, 1]
+        np.testing.assert_allclose(x, [0.5, 1.0, 2.5, 4.0])
+        assert np.isnan(y[2]) and not np.any(np.isnan(y[:2]))
+        # A cell between two breaks is no line; it is seen by its marker.
+        assert line.get_marker() not in ("", "None")
+
+
+def test_pictures_name_their_case(grid, relays) -> None:
+    sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
+    names = ["predicted_amplitude", "predicted_frequency"]
+    titles = [f.get_suptitle() for f in (plot_design_map(grid), plot_slices(relays), plot_parallel(sample, names))]
+    assert titles == ["fig8a_original", "relay_deadzone", "relay_deadzone"]
+
+
+def test_slices_show_methods_beside_each_other(relays) -> None:
+    figure = plot_slices(relays)
+    assert texts(figure) == ["run", "predicted", "exact"]
+    assert [line.get_linestyle() for line in figure.axes[0].lines] == ["-", "--", ":"]
+    np.testing.assert_allclose(figure.axes[1].lines[1].get_ydata()[[0, 1, 3]], relays["predicted_frequency"].values)
+
+
+def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
+    ranges = {"bands.range": "1:5:lbf", "lock_pin.backlash": "0:3:deg", "forearm.inertia": (0.03, 0.06)}
+    found = epp.sweep(epp.case("fig8a_original"), epp.Sobol(ranges, 16), progress=False)
+    figure = plot_parallel(found)
+    ax = figure.axes[0]
+    assert [t.get_text() for t in ax.get_xticklabels()] == [
+        "bands range\n[lbf]",
+        "lock pin backlash\n[deg]",
+        "forearm inertia\n[kg·m^2]",
+        "amplitude\n[deg]",
+        "frequency\n[Hz]",
+    ]
+    settles, oscillates = ax.collections
+    # Apart without colour, in the picture and in the legend.
+    assert settles.get_linestyle() != oscillates.get_linestyle()
+    assert [line.get_linestyle() for line in ax.get_legend().get_lines()] == [":", "-"]
+    n = int(np.sum(found["outcome"] == 2))
+    assert len(oscillates.get_segments()) == n
+    assert len(settles.get_segments()) == 16 - n
+    assert texts(figure) == [f"settles ({16 - n})", f"oscillates ({n})"]
+    # A cell at rest has no frequency: its line ends at the amplitude.
+    assert {len(s) for s in settles.get_segments()} == {4}
+    assert {len(s) for s in oscillates.get_segments()} == {5}
+    heights = np.array([s[0, 1] for s in oscillates.get_segments()])
+    values = found["bands.range"].values
+    share = (values - values.min()) / np.ptp(values)
+    np.testing.assert_allclose(np.sort(heights), np.sort(share[found["outcome"].values == 2]))
+
+
+def test_of_many_cells_some_are_drawn_and_the_picture_says_so(grid) -> None:
+    ax = plot_parallel(grid, most=5).axes[0]
+    assert sum(len(c.get_segments()) for c in ax.collections) == 5
+    assert ax.get_title("right") == "5 of 12 cells"
+
+
+def test_colours_of_outcomes_differ_without_hue(grid) -> None:
+    """Red, green and blue weighted as the eye does; a difference of a tenth is seen by everyone."""
+    collections = plot_parallel(grid).axes[0].collections
+    colours = [tuple(int(to_hex(c.get_color()[0])[i : i + 2], 16) / 255 for i in (1, 3, 5)) for c in collections]
+    light = [0.299 * r + 0.587 * g + 0.114 * b for r, g, b in colours]
+    assert abs(light[0] - light[1]) > 0.1
+
+
+def test_every_sweep_has_its_picture(grid, relays) -> None:
+    assert plot_sweep(grid).axes[0].get_ylabel() == "lock pin backlash [deg]"
+    assert plot_sweep(relays).axes[0].get_ylabel() == "amplitude"
+    sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
+    assert "predicted frequency" in plot_sweep(sample).axes[0].get_xticklabels()[-1].get_text()
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (lambda d: plot_design_map(d, "bands.rnge"), "no axis 'bands.rnge'"),
+        (lambda d: plot_design_map(d, "bands.range", "bands.range"), "two different ones"),
+        (lambda d: plot_design_map(d.isel({"bands.range": 0}, drop=True)), "two axes or more"),
+        (lambda d: plot_design_map(d.drop_vars("outcome")), "no outcome"),
+        (lambda d: plot_slices(d, "bands.rnge"), "no axis 'bands.rnge'"),
+        (lambda d: plot_slices(d, variables=["size"]), "no size"),
+        (lambda d: plot_parallel(d, ["size"]), "no size"),
+        (lambda d: plot_parallel(d.drop_vars("outcome")), "no outcome"),
+        (lambda d: plot_slices(d.drop_vars(list(AXES))), "need an axis"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(grid, draw, words) -> None:
+    with pytest.raises(EppError, match=words):
+        draw(grid)

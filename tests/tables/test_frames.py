@@ -1,0 +1,77 @@
+"""Results as tables: the same cells as HTML and as text, and texts of a case stay texts."""
+
+from __future__ import annotations
+
+import html
+import re
+from dataclasses import replace
+
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.methods.search.trigger import Trigger
+from eppanalysis.tables.console import rungs_table
+from tests.synthetic import cycle, prediction, trajectory
+
+
+def cells(table) -> list[str]:
+    """Cells of the HTML, in reading order."""
+    found = re.findall(r"<t[hd] [^>]*>(.*?)</t[hd]>", table._repr_html_(), re.DOTALL)
+    return [html.unescape(text).strip() for text in found]
+
+
+@pytest.mark.parametrize("what", [trajectory(), prediction(), [cycle()], epp.case("fig8a_original")])
+def test_html_and_text_hold_the_same_words(what):
+    table = epp.table(what)
+    words = " ".join(cells(table)).split()
+    assert words
+    assert sorted(words) == sorted(re.sub("─+", "", str(table)).split())
+
+
+def test_texts_of_a_case_are_escaped():
+    case = epp.case("fig8a_original").with_values({"lock_pin.backlash": {"value": "1 deg", "note": "<b>&=1+1</b>"}})
+    shown = epp.table(case)._repr_html_()
+    assert "&lt;b&gt;&amp;=1+1&lt;/b&gt;" in shown and "<b>" not in shown
+
+
+def test_triggers_are_in_units_that_people_read():
+    triggers = [
+        Trigger("theta", 0.01, 0.0, 0.01, 0.02),
+        Trigger("harness_position", float("nan"), 0.0, float("nan"), 0.03),
+    ]
+    assert cells(epp.table(triggers))[3:] == [
+        *("theta [deg]", "0.573", "1.146"),
+        *("harness_position [mm]", "nothing tried starts one", "30"),
+    ]
+
+
+def test_an_estimate_that_cannot_tell_is_explained_beside_the_table():
+    wrong, small = (epp.table([replace(cycle(), error_estimate=share)]) for share in (2.6, 0.02))
+    sentence = "the estimate cannot say how wrong it is"
+    assert sentence in html.unescape(wrong._repr_html_())
+    assert sentence in " ".join(str(wrong).split())
+    assert sentence not in small._repr_html_() and "cannot say" not in str(small)
+
+
+def test_errors_of_the_rungs_have_one_format():
+    ladder = epp.ladder(epp.case("relay_ideal_khalil79"))
+    (periods, sizes) = (rungs_table(ladder).columns[i] for i in (4, 5))
+    shown = [text for column in (periods, sizes) for text in column.cells]
+    assert all(text in ("exact", "-") or text.endswith(" %") for text in shown), shown
+    assert any("e-" in text for text in shown), shown
+
+
+def test_nothing_found_is_said():
+    assert cells(epp.table(())) == ["none"]
+
+
+def test_provenance_leaves_the_parameters_to_their_own_table():
+    shown = cells(epp.table(epp.case("fig8a_original").provenance()))
+    assert "sha256" in shown and not any("backlash" in text for text in shown)
+
+
+@pytest.mark.parametrize("what", ["a text", 3, [1, 2], object()])
+def test_what_has_no_table_is_refused(what):
+    with pytest.raises(EppError, match="table: there is none of"):
+        epp.table(what)
