@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
 
@@ -61,12 +62,13 @@ class OwnStates:
     start: Array | None = None
 
     def __post_init__(self) -> None:
-        n = len(np.atleast_1d(np.asarray(self.A, float)))
-        columns, rows = np.shape(self.B)[-1:], np.shape(self.C)[:1]
+        read = {name: floats(getattr(self, name), f"OwnStates: {name}") for name in "ABCD"}
+        n = len(np.atleast_1d(read["A"]))
+        read["start"] = np.zeros(n) if self.start is None else floats(self.start, "OwnStates: start")
+        columns, rows = read["B"].shape[-1:], read["C"].shape[:1]
         shapes = {"A": (n, n), "B": (n, *columns), "C": (*rows, n), "D": (*rows, *columns), "start": (n,)}
         for name, shape in shapes.items():
-            given = getattr(self, name)
-            values = np.zeros(n) if given is None else np.array(given, float)
+            values = read[name]
             if values.shape != shape or not np.all(np.isfinite(values)):
                 raise ModelError(f"OwnStates: {name} has shape {values.shape}; expected finite numbers, {shape}.")
             values.flags.writeable = False
