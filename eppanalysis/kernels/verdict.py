@@ -18,6 +18,10 @@ GONE = 1e-3
 STANDING = 1e-9
 #: Changes that grow by more than this from period to period are not.
 GROWING = 1.5
+#: Changes that do not fall evenly are taken to fall no faster than this from period to period.
+STEEP = 0.5
+#: The changes of parts of a period add up to that of the whole where it is more than this share of their sum.
+ADD_UP = 0.5
 
 
 @njit(cache=True, nogil=True)
@@ -70,6 +74,9 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
                 return SETTLED
             d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
             rest_change = _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding)
+            if rest_change > STANDING:
+                drift = _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
+                rest_change = max(rest_change, d1 * drift / (1.0 - drift) if drift < 1.0 else 1e300)
             if d1 < 0.02 and rest_change < CYCLE_TOLERANCE:
                 once = _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
                 found[0], found[3] = once, rest_change
@@ -101,9 +108,31 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
         if d1 < STANDING and min(now, before) < GROWING:
             return max(d1, d2, d3)
         # A decrease from one period to the next proves nothing: the changes of an oscillating decay fall and grow in
-        # turn (docs/theory/simulation.md, Verdict).
-        now = max(now, before) if before < 1.0 else np.sqrt(now * before) if before < 3.0 else 1.0
+        # turn (docs/theory/simulation.md, Verdict). Nor does a steep one: the last change may be all drift.
+        now = max(now, before, STEEP) if before < 1.0 else np.sqrt(now * before) if before < 3.0 else 1.0
     return d1 * now / (1.0 - now) if now < 1.0 else 1e300
+
+
+@njit(cache=True, nogil=True)
+def _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
+    """Ratio at which `d1` changes from one stretch to the next as its parts do, where they add up to it; 0 for none.
+
+    A fast transient still within the three stretches makes their changes fall steeply whatever goes on beneath; the
+    parts of the last one lie behind it. Parts that go to and fro (a cycle of several turns, an oscillating decay) do
+    not add up.
+    """
+    ratio = 0.0
+    for part in range(1, p // 2 + 1):
+        if p % part == 0 and _repeats(ev_guard, count, keep, part):
+            turns = p // part
+            first = last = total = 0.0
+            for k in range(turns):
+                first = _change(ev_t, ev_x, count, k * part, keep, part, local, size, compared)
+                last = first if k == 0 else last
+                total += first
+            if d1 > ADD_UP * total and first > 0.0:
+                ratio = max(ratio, (last / first) ** (turns / (turns - 1.0)))
+    return ratio
 
 
 @njit(cache=True, nogil=True)

@@ -47,7 +47,13 @@ def _known(cycle: LimitCycle, listed: epp.CycleSearch) -> bool:
         apart = [abs(cycle.peak_to_peak[k] - c.peak_to_peak[k]) + abs(cycle.mean[k] - c.mean[k]) for k in c.mean]
         if abs(cycle.period / (turns * c.period) - 1.0) < _SAME_PERIOD and max(apart) < _SAME_SIZE * size:
             return bool(c.stable) or "continuum" in listed.search
-    return False
+    return "continuum" in listed.search and any(_same_switches(cycle, c) for c in listed if c.stable)
+
+
+def _same_switches(cycle: LimitCycle, other: LimitCycle) -> bool:
+    """Whether two cycles have the same events in turn: the one listed stands for all of its continuum."""
+    one, two = ([(e.element, e.name) for e in c.events] for c in (cycle, other))
+    return bool(one) and any(one == two[k:] + two[:k] for k in range(len(two)))
 
 
 def _slowest(system: LureSystem) -> float:
@@ -60,9 +66,12 @@ def _slowest(system: LureSystem) -> float:
 
 
 def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
+    """A run, made longer where it has no verdict or has not yet come as near its cycle as cycles are told apart."""
     begun = replace(system, x0=start)
     run = epp.simulate(begun, t_end=t_end, t_eval=[0.0, t_end])
-    return epp.simulate(begun, t_end=_LONGER * t_end, t_eval=[0.0]) if run.status is Status.UNDECIDED else run
+    cycle = run.limit_cycle
+    coarse = cycle is not None and cycle.error_estimate > _SAME_PERIOD
+    return epp.simulate(begun, t_end=_LONGER * t_end, t_eval=[0.0]) if coarse or run.status is Status.UNDECIDED else run
 
 
 def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:

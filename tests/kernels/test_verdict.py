@@ -1,0 +1,47 @@
+"""The verdict on runs whose every change is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eppanalysis.kernels.verdict import CYCLE, verdict
+
+
+def judged(drift: float, growth: float, decay: float, turns: int) -> tuple[int, np.ndarray]:
+    """Verdict on a zigzag of period 1 that drifts beneath a transient.
+
+    From turn to turn the drift grows, and the transient shrinks, by a factor.
+    """
+    k = np.arange(2 * turns + 1)
+    slow = drift * np.cumsum(growth ** (k / 2.0)) + 2.0 * decay ** (k / 2.0)
+    states = (np.where(k % 2, 1.0, -1.0) + slow)[:, None]
+    rates = np.where(k % 2, 4.0, -4.0)[:, None]
+    found, compared = np.zeros(4), np.ones(1, dtype=bool)
+    low, high = states.min(axis=0), states.max(axis=0)
+    t = 0.5 * (k + 1.0)
+    code = verdict(t, k % 2, states, rates, k.size, float(t[-1]), low, high, rates[-1], compared, found)
+    return int(code), found
+
+
+@pytest.mark.parametrize("decay", [0.003, 0.03, 0.1, 0.2])
+@pytest.mark.parametrize("growth", [1.0, 1.05, 1.2])
+@pytest.mark.parametrize("drift", [1e-4, 1e-3, 3e-3])
+def test_a_drift_beneath_a_fast_transient_is_no_cycle(drift: float, growth: float, decay: float) -> None:
+    """What a long stretch changes falls steeply while a transient dies out in it; its parts drift on all the same."""
+    behind = 3 + int(np.ceil(np.log(0.05 * drift) / np.log(decay)))  # the transient is gone from the last three turns
+    assert [judged(drift, growth, decay, turns)[0] for turns in range(behind, 40)].count(CYCLE) == 0
+
+
+@pytest.mark.parametrize("decay", [0.02, 0.03, 0.05])
+def test_a_steep_fall_is_not_extrapolated_to_less_than_the_last_change(decay: float) -> None:
+    """Of three turns that change ever less the last may be all drift."""
+    code, found = judged(1e-4, 1.0, decay**2, 3)
+    assert code != CYCLE or found[3] > 0.9e-4
+
+
+@pytest.mark.parametrize("decay", [0.003, 0.03, 0.1, 0.3])
+def test_the_transient_alone_ends_on_the_cycle(decay: float) -> None:
+    code, found = judged(0.0, 1.0, decay, 30)
+    assert code == CYCLE
+    assert found[1] == pytest.approx(1.0)
