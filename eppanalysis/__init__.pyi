@@ -27,7 +27,8 @@ from eppanalysis.methods.describing.frozen import FrozenLoop as FrozenLoop, froz
 from eppanalysis.methods.describing.predict import predict_limit_cycles as predict_limit_cycles
 from eppanalysis.methods.harmonic.balance import harmonic_balance as harmonic_balance
 from eppanalysis.methods.orbits.exact import exact_orbit as exact_orbit
-from eppanalysis.methods.search.find import CycleSearch as CycleSearch, find_limit_cycles as find_limit_cycles
+from eppanalysis.methods.search.find import find_limit_cycles as find_limit_cycles
+from eppanalysis.methods.search.result import CycleSearch as CycleSearch
 from eppanalysis.methods.search.trigger import Trigger as Trigger, trigger as trigger
 from eppanalysis.methods.simulation.simulate import simulate as simulate
 from eppanalysis.models.devices.elbow.loop import ElbowParameters as ElbowParameters, elbow as elbow

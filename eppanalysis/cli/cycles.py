@@ -26,7 +26,7 @@ from eppanalysis.readable import count, quantity, readable
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
     from eppanalysis.methods.continuation.branch import Branch
-    from eppanalysis.methods.search.find import CycleSearch
+    from eppanalysis.methods.search.result import CycleSearch
     from eppanalysis.methods.search.trigger import Trigger
 
 Picture = Annotated[

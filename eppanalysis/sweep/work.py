@@ -29,7 +29,7 @@ from eppanalysis.sweep.axes import Design, make_design
 from eppanalysis.sweep.cells import Builder, case_of, make_builder, sentence
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.search.find import CycleSearch
+    from eppanalysis.methods.search.result import CycleSearch
 
 _OUTCOME_OF = {
     Status.SETTLED: Outcome.SETTLES,

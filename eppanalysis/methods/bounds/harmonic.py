@@ -26,7 +26,8 @@ from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic.series import Array
-from eppanalysis.methods.search.find import find_limit_cycles, steady_hybrid
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 

@@ -27,7 +27,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.search.find import steady_hybrid
+from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem

@@ -27,7 +27,7 @@ from eppanalysis.methods.comparison.rungs import (
     load_kernels,
 )
 from eppanalysis.methods.describing.predict import predict_limit_cycles
-from eppanalysis.methods.search.find import CycleSearch
+from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.inputs import Constant, InputSignal
 from eppanalysis.models.systems.lure import LureSystem

@@ -19,7 +19,8 @@ from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.orbits.cycle import METHOD as EXACT
 from eppanalysis.methods.orbits.exact import exact_orbit
-from eppanalysis.methods.search.find import CycleSearch, find_limit_cycles
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.elements import Relay
 from eppanalysis.models.systems.lure import LureSystem

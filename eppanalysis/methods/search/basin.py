@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
-from eppanalysis.methods.search.find import CycleSearch, decays
+from eppanalysis.methods.search.ends import decays
+from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem

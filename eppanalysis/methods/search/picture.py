@@ -13,7 +13,7 @@ from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, wit
 from eppanalysis.readable import readable, with_unit, words
 
 if TYPE_CHECKING:
-    from eppanalysis.methods.search.find import CycleSearch
+    from eppanalysis.methods.search.result import CycleSearch
     from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
-from eppanalysis.methods.search.find import CycleSearch, decays, find_limit_cycles
+from eppanalysis.methods.search.ends import decays
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.simulate import Run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem

@@ -19,7 +19,7 @@ from eppanalysis.methods.bounds.tolerance import quantile, tolerance_bound
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.harmonic.loop import inputs_of
-from eppanalysis.methods.search.find import CycleSearch
+from eppanalysis.methods.search.result import CycleSearch
 from tests import made_bounds
 
 DEGREE = math.pi / 180.0

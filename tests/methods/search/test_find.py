@@ -16,7 +16,7 @@ from eppanalysis.methods.orbits import shooting
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.guess import MOST_ARCS
 from eppanalysis.methods.search import find as cycles
-from eppanalysis.methods.search.find import decays
+from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
@@ -346,6 +346,9 @@ def test_a_search_among_switches_that_pile_up_is_bounded_and_says_so(monkeypatch
     monkeypatch.setattr(cycles, "_MOST_WORK", 1e6)
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Relay(-1.0, 2.0))
     found = epp.find_limit_cycles(loop, predicted=())
+    hybrid = replace(steady_hybrid(loop), x0=np.ones(2))
+    run = run_hybrid(hybrid, 27.0, np.zeros(0), 2.0 * hybrid.time_scale, 60_000, 600)
+    assert shooting.orbit_of(hybrid, run, float(np.ptp(run.time[run.order[-5:]]))) is None
     assert arcs and max(arcs) <= MOST_ARCS
     assert found.status is Status.UNDECIDED and not found.cycles
     assert "The search ended after 1e+06 steps" in found.search and "starts were left" in found.message

@@ -1,0 +1,370 @@
+"""How a run of a search ends: at rest, far away, on a cycle, or none of these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
+from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, same_orbit
+from eppanalysis.methods.search.reach import reach_of_elements
+from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
+from eppanalysis.methods.simulation.simulate import Run, cycle_of_run, judge, run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.progress import Progress
+from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+NO_SAMPLES = np.zeros(0)
+MOST_EVENTS = 60_000
+#: A run without an outcome after this many events is not made longer.
+_ENOUGH_EVENTS = 600
+#: Largest change of a state over a period, relative to its amplitude on a cycle, that counts as rest, and as slow
+#: drift.
+_STILL, _DRIFT = 1e-6, 1e-2
+#: A run is tested for a cycle without switches after this many extensions, on a run this many times as long.
+_QUIET_TURN, _SEEN = 2, 3.0
+#: A state this many times beyond all cycles and its own start that still moves has diverged. The threshold is relative,
+#: for integrators grow slowly, beyond no bound (docs/theory/exact_orbits.md, All of them).
+_FAR = 1e6
+#: Switches accumulate: the amplitude between them is taken over this many events, and is rest below this share of the
+#: amplitude of the whole run.
+_PILE, _PILED = 64, 1e-3
+#: The amplitude decays when it is below this share of what it was at the oldest events that a run keeps.
+_DWINDLES = 0.999
+#: A run that seems to settle is made this many times longer, for friction may creep towards its next slip far more
+#: slowly than the linear part moves; a state that drifts is followed this far at most.
+_LATE, _LATEST = 100.0, 1e6
+#: A cycle is listed as a run has it when all changes still to come are below this share of its amplitude. The run is
+#: made three times longer this often at most. Only so many are listed, for they may fill a continuum.
+_REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
+#: An orbit grazes a guard when it crosses it more slowly than this share of its movement across it in a period.
+_GRAZING = 1e-3
+#: Relative difference of the periods of a linear oscillation that is rounding.
+_SAME_PERIOD = 1e-8
+#: Outcome of a run that repeats itself but whose orbit could not be closed.
+UNCLOSED = "on a cycle that could not be closed"
+#: Share of all work that one prediction, one start or one mirror image may take.
+FOR_ONE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """A cycle that a run is on, whose orbit could not be closed.
+
+    Attributes
+    ----------
+    cycle : LimitCycle
+        As the run has it.
+    corners : tuple of arrays, shapes (events,), (events, n), (n,)
+        Guard and state at each event of a period, and how far each state moves.
+    """
+
+    cycle: LimitCycle
+    corners: tuple[IntArray, Array, Array]
+
+    @classmethod
+    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> Reached:
+        """From the end of a run, and what the verdict says of it."""
+        events, period = run.order[-int(facts[0]) - 1 : -1], float(facts[1])
+        states = run.state[events]
+        size = np.ptp(states, axis=0) + np.abs(run.rate[events]).max(axis=0) * period / (2.0 * np.pi)
+        size = np.where(size > 0, size, np.inf)
+        told = Provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
+        cycle = cycle_of_run(system, start, run, facts, told)
+        return cls(cycle, (run.guard[events], states, size))
+
+
+@dataclass
+class Ends:
+    """The runs of a search and how they end; what they end on is kept."""
+
+    system: LureSystem
+    hybrid: HybridSystem
+    predicted: Sequence[LimitCycle]
+    at: OperatingPoint
+    progress: Progress | None = None
+    orbits: list[Orbit] = field(default_factory=list)
+    reached: list[Reached] = field(default_factory=list)
+    outcomes: dict[str, int] = field(default_factory=dict)
+    n_runs: int = 0
+    n_edges: int = 0
+    n_ended: int = 0
+    work: Work = field(default_factory=lambda: Work(float("inf")))
+    rest: tuple[Array, Array] | None = None
+
+    @cached_property
+    def horizon(self) -> float:
+        """How long a run is before it is judged for the first time [s]."""
+        if self.predicted:
+            return 40.0 * max(c.period for c in self.predicted)
+        rates = np.abs(poles(self.system.A)) if self.system.A.size else np.ones(1)
+        slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
+        return 3.0 / float(slow.min()) if slow.size else 100.0
+
+    @cached_property
+    def rays(self) -> list[tuple[Array, Array, Array]]:
+        """Lines of starts: centre, direction, held values."""
+        rays = []
+        for cycle in self.predicted:
+            x, H = start_of(self.hybrid, cycle)
+            centre = x.copy()
+            centre[: self.hybrid.n_plant] = centre_of(self.hybrid, cycle)
+            rays.append((centre, x - centre, H))
+        x0 = self.hybrid.x0
+        centre = np.zeros_like(x0)
+        centre[self.hybrid.n_plant :] = x0[self.hybrid.n_plant :]
+        if np.any(x0 != centre):
+            rays.append((centre, x0 - centre, self.hybrid.H0))
+        reach = np.zeros_like(x0)
+        reach[: self.hybrid.n_plant] = reach_of_elements(self.system)
+        if np.any(reach):
+            rays.append((centre, reach, self.hybrid.H0))
+        return rays
+
+    def add(self, orbit: Orbit) -> int:
+        """Number of an orbit among those found; a new one is appended."""
+        for i, known in enumerate(self.orbits):
+            if same_orbit(known, orbit) or same_continuum(known, orbit) or on_rim(known, orbit):
+                return i
+        self.orbits.append(orbit)
+        return len(self.orbits) - 1
+
+    def outcome(self, x: Array, H: Array) -> str:
+        """Where a run from (x, H) ends: "rest", "leaves", "undecided", UNCLOSED, or the number of a cycle."""
+        try:
+            found = self._outcome(x, H)
+        except Spent:
+            self.n_ended += 1
+            found = "not run"
+        kind = "cycle" if found.isdigit() else found
+        self.outcomes[kind] = self.outcomes.get(kind, 0) + 1
+        return found
+
+    def _outcome(self, x: Array, H: Array) -> str:
+        self._tell()
+        try:
+            with allotted(FOR_ONE * self.work.most):
+                return self._end_of(replace(self.hybrid, x0=x, H0=H))
+        except EppError:  # a dead time with more switches than its history holds
+            return "undecided"
+        except Spent:
+            if not left():  # of what lies around this start
+                raise
+            return "undecided"
+
+    def _end_of(self, start: HybridSystem) -> str:
+        t = self.horizon
+        for turn in range(8):
+            run = self._run(start, t)
+            status, facts = judge(start, run, t)
+            ended = self._ended(status, start, run)
+            if ended is not None:
+                return ended
+            if status is Status.LIMIT_CYCLE:
+                known = self._recognise(start, run, float(facts[1]))
+            elif decays(start, run, t, self.horizon, self._sizes()):
+                return self._late_cycle(start, run, t) or "rest"
+            else:
+                known = self._recognise(start, run, None)
+                if known == "undecided" and turn == _QUIET_TURN:
+                    known = self._quiet_cycle(run, t)
+            if known != "undecided":
+                return known
+            if turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE:
+                break
+            t *= 3.0
+        return "leaves" if self._has_gone(start, run, t) else "undecided"
+
+    def _ended(self, status: Status, start: HybridSystem, run: Run) -> str | None:
+        """Where a run ends that goes on no longer; None for one that does."""
+        if status is Status.SETTLED:
+            return self._rested(start, run)
+        if status is Status.EVENT_LIMIT:
+            return self._rested(start, run) if _died_out(start, run) else "undecided"
+        return "leaves" if status is Status.DIVERGED else None
+
+    def _quiet_cycle(self, run: Run, t: float) -> str:
+        """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
+        if run.n_kept and run.time[run.order[-1]] > 0.5 * t:
+            return "undecided"
+        observed = steady_hybrid(self.system, self.at, observed=True)
+        held = run.memory_values[run.order[-1]] if run.n_kept else self.hybrid.H0
+        start = replace(observed, x0=run.x_end.copy(), H0=held.copy(), time_scale=self.hybrid.time_scale)
+        again = self._run(start, _SEEN * t)
+        status, facts = judge(start, again, _SEEN * t)
+        orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
+        return "undecided" if orbit is None else str(self.add(orbit))
+
+    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> str | None:
+        """The cycle that a run that seemed to decay by time t is on much later, as a number; None for none.
+
+        A stuck element may creep towards its next slip far more slowly than the linear part moves.
+        """
+        if self.hybrid.model.S.shape[1]:
+            return None  # without long steps that would take minutes
+        # An even drift reaches the next slip in this time; where that is too long the run is not made.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            way = (self._sizes() / np.abs(run.rate_end))[start.compared]
+        late = max(_LATE * t, 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0)))
+        run = self._run(start, late)
+        status, facts = judge(start, run, late)
+        known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
+        return None if known == "undecided" else known
+
+    def _rested(self, start: HybridSystem, run: Run) -> str:
+        """Keep the state of rest of the first run that settles."""
+        if self.rest is None:
+            self.rest = run.x_end, (run.memory_values[run.order[-1]] if run.n_kept else start.H0)
+        return "rest"
+
+    def _has_gone(self, start: HybridSystem, run: Run, t: float) -> bool:
+        """Whether a run has diverged: it is far beyond all cycles and still moves. Integrators pass no fixed bound."""
+        n = start.n_plant
+        here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
+        return bool(np.any((here > _FAR * size) & (size > 0) & (np.abs(run.rate_end[:n]) * t > 0.5 * here)))
+
+    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> str:
+        """Number of the cycle that a run is on at its end."""
+        if run.n_kept == 0:
+            return "undecided"
+        n = self.hybrid.x0.size
+        for i, known in enumerate(self.orbits):
+            if self._is_on(run, known.arcs.event_sequence.guards, known.starts[1:, :n], known.scale[:n]):
+                return str(i)
+        if any(self._is_on(run, *r.corners) for r in self.reached):
+            return UNCLOSED
+        if period is None:
+            return "undecided"
+        orbit = orbit_of(self.hybrid, run, period)
+        if orbit is not None:
+            return str(self.add(orbit))
+        for i, known in enumerate(self.orbits):
+            if has_period_of(known, period):  # it only touches a guard, now and then
+                return str(i)
+        if _dwindles(start, run)[0]:
+            return "undecided"
+        self._reach(start, float(run.stats[0]))
+        return UNCLOSED
+
+    def _is_on(self, run: Run, guards: IntArray, states: Array, scale: Array) -> bool:
+        """Whether a run's last event is one of a cycle's: the same guard, in the same state."""
+        last, compared = run.order[-1], self.hybrid.compared
+        away = np.abs(states[guards == run.guard[last]] - run.state[last])[:, compared]
+        return bool(len(away)) and float(np.min(np.max(away / scale[compared], axis=1))) < 1e-3
+
+    def _reach(self, start: HybridSystem, t: float) -> None:
+        """List the cycle that a run is on at time t as the run has it, once it is on it to many digits."""
+        for longer in 3.0 ** np.arange(_MOST_LONGER if len(self.reached) < MOST_REACHED else 0):
+            run = self._run(start, longer * t)
+            status, facts = judge(start, run, longer * t)
+            if status is not Status.LIMIT_CYCLE:
+                return
+            if facts[3] < _REACHED:
+                self.reached.append(Reached.of(self.system, start, run, facts))
+                return
+
+    def _run(self, start: HybridSystem, t: float) -> Run:
+        """A run of the search, without samples."""
+        self.n_runs += 1
+        return run_hybrid(start, t, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 600)
+
+    def _sizes(self) -> Array:
+        """How far the states move on what was predicted and found."""
+        n = self.hybrid.x0.size
+        size = 1e-9 * np.abs(self.hybrid.x0)
+        for ray in self.rays:
+            size = np.maximum(size, np.abs(ray[1]))
+        for orbit in self.orbits:
+            size = np.maximum(size, orbit.scale[:n])
+        return size
+
+    def _tell(self) -> None:
+        """How far the search is."""
+        if self.progress is not None:
+            words = f"{self.system.name}: {self.n_runs} runs, {self.n_edges} edges, {len(self.orbits)} cycles"
+            self.progress(self.n_runs, None, words)
+
+
+def _died_out(start: HybridSystem, run: Run) -> bool:
+    """Whether switches accumulate while the amplitude between them decays to rest."""
+    if not run.n_kept:  # steps without number, but no switch
+        return False
+    dwindles, now = _dwindles(start, run)
+    return dwindles and now <= _PILED
+
+
+def _dwindles(start: HybridSystem, run: Run) -> tuple[bool, float]:
+    """Whether the last events that a run keeps are smaller than the first, and their size relative to the whole run."""
+    size = np.where(run.high > run.low, run.high - run.low, np.inf)
+    before, now = ((np.ptp(run.state[part], axis=0) / size)[start.compared].max() for part in (
+        run.order[:_PILE], run.order[-_PILE:],
+    ))  # fmt: skip
+    return bool(now < _DWINDLES * before), float(now)
+
+
+def decays(start: HybridSystem, run: Run, t: float, horizon: float, size: Array) -> bool:
+    """Whether a run decays: its states move by rounding only, or drift ever more slowly through a band without gain.
+
+    Parameters
+    ----------
+    t, horizon : float
+        Length of the run, and of some forty periods of the cycles in question [s].
+    size : array, shape (n,)
+        How far the states move on such cycles.
+    """
+    size = np.maximum(size, np.abs(run.x_end - start.x0))[start.compared]
+    if t - _last_motion(start, run, _STILL * size) < 0.3 * t:
+        return False
+    rate = np.abs(run.rate_end)[start.compared]
+    # A state that grows is faster at the end of the run than on average.
+    if np.any(rate * t > 2.0 * size + np.abs(run.x_end)[start.compared] * _STILL):
+        return False
+    return bool(np.all(rate * horizon / 40.0 <= (_STILL if t < 9.0 * horizon else _DRIFT) * size))
+
+
+def _last_motion(start: HybridSystem, run: Run, size: Array) -> float:
+    """Time of the last event at which a state was farther than `size` from where the run ends [s].
+
+    Rounding makes events at standstill where a drive creeps to a stop; they do not count.
+    """
+    away = np.abs(run.state[run.order] - run.x_end)[:, start.compared]
+    moved = np.flatnonzero(np.any(away > size, axis=1))
+    if moved.size:
+        return float(run.time[run.order[moved[-1]]])
+    return float(run.time[run.order[0]]) if run.count > run.n_kept else 0.0
+
+
+def on_rim(known: Orbit, orbit: Orbit) -> bool:
+    """Whether an orbit only grazes a guard and is the outermost of a continuum without that switch."""
+    if not has_period_of(known, orbit.period):
+        return False
+    slow = np.abs(orbit.speed) * orbit.period < _GRAZING * (np.abs(orbit.arcs.g) @ orbit.scale)
+    return bool(np.any(slow & (orbit.arcs.event_sequence.at_once != 1)))
+
+
+def has_period_of(known: Orbit, period: float) -> bool:
+    """Whether a period is that of a continuum of cycles, or a multiple of it."""
+    turns = period / known.period
+    return known.one_of_many and round(turns) >= 1 and abs(turns / round(turns) - 1.0) < _SAME_PERIOD
+
+
+def same_continuum(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits of continua pass through the same switches and are as stable: one then stands for both."""
+    guards = [o.arcs.event_sequence.guards for o in (one, other)]
+    if guards[0].size != guards[1].size or not (one.one_of_many and other.one_of_many):
+        return False
+    unstable = [int(np.sum(np.abs(o.multipliers) > 1.0 + 1e-4)) for o in (one, other)]
+    turned = any(np.array_equal(np.roll(guards[0], k), guards[1]) for k in range(guards[0].size))
+    return unstable[0] == unstable[1] and turned

@@ -1,0 +1,112 @@
+"""What a search for limit cycles came to: the cycles, and what it leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.results import LimitCycle, Result, Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CycleSearch(Result):
+    """All limit cycles found, smallest first; behaves as a sequence of LimitCycle.
+
+    Attributes
+    ----------
+    cycles : tuple of LimitCycle
+        Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
+        "simulation", with an error estimate below 1e-9).
+    status : Status
+        CONVERGED, or UNDECIDED when something is left open: no orbit was found for a predicted cycle whose estimate
+        says that it exists, some run neither settled nor repeated itself nor left, or is on a cycle that could not be
+        closed, there were more edges between outcomes than are bisected, or the search ended before it had come to
+        its end (`message` says which).
+    settles : bool
+        Whether some start settled at rest.
+    diverges : bool
+        Whether some start grew without bound.
+    search : str
+        How completeness was sought, in plain words.
+    rest_state : array, shape (n,)
+        A state of rest that some run reached; empty where none did.
+    unclosed : tuple of LimitCycle
+        The predicted cycles whose orbits were not found; those with an infinite error estimate may not exist, and
+        alone leave nothing open.
+    left_open : tuple of str
+        What keeps the search from being complete, unclosed predictions aside, each in words.
+    n_runs : int
+        Runs that were made.
+    """
+
+    cycles: tuple[LimitCycle, ...]
+    status: Status
+    settles: bool
+    diverges: bool
+    search: str
+    rest_state: Array = field(default_factory=lambda: np.zeros(0))
+    unclosed: tuple[LimitCycle, ...] = ()
+    left_open: tuple[str, ...] = ()
+    n_runs: int = 0
+
+    in_json = "status message settles diverges search operating_point cycles unclosed provenance"
+
+    @property
+    def message(self) -> str:
+        """How the search ended, in a sentence."""
+        missing = [f"no orbit was closed for the cycle predicted at {named(c)}" for c in self.unclosed if exists(c)]
+        open_ends = "; ".join([*missing, *self.left_open])
+        told = self.status.value if not open_ends else f"The search leaves something open: {open_ends}."
+        doubtful = " and ".join(named(c) for c in self.unclosed if not exists(c))
+        if not doubtful:
+            return told
+        return f"{told} No orbit was found for what first order predicts at {doubtful}, which may not exist."
+
+    def __len__(self) -> int:
+        return len(self.cycles)
+
+    def __getitem__(self, i: int) -> LimitCycle:
+        return self.cycles[i]
+
+    def __iter__(self) -> Iterator[LimitCycle]:
+        return iter(self.cycles)
+
+    @property
+    def stable(self) -> tuple[LimitCycle, ...]:
+        """The stable cycles: what the device can do for ever."""
+        return tuple(c for c in self.cycles if c.stable)
+
+    @property
+    def unstable(self) -> tuple[LimitCycle, ...]:
+        """The unstable cycles: what separates one outcome from another."""
+        return tuple(c for c in self.cycles if not c.stable)
+
+    def plot(self, signal: str | None = None) -> Figure:
+        """Waveform of every cycle, and the rate of the signal over it."""
+        return self.drawn("plot_cycles", signal)
+
+
+def undecided(count: int) -> str:
+    """What runs without an end leave open."""
+    return f"{count} runs neither settled nor repeated themselves"
+
+
+def named(cycle: LimitCycle) -> str:
+    """A predicted cycle by its frequency and the size of its first signal."""
+    name, size = next(iter(cycle.peak_to_peak.items()))
+    kind = {True: ", stable", False: ", unstable", None: ""}[cycle.stable]
+    return f"{cycle.frequency:.6g} Hz ({name} {size:.4g} {cycle.units.get(name, '')}".rstrip() + f" peak to peak{kind})"
+
+
+def exists(cycle: LimitCycle) -> bool:
+    """Whether a prediction claims that its cycle exists; an infinite estimate of its error says that it may not."""
+    return not np.isinf(cycle.error_estimate)
