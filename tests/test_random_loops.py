@@ -15,7 +15,8 @@ import pytest
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.elements import JumpAndFollow
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 from tests.random_loops import random_loop
 from tests.reference.lure_reference import simulate_lure
 

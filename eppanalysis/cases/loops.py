@@ -16,7 +16,8 @@ from eppanalysis.cases.schema import LoopSection
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.linear import StateSpace, as_state_space
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.units import QuantityError, parse_any
 
 #: Matrices of a loop without states.

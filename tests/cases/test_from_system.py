@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 import eppanalysis as epp
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
-from eppanalysis.models.systems.lure import SignalMap
+from eppanalysis.models.systems.signals import SignalMap
 
 #: An elbow with parking logic holds an element that case files do not know.
 WRITTEN = tuple(name for name in epp.shipped_cases() if name != "parking_stops_it")

@@ -33,7 +33,8 @@ from eppanalysis.models.elements import (
     Sine,
 )
 from eppanalysis.models.systems.inputs import Step
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 
 Rng = np.random.Generator
 Fraction = tuple[np.ndarray, np.ndarray]

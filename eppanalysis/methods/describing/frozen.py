@@ -18,7 +18,8 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, describe, newton
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.methods.harmonic.loop import Loop, inputs_of
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import LimitCycle, Result
 from eppanalysis.results.provenance import Provenance

@@ -21,23 +21,23 @@ from eppanalysis.arguments import checked, floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import StateSpace, as_state_space, balanced, integrators_apart
+from eppanalysis.models.systems.own_states import own_count, ports, stacked
+from eppanalysis.models.systems.ring import Ring
+from eppanalysis.models.systems.signals import (
+    SignalMap,
+    checked_array,
+    element_signals,
+    labels_of,
+    require,
+    require_names,
+    slices,
+    state_names_of,
+)
 
 if TYPE_CHECKING:
     import control
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class SignalMap:
-    """Named outputs ``y = C x + D w + D_input v + constant`` that users see (not the inputs of the elements)."""
-
-    names: tuple[str, ...]
-    C: Array
-    D: Array
-    D_input: Array
-    constant: Array
-    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,19 +145,19 @@ class LureSystem:
         nz, nw = (sum(ports(e)[k] for e in elements) for k in (0, 1))
         nv = len(input_names)
 
-        array = partial(_checked_array, name)
-        labels = _labels(elements, element_names)
+        array = partial(checked_array, name)
+        labels = labels_of(elements, element_names)
         starts = tuple(memory) if memory is not None else (None,) * len(elements)
-        _require_names(name, labels, len(elements))
-        _require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
-        _require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
+        require_names(name, labels, len(elements))
+        require(name, "memory", starts, len(starts) == len(elements), f"{len(elements)}, one for each element")
+        require(name, "time_step", time_step, time_step is None or 0 < time_step < np.inf, "a positive number or None")
         waits = array("delays", delays, (nw,))
-        _require(name, "delays", waits.tolist(), bool(np.all(waits >= 0)), "zero or positive numbers")
+        require(name, "delays", waits.tolist(), bool(np.all(waits >= 0)), "zero or positive numbers")
         C, D = array("C", C, (nz, n)), array("D", D, (nz, nw))
         D_input, constant_input = array("D_input", D_input, (nz, nv)), array("constant_input", constant_input, (nz,))
         if signals is None:
-            signals = _element_signals(elements, labels, C, D, D_input, constant_input)
-        _require(name, "principal", principal, 0 <= principal < max(1, len(elements)), "the number of an element")
+            signals = element_signals(elements, labels, C, D, D_input, constant_input)
+        require(name, "principal", principal, 0 <= principal < max(1, len(elements)), "the number of an element")
         made = cls(
             A=array("A", A, (n, n)),
             B=array("B", B, (n, nw)),
@@ -176,7 +176,7 @@ class LureSystem:
             memory=starts,
             delays=waits,
             time_step=time_step,
-            state_names=_state_names(name, state_names, n),
+            state_names=state_names_of(name, state_names, n),
             name=name,
             principal=principal,
         )
@@ -254,7 +254,7 @@ class LureSystem:
         ModelError
             If no block is an element, sample times differ, or `feedback` is neither -1 nor 1.
         """
-        _require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")
+        require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")
         elements = [b for b in blocks if isinstance(b, Nonlinearity)]
         if not elements:
             raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
@@ -267,7 +267,7 @@ class LureSystem:
         steps = {s.time_step for s in linear}
         if len(steps) > 1:
             raise ModelError(f"{name}: the linear blocks have different sample times {sorted(map(str, steps))}.")
-        ring = _Ring(elements, linear)
+        ring = Ring(elements, linear)
         A, B, C, D = ring.close(blocks, feedback)
         n = A.shape[0]
         delays = np.zeros(len(elements))
@@ -277,9 +277,9 @@ class LureSystem:
                 f"{name}: dead time straight between two elements is not supported; put a linear block between."
             )
         single = ("x", "y") if len(elements) == 1 else None
-        labels = _labels(elements, element_names)
-        _require_names(name, labels, len(elements))
-        signals = _element_signals(elements, labels, C, D, np.zeros((len(C), 0)), np.zeros(len(C)), single)
+        labels = labels_of(elements, element_names)
+        require_names(name, labels, len(elements))
+        signals = element_signals(elements, labels, C, D, np.zeros((len(C), 0)), np.zeros(len(C)), single)
         return cls.build(
             A,
             B,
@@ -329,12 +329,12 @@ class LureSystem:
     @cached_property
     def input_slices(self) -> tuple[slice, ...]:
         """Where each element's inputs stand in ``z``."""
-        return _slices([e.n_inputs for e in self.elements])
+        return slices([e.n_inputs for e in self.elements])
 
     @cached_property
     def output_slices(self) -> tuple[slice, ...]:
         """Where each element's outputs stand in ``w``."""
-        return _slices([e.n_outputs for e in self.elements])
+        return slices([e.n_outputs for e in self.elements])
 
     def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """Response from the elements' outputs to their inputs, shape (..., nz, nw), dead time included.
@@ -400,89 +400,6 @@ def _solved(resolvent: NDArray[np.complex128], right: NDArray[Any]) -> NDArray[A
         return np.linalg.solve(resolvent + beside * np.eye(resolvent.shape[-1]), right)
 
 
-def _require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
-    if not holds:
-        raise ModelError(name, given, expected, field=what)
-
-
-def _labels(elements: Sequence[Nonlinearity], names: Sequence[str] | None) -> tuple[str, ...]:
-    """What the elements are called: as given, else after their kinds."""
-    given = tuple(names) if names is not None else ()
-    return given or tuple(_unique([type(e).__name__.lower() for e in elements]))
-
-
-def _state_names(name: str, names: Sequence[str] | None, n: int) -> tuple[str, ...]:
-    given = tuple(names) if names is not None else ()
-    _require(name, "state_names", list(given), len(given) in (0, n), f"{n}, one for each state")
-    return given or tuple(f"x{i}" for i in range(n))
-
-
-def _require_names(name: str, labels: tuple[str, ...], count: int) -> None:
-    """One name for each element, and no name twice: signals are found by them."""
-    fits = len(labels) == count and len(set(labels)) == count
-    _require(name, "element_names", list(labels), fits, f"{count} different names, one for each element")
-
-
-def _checked_array(name: str, label: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
-    """An array of a shape, zeros by default; a single row or column may be given as a list of numbers."""
-    out = np.zeros(shape) if values is None else np.array(values, float)
-    if out.size == int(np.prod(shape)) and (out.ndim < len(shape) and 1 in shape or not out.size):
-        out = out.reshape(shape)
-    if out.shape != shape:
-        raise ModelError(f"{name}: {label} has shape {out.shape}", expected=f"shape {shape}", field=label)
-    if not np.all(np.isfinite(out)):
-        raise ModelError(f"{name}: {label} holds a number that is not finite.", field=label)
-    out.flags.writeable = False
-    return out
-
-
-def _unique(names: list[str]) -> list[str]:
-    return [n if names.count(n) == 1 else f"{n}_{names[:i].count(n) + 1}" for i, n in enumerate(names)]
-
-
-def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
-    ends = np.cumsum([0, *sizes])
-    return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
-
-
-def _element_signals(
-    elements: Sequence[Nonlinearity],
-    labels: Sequence[str],
-    C: Array,
-    D: Array,
-    D_input: Array,
-    constant: Array,
-    single: tuple[str, str] | None = None,
-) -> SignalMap:
-    """Each element's first input and all outputs, named after the element (``x`` and ``y`` when there is one)."""
-    names: list[str] = []
-    rows_c, rows_d, rows_v, constants = [], [], [], []
-    nw, nv = D.shape[1], D_input.shape[1]
-    inputs, outputs = (_slices([ports(e)[k] for e in elements]) for k in (0, 1))
-    for label, zs, ws in zip(labels, inputs, outputs, strict=True):
-        names.append(single[0] if single else f"{label}_input")
-        rows_c.append(C[zs.start])
-        rows_d.append(D[zs.start])
-        rows_v.append(D_input[zs.start])
-        constants.append(constant[zs.start])
-        for j in range(ws.start, ws.stop):
-            many = ws.stop - ws.start > 1
-            names.append(single[1] if single else f"{label}_output{j - ws.start + 1 if many else ''}")
-            rows_c.append(np.zeros(C.shape[1]))
-            rows_d.append(np.eye(nw)[j])
-            rows_v.append(np.zeros(nv))
-            constants.append(0.0)
-    return SignalMap(
-        tuple(names), np.array(rows_c), np.array(rows_d), np.array(rows_v), np.array(constants), ("",) * len(names)
-    )
-
-
-def ports(element: Nonlinearity) -> tuple[int, int]:
-    """Numbers of the loop's signals before and behind an element: its inputs and outputs, but for its own states."""
-    own = element.own_states
-    return (element.n_inputs, element.n_outputs) if own is None else (own.n_before, own.n_behind)
-
-
 def with_own_states(system: LureSystem) -> LureSystem:
     """The loop with the linear states of its elements appended to its own.
 
@@ -497,12 +414,12 @@ def with_own_states(system: LureSystem) -> LureSystem:
         loop through one has no solution.
     """
     labels = system.element_names
-    first = _slices([ports(e)[1] for e in system.elements])
+    first = slices([ports(e)[1] for e in system.elements])
     for element, label, place in zip(system.elements, labels, first, strict=True):
         if element.own_states is not None and (system.time_step or np.any(system.delays[place])):
             what = "discrete time" if system.time_step else "a dead time behind it"
             raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
-    own = _stacked(system.elements)
+    own = stacked(system.elements)
     n, k, nw, nv = len(system.A), len(own["A"]), own["B_w"].shape[1], len(system.v0)
     ends = np.cumsum([0, n, k, nw, nv, 1])
     zero = np.zeros
@@ -533,7 +450,7 @@ def with_own_states(system: LureSystem) -> LureSystem:
         system.delays[place] if e.own_states is None else zero(e.n_outputs)
         for e, place in zip(system.elements, first, strict=True)
     ]
-    names = (f"{label}_{i}" for e, label in zip(system.elements, labels, strict=True) for i in range(_count(e)))
+    names = (f"{label}_{i}" for e, label in zip(system.elements, labels, strict=True) for i in range(own_count(e)))
     return replace(
         system,
         A=rate[:, states],
@@ -549,86 +466,3 @@ def with_own_states(system: LureSystem) -> LureSystem:
         delays=np.concatenate(delays),
         state_names=(*system.state_names, *names),
     )
-
-
-def _count(element: Nonlinearity) -> int:
-    return 0 if element.own_states is None else len(element.own_states.A)
-
-
-def _stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
-    """Own states of all elements as one system; what has none passes x to z and w to y."""
-    parts: dict[str, list[Array]] = {}
-    for e in elements:
-        before, behind = ports(e)
-        own = e.own_states
-        k, z = _count(e), e.n_inputs
-        A, B, C, D = (
-            np.zeros((0, 0)),
-            np.zeros((0, before + e.n_outputs)),
-            np.zeros((z + behind, 0)),
-            np.eye(z + behind),
-        )
-        if own is not None:
-            A, B, C, D = own.A, own.B, own.C, own.D
-        shapes = {"B": (k, before + e.n_outputs), "C": (z + behind, k), "D": (z + behind, before + e.n_outputs)}
-        for name, given in zip("BCD", (B, C, D), strict=True):
-            if given.shape != shapes[name]:
-                who = type(e).__name__
-                raise ModelError(f"{who}: {name} of its own states has shape {given.shape}; expected {shapes[name]}.")
-        blocks = {
-            "A": A, "B_x": B[:, :before], "B_w": B[:, before:], "C_z": C[:z], "C_y": C[z:],
-            "D_zx": D[:z, :before], "D_zw": D[:z, before:], "D_yx": D[z:, :before], "D_yw": D[z:, before:],
-        }  # fmt: skip
-        for name, block in blocks.items():
-            parts.setdefault(name, []).append(block)
-    return {name: _diagonal(blocks) for name, blocks in parts.items()}
-
-
-def _diagonal(blocks: Sequence[Array]) -> Array:
-    """Blocks of any shape, empty ones too, along the diagonal of a matrix of zeros."""
-    out = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
-    i = j = 0
-    for b in blocks:
-        out[i : i + b.shape[0], j : j + b.shape[1]] = b
-        i, j = i + b.shape[0], j + b.shape[1]
-    return out
-
-
-class _Ring:
-    """Series connection of blocks: each signal is a row (on the state, on the element outputs)."""
-
-    def __init__(self, elements: Sequence[Nonlinearity], linear: Sequence[StateSpace]) -> None:
-        self.n = sum(s.A.shape[0] for s in linear)
-        self.n_elements = len(elements)
-
-    def close(self, blocks: Sequence[Any], feedback: int) -> tuple[Array, Array, Array, Array]:
-        n, m = self.n, self.n_elements
-        A, B, C, D = np.zeros((n, n)), np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, m))
-        # Start the walk just behind the first element, whose output is a signal of its own.
-        first = next(i for i, b in enumerate(blocks) if isinstance(b, Nonlinearity))
-        order = [(first + k) % len(blocks) for k in range(1, len(blocks) + 1)]
-        on_state, on_element = np.zeros(n), np.eye(m)[0]
-        numbers = {i: k for k, i in enumerate(i for i, b in enumerate(blocks) if isinstance(b, Nonlinearity))}
-        offsets, total = {}, 0
-        for i, b in enumerate(blocks):
-            if not isinstance(b, Nonlinearity):
-                offsets[i] = total
-                total += as_state_space(b).A.shape[0]
-        for i in order:
-            if i == 0:
-                on_state, on_element = feedback * on_state, feedback * on_element
-            block = blocks[i]
-            if isinstance(block, Nonlinearity):
-                k = numbers[i]
-                C[k], D[k] = on_state, on_element
-                on_state, on_element = np.zeros(n), np.eye(m)[k]
-                continue
-            s = as_state_space(block)
-            rows = slice(offsets[i], offsets[i] + s.A.shape[0])
-            A[rows, rows] += s.A
-            A[rows] += np.outer(s.B[:, 0], on_state)
-            B[rows] += np.outer(s.B[:, 0], on_element)
-            out = s.D[0, 0] * on_state
-            out[rows] += s.C[0]
-            on_state, on_element = out, s.D[0, 0] * on_element
-        return A, B, C, D

@@ -16,7 +16,7 @@ from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Step
-from eppanalysis.models.systems.lure import SignalMap
+from eppanalysis.models.systems.signals import SignalMap
 
 JUMPY = [
     epp.Preload(0.3, 1.0),

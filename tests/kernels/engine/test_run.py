@@ -9,7 +9,8 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.models.systems.inputs import Ramp
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.results import Status
 
 

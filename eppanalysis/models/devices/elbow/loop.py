@@ -27,7 +27,8 @@ from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.memory import StictionPulley
 from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import FiveBandLaw, PiecewiseLinear, Quantiser, Sine
-from eppanalysis.models.systems.lure import LureSystem, SignalMap
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.signals import SignalMap
 
 __all__ = ["ElbowParameters", "elbow"]
 
