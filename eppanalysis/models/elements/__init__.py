@@ -3,14 +3,8 @@
 from eppanalysis.models.elements.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.elements.contact import LockPin, NordinShaft
 from eppanalysis.models.elements.friction import Friction
-from eppanalysis.models.elements.memory import (
-    HysteresisRelay,
-    HysteresisRelayDeadZone,
-    JumpAndFollow,
-    Play,
-    Slip,
-    StictionPulley,
-)
+from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
+from eppanalysis.models.elements.memory import JumpAndFollow, Play, Slip, StictionPulley
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import (

@@ -1,4 +1,4 @@
-"""Elements with memory but without a rate: relays with hysteresis, play, stiction relays.
+"""Elements that stick and follow, with memory but without a rate: play, stiction relays.
 
 Their describing functions follow from the changes of the output along one closed cycle of ``x = b + A sin(phi)``,
 
@@ -20,16 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
-from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.phases import (
-    SMALLEST_AMPLITUDE,
+    amplitude_and_bias,
     angle,
-    broadcast,
     distances,
-    level_ratios,
     require,
     require_numbers,
     squared_sine,
+    with_nan,
 )
 
 Array = NDArray[np.float64]
@@ -58,165 +57,6 @@ class _Sticking(Nonlinearity):
         """The value stuck at, or the :class:`Slip`."""
         value = self.memory_of(output)
         return Slip(value, 1 if mode == 1 else -1, float(x[0])) if mode in (1, 2) and value is not None else value
-
-
-class _Levels(Nonlinearity):
-    """What a relay with hysteresis remembers: its level; a level is a mode of its automaton."""
-
-    def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
-        """The mode of the level nearest to the memory."""
-        mode, stored = super().start(automaton)
-        if memory is not None:
-            mode = int(np.argmin([abs(m.constant[0] - float(memory)) for m in automaton.modes]))
-        return mode, stored
-
-    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
-        """The level."""
-        return float(output[0])
-
-
-def _arguments(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
-    a, b, _ = broadcast(amplitude, bias, omega)
-    return np.where(a == 0, SMALLEST_AMPLITUDE, a), b
-
-
-def _with_nan(a: Array, b: Array, mean: ArrayLike, gain: ArrayLike) -> Answer:
-    """Not-a-number in, not-a-number out (comparisons would take it for an amplitude below the threshold)."""
-    undefined = np.isnan(a) | np.isnan(b)
-    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain) + 0j
-
-
-def _relay(
-    a: Array, b: Array, thresholds: tuple[float, float], levels: tuple[float, float], undecided: float
-) -> tuple[Array, Array]:
-    """Mean and gain of a hysteresis relay; `undecided` is the mean where the input reaches neither threshold."""
-    (lower, upper), (low, high) = thresholds, levels
-    rises, falls = b + a > upper, b - a < lower
-    a = np.where(rises & falls, a, 1.0)
-    up, down = (np.clip(x - b, -a, a) for x in (upper, lower))
-    share = (angle(a - up, a + up) + angle(a - down, a + down)) / (2 * np.pi)
-    cosines = np.sqrt((a - up) / a) * np.sqrt((a + up) / a) + np.sqrt((a - down) / a) * np.sqrt((a + down) / a)
-    gain = (high - low) / np.pi * (cosines / a - 1j * (((upper - lower) / a) / a))
-    mean = np.where(rises & falls, low + (high - low) * share, undecided)
-    mean = np.where(rises & ~falls, high, np.where(falls & ~rises, low, mean))
-    return mean, np.where(rises & falls, gain, 0.0)
-
-
-@dataclass(frozen=True)
-class HysteresisRelay(_Levels, kind="hysteresis_relay"):
-    """Relay that goes `high` when x rises through `upper` and `low` when x falls through `lower`.
-
-    Raises
-    ------
-    ModelError
-        If `upper` is less than `lower` or a field is not a finite number.
-
-    Examples
-    --------
-    >>> from eppanalysis.models.elements import HysteresisRelay
-    >>> mean, gain = HysteresisRelay(lower=-0.5, upper=0.5).describing_function(amplitude=1.0)
-    >>> complex(gain.round(4))
-    (1.1027-0.6366j)
-    """
-
-    units = MappingProxyType({"lower": IN, "upper": IN, "low": OUT, "high": OUT})
-
-    lower: float
-    upper: float
-    low: float = -1.0
-    high: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_numbers(self, "lower", "upper", "low", "high")
-        require(self, "upper", self.upper >= self.lower, "at least lower", "lower")
-
-    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
-        """Output level, which is also the memory; without memory the relay is `low` until x exceeds `upper`."""
-        x = floats(x, "output: x")
-        before = self.low if memory is None else memory
-        y = np.where(x > self.upper, self.high, np.where(x < self.lower, self.low, before))
-        return y, y
-
-    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Mean and gain; an input that reaches neither threshold has the mean of both levels and gain 0.
-
-        Raises
-        ------
-        ModelError
-            If an amplitude is negative.
-        """
-        a, b = _arguments(amplitude, bias, omega)
-        middle = self.low + (self.high - self.low) / 2
-        return _with_nan(a, b, *_relay(a, b, (self.lower, self.upper), (self.low, self.high), middle))
-
-    def thresholds(self, bias: float = 0.0) -> Array:
-        """Distances of both thresholds from the bias; the loop closes at the greater one if they are on either side."""
-        return distances(self.lower - bias, self.upper - bias)
-
-    def sector(self) -> tuple[float, float]:
-        """Least and greatest ``y/x``: `low` up to the upper threshold, `high` from the lower one on."""
-        return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
-
-    def automaton(self) -> Automaton:
-        """Two modes, one a level."""
-        return automata.hysteresis_relay(self.lower, self.upper, self.low, self.high)
-
-
-@dataclass(frozen=True)
-class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
-    """Odd three-level relay: ``+level`` once x > `on` until x < `off`, ``-level`` once x < ``-on`` until x > ``-off``.
-
-    Raises
-    ------
-    ModelError
-        If not ``0 <= off <= on`` with `on` and `level` positive.
-    """
-
-    units = MappingProxyType({"on": IN, "off": IN, "level": OUT})
-
-    on: float
-    off: float
-    level: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_numbers(self, "on", "off", "level")
-        require(self, "on", self.on > 0, "a positive number")
-        require(self, "off", 0 <= self.off <= self.on, "zero to on", "on")
-        require(self, "level", self.level > 0, "a positive number")
-
-    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Array]:
-        """Output level, which is also the memory; without memory the relay is off."""
-        x = floats(x, "output: x")
-        before = 0.0 if memory is None else floats(memory, "output: memory")
-        plus = (x > self.on) | ((before > 0) & (x >= self.off))
-        minus = (x < -self.on) | ((before < 0) & (x <= -self.off))
-        y = self.level * (plus.astype(float) - minus.astype(float))
-        return y, y
-
-    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Sum of two hysteresis relays; a side whose on-threshold the input does not pass counts as off.
-
-        Raises
-        ------
-        ModelError
-            If an amplitude is negative.
-        """
-        a, b = _arguments(amplitude, bias, omega)
-        plus_mean, plus_gain = _relay(a, b, (self.off, self.on), (0.0, self.level), 0.0)
-        minus_mean, minus_gain = _relay(a, b, (-self.on, -self.off), (-self.level, 0.0), 0.0)
-        return _with_nan(a, b, plus_mean + minus_mean, plus_gain + minus_gain)
-
-    def thresholds(self, bias: float = 0.0) -> Array:
-        """Distances of the four thresholds from the bias."""
-        return distances(*(s * x - bias for s in (1, -1) for x in (self.on, self.off)))
-
-    def sector(self) -> tuple[float, float]:
-        """Least and greatest ``y/x``: zero, and the level where it goes off."""
-        return 0.0, self.level / self.off if self.off else np.inf
-
-    def automaton(self) -> Automaton:
-        """Three modes, one a level."""
-        return automata.hysteresis_relay_dead_zone(self.on, self.off, self.level)
 
 
 @dataclass(frozen=True)
@@ -267,12 +107,12 @@ class Play(Nonlinearity, kind="play"):
         ModelError
             If an amplitude is negative.
         """
-        a, b = _arguments(amplitude, bias, omega)
+        a, b = amplitude_and_bias(amplitude, bias, omega)
         moves = a > self.gap / 2
         reached = np.where(moves, a, self.gap)
         spare = reached - self.gap / 2
         real, lag = 2 * squared_sine(angle(spare, self.gap / 2)), 2 * (self.gap / reached) * (spare / reached)
-        return _with_nan(a, b, b, np.where(moves, (real - 1j * lag) / np.pi, 0.0))
+        return with_nan(a, b, b, np.where(moves, (real - 1j * lag) / np.pi, 0.0))
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Half the gap, about any bias."""
@@ -350,14 +190,14 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         ModelError
             If an amplitude is negative.
         """
-        a, b = _arguments(amplitude, bias, omega)
+        a, b = amplitude_and_bias(amplitude, bias, omega)
         moves = 2 * a > self.stick_band
         reached = np.where(moves, a, self.stick_band)
         band, jump = self.stick_band / reached, self.slip_jump / reached
         rest = 2 * reached - self.stick_band
         real = 2 * squared_sine(angle(rest, self.stick_band)) + 2 * jump * np.sqrt(rest / reached) * np.sqrt(band)
         lag = 2 * (self.stick_band - self.slip_jump) / reached + band * (2 * jump - band)
-        return _with_nan(a, b, self.slope * b, np.where(moves, self.slope / np.pi * (real - 1j * lag), 0.0))
+        return with_nan(a, b, self.slope * b, np.where(moves, self.slope / np.pi * (real - 1j * lag), 0.0))
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Half the stick band, about any bias."""
@@ -469,7 +309,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         ModelError
             If an amplitude is negative.
         """
-        a, b = _arguments(amplitude, bias, omega)
+        a, b = amplitude_and_bias(amplitude, bias, omega)
         top, bottom = b + a, np.maximum(b - a, 0.0)
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
         reach = bottom * (self.share_difference(-kinetic, static) / self.share(static))
@@ -484,7 +324,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         mean = [self.forearm_stiffness * mean_u, self.harness_stiffness * (taut_mean - mean_u)]
         gain = [self.forearm_stiffness * gain_u, self.harness_stiffness * (taut_gain - gain_u)]
         a, b = a[..., None], b[..., None]
-        return _with_nan(a, b, np.stack(mean, axis=-1), np.stack(gain, axis=-1))
+        return with_nan(a, b, np.stack(mean, axis=-1), np.stack(gain, axis=-1))
 
     def _loop(self, a: Array, b: Array, reach: Array) -> tuple[Array, Array]:
         """Mean and gain of u on the closed loop; `reach` is how far s rises before it breaks away upward."""

@@ -66,6 +66,18 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
     return a, b, w
 
 
+def amplitude_and_bias(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
+    """Arguments of a describing function that does not depend on the frequency; no amplitude is zero."""
+    a, b, _ = broadcast(amplitude, bias, omega)
+    return np.where(a == 0, SMALLEST_AMPLITUDE, a), b
+
+
+def with_nan(a: Array, b: Array, mean: ArrayLike, gain: ArrayLike) -> tuple[Array, NDArray[np.complex128]]:
+    """Not-a-number in, not-a-number out (comparisons would take it for an amplitude below the threshold)."""
+    undefined = np.isnan(a) | np.isnan(b)
+    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain) + 0j
+
+
 def distances(*levels: float) -> Array:
     """The positive ones among the absolute values of `levels`, ascending and without repetition."""
     sizes = np.unique(np.abs(np.asarray(levels, float)))
