@@ -18,7 +18,8 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, orbits_near
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import orbit_of, orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import Judge

@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.methods.continuation.steps import Point, admissible, bend, make_point, near, point_across, step
 from eppanalysis.methods.orbits.guess import Guess, make_guess
-from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, solve
 
 #: Arcs that are tried, soonest first; farthest border, relative to the parameter's range.
 _MOST_ARCS, _REACH = 3, 1e-2

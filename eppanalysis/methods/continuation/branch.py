@@ -35,7 +35,8 @@ from eppanalysis.methods.continuation.steps import (
 )
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, orbits_near, same_orbit
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import orbit_of, orbits_near, same_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.simulation.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.simulation.stability import is_stable

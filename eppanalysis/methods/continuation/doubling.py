@@ -13,7 +13,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import Point, admissible, slope_at, step, weights
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
-from eppanalysis.methods.orbits.shooting import Orbit, evaluate
+from eppanalysis.methods.orbits.orbit import Orbit, evaluate
 
 #: Shares of the wanted step that are tried: beside the point Newton's range and the doubled sequence may be short.
 _SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)

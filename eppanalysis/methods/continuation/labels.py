@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.continuation.steps import Point
-from eppanalysis.methods.orbits.shooting import Orbit
+from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.simulation.stability import is_stable
 
 

@@ -14,7 +14,8 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import Guess
-from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, close_orbit, evaluate, next_guess, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
+from eppanalysis.methods.orbits.shooting import close_orbit, next_guess
 
 Array = NDArray[np.float64]
 

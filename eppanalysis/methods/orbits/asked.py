@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
-from eppanalysis.methods.orbits.shooting import Orbit
+from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import LimitCycle

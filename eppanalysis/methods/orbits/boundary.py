@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.guess import recurrences
-from eppanalysis.methods.orbits.shooting import Orbit, close_orbit
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import close_orbit
 from eppanalysis.methods.simulation.simulate import Run, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 

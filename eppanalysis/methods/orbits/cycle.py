@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, middle, restarted
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
+from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.period import PeriodShape, analyse_period
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable

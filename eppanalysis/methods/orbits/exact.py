@@ -16,8 +16,9 @@ from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
+from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.sampled import sampled_orbit
-from eppanalysis.methods.orbits.shooting import Orbit, orbits_near, same_orbit
+from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.simulate import Run, run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable

@@ -28,33 +28,22 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 __all__ = ["SampledSearch", "sampled_orbit", "search_sampled"]
 
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 METHOD = "exact orbit"
-
 _ITERATIONS = 12
-
 _CLOSED = 1e-11  # change over a period, relative to the motion, of an orbit that is closed
-
 _SAME = 1e-7
-
 _STILL = 1e-9
-
 _NEUTRAL = 1e-7
-
 _MOST_STARTS, _MOST_PERIODS, _MOST_SAMPLES = 60, 60, 8000
-
 _SCALES = (0.03, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 4.0)
-
 _N_RANDOM = 24
-
 _SEED = 20050901
-
 #: Numbers of samples that are always tried.
 _SHORT = range(2, 9)
-
 _FAR = 1e9
 
 

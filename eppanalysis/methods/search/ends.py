@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import Orbit, orbit_of, same_orbit
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.simulate import Run, cycle_of_run, judge, run_hybrid

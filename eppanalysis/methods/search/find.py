@@ -21,8 +21,9 @@ from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.mirrored import mirror
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.sampled import search_sampled
-from eppanalysis.methods.orbits.shooting import CONVERGED, Orbit, close_orbit, middle, orbits_near
+from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, UNCLOSED, Ends
 from eppanalysis.methods.search.result import CycleSearch, exists, named, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted

@@ -12,7 +12,7 @@ from scipy.special import ellipk
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.orbits import shooting
+from eppanalysis.methods.orbits import orbit, shooting
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.guess import MOST_ARCS
 from eppanalysis.methods.search import find as cycles
@@ -336,13 +336,14 @@ def test_what_rounding_moves_at_rest_is_no_cycle():
 def test_a_search_among_switches_that_pile_up_is_bounded_and_says_so(monkeypatch):
     # Every follow-up of a sequence of events that does not close tripled it, until memory ended.
     arcs = []
-    evaluate = shooting.evaluate
+    evaluate = orbit.evaluate
 
     def counted(hybrid, given, y, tau):
         arcs.append(given.n_arcs)
         return evaluate(hybrid, given, y, tau)
 
-    monkeypatch.setattr(shooting, "evaluate", counted)
+    for module in (orbit, shooting):
+        monkeypatch.setattr(module, "evaluate", counted)
     monkeypatch.setattr(cycles, "_MOST_WORK", 1e6)
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0, 0.0]), epp.Relay(-1.0, 2.0))
     found = epp.find_limit_cycles(loop, predicted=())
