@@ -19,7 +19,7 @@ from eppanalysis.cases.files import PLAIN_NAME
 from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.rungs import load_kernels
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
-from eppanalysis.methods.simulation.simulate import is_compiled
+from eppanalysis.methods.simulation.workspaces import is_compiled
 from eppanalysis.models.elements.static import Relay
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import Recorded

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.simulation.simulate import announce_compilation
+from eppanalysis.methods.simulation.workspaces import announce_compilation
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
@@ -25,10 +23,6 @@ from eppanalysis.models.systems.starts import remembered
 from eppanalysis.models.systems.subject import CaseLike, system_of
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
-
-if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
-    from eppanalysis.kernels.engine.workspace import EventBuffer
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -217,8 +211,8 @@ def run_hybrid(
     announce_compilation(run)
     spend(_SET_UP)
     (compiled, work, workspace), buffer = (
-        _own.workspaces(hybrid, base),
-        _own.buffer(hybrid, max(1, min(keep, max_events))),
+        of_thread.workspaces(hybrid, base),
+        of_thread.buffer(hybrid, max(1, min(keep, max_events))),
     )
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
     workspace.x[:n], workspace.modes[:], workspace.H[:] = hybrid.x0, hybrid.modes0, hybrid.H0
@@ -245,74 +239,6 @@ def run_hybrid(
     return Run(
         code, samples.out[:, :n_y], count, t, guard, states, rates, memory, passed, low, high, x_end, rate_end, stats
     )  # fmt: skip
-
-
-class _Own(threading.local):
-    """What a thread keeps from run to run, because to make it costs as much as a short run.
-
-    The workspaces are those of the last model: all runs of one model find its mode combinations compiled, and models of
-    one structure follow each other in the same workspaces. What a run gives does not depend on the runs before it.
-    """
-
-    model: Model | None = None
-    structure: tuple[Any, ...] = ()
-    base: float = 0.0
-    kept: tuple[Any, Any, Any] | None = None
-    events: EventBuffer | None = None
-
-    def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
-        """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
-        from eppanalysis.kernels.engine.workspace import make_workspaces
-
-        model = hybrid.model
-        known = self.model is model
-        structure = self.structure if known else _structure(model)
-        if self.kept is None or self.structure != structure:
-            self.kept = make_workspaces(model)
-        elif not known or self.base != base:
-            self.kept[0].count[0] = 0
-        self.model, self.structure, self.base = model, structure, base
-        return self.kept
-
-    def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
-        """A buffer for so many events, the beginning of the longest one so far."""
-        from eppanalysis.kernels.engine.workspace import EventBuffer, make_event_buffer
-
-        sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
-        memory = self.events
-        if (
-            memory is None
-            or len(memory.t) < keep
-            or (memory.x.shape[1], memory.H.shape[1], memory.modes.shape[1]) != sizes
-        ):
-            memory = self.events = make_event_buffer(keep, *sizes)
-        return EventBuffer(*(a[:keep] for a in memory))
-
-
-def _structure(model: Model) -> tuple[Any, ...]:
-    """What the sizes of its workspaces follow from."""
-    of = model.mode_first, model.guard_first, model.smooth_kind
-    return (*(a.shape for a in model), *(a.tobytes() for a in of))
-
-
-_own = _Own()
-
-
-def announce_compilation(kernel: Any) -> None:
-    """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
-    if not is_compiled(kernel):
-        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
-        sys.stderr.flush()
-
-
-def is_compiled(kernel: Any) -> bool:
-    """Whether a kernel has been compiled, in this process or in an earlier one."""
-    if getattr(kernel, "overloads", True):
-        return True
-    if kernel.stats.cache_path is None:
-        return False
-    folder = Path(kernel.stats.cache_path)
-    return any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi"))
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:

@@ -610,7 +610,7 @@ def test_a_run_that_pauses_is_the_same_to_the_last_bit(case_name, slice_, monkey
     system = case.to_system()
     whole = epp.simulate(system, case.input, t_end=3.0)
     monkeypatch.setattr("eppanalysis.kernels.engine.workspace.SLICE", slice_)
-    monkeypatch.setattr(engine, "_own", type(engine._own)())
+    monkeypatch.setattr(engine, "of_thread", type(engine.of_thread)())
     paused = epp.simulate(system, case.input, t_end=3.0)
     assert paused.events == whole.events and paused.status is whole.status
     for name, values in whole.signals.items():

@@ -1,0 +1,82 @@
+"""The engine's workspaces, which a thread keeps from run to run, and whether the engine is compiled."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.models.systems.hybrid import HybridSystem
+
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.kernels.engine.workspace import EventBuffer
+
+
+class _Own(threading.local):
+    """What a thread keeps from run to run, because to make it costs as much as a short run.
+
+    The workspaces are those of the last model: all runs of one model find its mode combinations compiled, and models of
+    one structure follow each other in the same workspaces. What a run gives does not depend on the runs before it.
+    """
+
+    model: Model | None = None
+    structure: tuple[Any, ...] = ()
+    base: float = 0.0
+    kept: tuple[Any, Any, Any] | None = None
+    events: EventBuffer | None = None
+
+    def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
+        """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
+        from eppanalysis.kernels.engine.workspace import make_workspaces
+
+        model = hybrid.model
+        known = self.model is model
+        structure = self.structure if known else _structure(model)
+        if self.kept is None or self.structure != structure:
+            self.kept = make_workspaces(model)
+        elif not known or self.base != base:
+            self.kept[0].count[0] = 0
+        self.model, self.structure, self.base = model, structure, base
+        return self.kept
+
+    def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
+        """A buffer for so many events, the beginning of the longest one so far."""
+        from eppanalysis.kernels.engine.workspace import EventBuffer, make_event_buffer
+
+        sizes = hybrid.x0.size, hybrid.H0.size, hybrid.modes0.size
+        memory = self.events
+        if (
+            memory is None
+            or len(memory.t) < keep
+            or (memory.x.shape[1], memory.H.shape[1], memory.modes.shape[1]) != sizes
+        ):
+            memory = self.events = make_event_buffer(keep, *sizes)
+        return EventBuffer(*(a[:keep] for a in memory))
+
+
+def _structure(model: Model) -> tuple[Any, ...]:
+    """What the sizes of its workspaces follow from."""
+    of = model.mode_first, model.guard_first, model.smooth_kind
+    return (*(a.shape for a in model), *(a.tobytes() for a in of))
+
+
+of_thread = _Own()
+
+
+def announce_compilation(kernel: Any) -> None:
+    """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
+    if not is_compiled(kernel):
+        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
+        sys.stderr.flush()
+
+
+def is_compiled(kernel: Any) -> bool:
+    """Whether a kernel has been compiled, in this process or in an earlier one."""
+    if getattr(kernel, "overloads", True):
+        return True
+    if kernel.stats.cache_path is None:
+        return False
+    folder = Path(kernel.stats.cache_path)
+    return any(folder.glob(f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.py_func.__name__}-*.nbi"))
