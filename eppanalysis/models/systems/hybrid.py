@@ -181,11 +181,17 @@ class _Packer:
         )
         # One memory layout for all loops, so that the kernels are compiled once.
         model = Model(*(np.array(a, order="C") for a in model))
+        return self._around(model, x0).begun(system.x0, system.memory)
+
+    def _around(self, model: Model, x0: Array) -> HybridSystem:
+        """The flat tables with their start, their names, and which states repeat on a cycle."""
+        system = self.system
         fastest = float(fastest_poles(system.A[None])[0])
         self._refuse_tiny_delays(fastest)
+        A, B, S, K = model.A, model.B, model.S, model.K
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
-        exo = np.arange(n) >= self.n
-        plain = HybridSystem(
+        exo = np.arange(len(A)) >= self.n
+        return HybridSystem(
             elements=tuple(system.elements),
             automata=tuple(self.automata),
             model=model,
@@ -199,7 +205,6 @@ class _Packer:
             guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
-        return plain.begun(system.x0, system.memory)
 
     def _acts_on(self, D: Array) -> NDArray[np.bool_]:
         """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
