@@ -64,7 +64,7 @@ class AutomatonElement(Nonlinearity):
     (0.0, inf)
     >>> mean, gain = hook.describing_function(amplitude=2.0)
     >>> complex(gain.round(3))
-    (0.452-0.03j)
+    (0.484-0.03j)
     """
 
     rules: Automaton
@@ -72,6 +72,8 @@ class AutomatonElement(Nonlinearity):
 
     def __post_init__(self) -> None:
         rules = self.rules
+        if not isinstance(rules, Automaton):
+            raise ModelError("AutomatonElement: rules", rules, "an Automaton, as AutomatonBuilder.build() makes one")
         if rules.n_inputs < 1 or rules.n_outputs < 1 or not rules.modes:
             shown = f"{rules.n_inputs} inputs, {rules.n_outputs} outputs and {len(rules.modes)} modes"
             raise ModelError(f"AutomatonElement: rules has {shown}; expected one or more of each.")
