@@ -58,8 +58,10 @@ def main() -> None:
         case = epp.case(name)
         system = case.to_system()
         parts = [_numbers(epp.simulate(system, case.input, t_end=case.t_end))]
-        predicted = epp.predict_limit_cycles(case)
-        parts.append(_of_cycles(predicted))
+        try:
+            parts.append(_of_cycles(epp.predict_limit_cycles(case)))
+        except epp.ModelError as refusal:  # an element without a describing function
+            parts.append([str(refusal)])
         if name in SEARCHED:
             parts.append(_of_cycles(epp.find_limit_cycles(case)))
         sys.stdout.write(f"{name} {' '.join(map(digest, parts))}\n")
