@@ -26,6 +26,8 @@ _PERIODS, _LONGER = 60.0, 8.0
 _SAME_PERIOD, _SAME_SIZE = 1e-5, 1e-3
 #: How near the slow integrator comes back, relative to the cycle and to the largest multiplier.
 CLOSES = 1e-6
+#: Periods that the slow integrator runs on at most.
+_MOST_TURNS = 60
 
 
 def spread(system: LureSystem, cycles: epp.CycleSearch, count: int) -> np.ndarray:
@@ -90,10 +92,16 @@ def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
 
 
 def closes(case: Problem, cycle: LimitCycle) -> float:
-    """How far from its begin the slow integrator ends after one period, relative to the cycle's size."""
+    """How far from its begin the slow integrator ends after one period, relative to the cycle's size.
+
+    State and memory do not hold what is on its way through a dead time. There a stable cycle is given the time to come
+    back to itself; of an unstable one nothing can be said.
+    """
     if not cycle.state.size:
         return float("nan")
     system = replace(case.system, x0=cycle.state, memory=cycle.memory or case.system.memory)
+    if np.any(system.delays) and not system.time_step:
+        return _comes_back(system, cycle)
     if system.time_step:
         x = iterate(system, {}, round(cycle.period / system.time_step) + 1)
     else:
@@ -101,6 +109,18 @@ def closes(case: Problem, cycle: LimitCycle) -> float:
     size = max(cycle.peak_to_peak[f"x{i}"] for i in range(system.A.shape[0]))
     most = 1.0 if cycle.multipliers is None else max(1.0, float(np.max(np.abs(cycle.multipliers), initial=0.0)))
     return float(np.max(np.abs(x[-1] - x[0]))) / (size * most)
+
+
+def _comes_back(system: LureSystem, cycle: LimitCycle) -> float:
+    """Closure after as many periods as the largest multiplier needs to take a difference below what is allowed."""
+    largest = 0.0 if cycle.multipliers is None else float(np.max(np.abs(cycle.multipliers), initial=0.0))
+    if not cycle.stable or largest >= 1.0:
+        return float("nan")
+    turns = 2 + int(np.ceil(np.log(0.1 * CLOSES) / np.log(max(largest, 1e-3))))
+    if turns > _MOST_TURNS:
+        return float("nan")
+    x = Machine(system, {}).run(cycle.period * np.array([0.0, turns - 1.0, turns]))
+    return float(np.max(np.abs(x[-1] - x[-2]))) / max(cycle.peak_to_peak[f"x{i}"] for i in range(system.A.shape[0]))
 
 
 def search(family: str, seed: int) -> dict[str, Any]:
