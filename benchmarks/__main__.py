@@ -56,6 +56,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
             "job_orbit": lambda: job_orbit.run(1, clock),
             "job_sweep": lambda: job_sweep.run(4, 1, clock, (5, 16), 10),
             "growth": lambda: growth.run(quick=True),
+            "levels": lambda: growth.with_levels((40, 2048), 1, clock),
             "start": lambda: start.run(1, (2,)),
         }
     return {
@@ -65,6 +66,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
         "job_orbit": lambda: job_orbit.run(clock=clock),
         "job_sweep": lambda: job_sweep.run(clock=clock),
         "growth": growth.run,
+        "levels": lambda: growth.with_levels(clock=clock),
         "start": start.run,
     }
 

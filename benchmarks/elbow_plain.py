@@ -76,7 +76,7 @@ def make_rates(p: dict[str, float], operations: Operations) -> Rates:
     coulomb, drive_inertia, electrical = p["coulomb_friction"], p["drive_inertia"], p["electrical_time_constant"]
     viscous, inertia, delay = p["viscous_friction"], p["forearm_inertia"], p["delay"]
 
-    def rates(theta, omega, drive, speed, torque, q1, q2):  # type: ignore[no-untyped-def]
+    def rates(theta, omega, drive, speed, torque, q1, q2):
         force = stiffness * larger(0.0, harness - radius * theta)
         flex = smaller(larger((force - high) / ramp, 0.0), 1.0)
         extend = smaller(larger((low - force) / ramp, 0.0), 1.0)

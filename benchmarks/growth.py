@@ -1,4 +1,4 @@
-"""How cost grows: with states, with events per second, with cells, with threads."""
+"""How cost grows: with states, with events per second, with cells, with threads, with levels of a quantiser."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 STATES = (4, 8, 16, 32, 64)
 RATES = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 SIDES = (5, 10, 20, 40)
+LEVELS = (40, 2048, 65_536)
 
 
 def chain(n: int) -> epp.LureSystem:
@@ -112,6 +113,21 @@ def with_cells(sides: Sequence[int] = SIDES, turns: int = 3) -> list[dict[str, A
             }
         )
     return rows
+
+
+def with_levels(levels: Sequence[int] = LEVELS, turns: int = 9, clock: str = "wall") -> dict[str, Any]:
+    """A loop that hunts over a few levels of its quantised sensor, which has more and more of them."""
+    rows = []
+    for n in levels:
+
+        def build_and_run(n: int = n) -> epp.Trajectory:
+            sensor = epp.Quantiser(step=0.05, levels=n)
+            return epp.simulate(epp.LureSystem.from_tf(([5.6], [1, 3, 2, 0]), sensor, x0=[0.2, 0.2, 0.2]), t_end=30.0)
+
+        ours = Contender("ours", build_and_run)
+        timings = alternate(ours, [Contender("again", build_and_run)], turns, clock)
+        rows.append({"levels": n, "events": timings["ours"].result.n_events, "seconds": timings["ours"].seconds})
+    return {"rows": rows}
 
 
 def run(quick: bool = False) -> dict[str, Any]:

@@ -22,17 +22,16 @@ TARGET_OVERHEAD, TARGET_THREADS, TARGET_MEMORY = 0.10, 1.85, 1000.0
 #: Cells that are computed and stored together.
 CHUNKS = (25, 100, 250, 1000, 10_000)
 MILLION = """
-import json, resource, tempfile, time
+import json, tempfile, time
 import eppanalysis as epp
-from benchmarks.maps import map_axes
+from benchmarks.maps import largest_memory, map_axes
 case = epp.case("fig8a_original").with_values({{"run.t_end": {t_end}}})
 epp.sweep(case, map_axes(3), progress=False)
-before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+before, begin = largest_memory(), time.perf_counter()
 with tempfile.TemporaryDirectory() as folder:
     found = epp.sweep(case, map_axes({side}), store=folder + "/map.zarr", scheduler="{scheduler}", progress=False)
     done = int((found["status"] != 0).sum())
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(json.dumps({{"cells": done, "seconds": time.perf_counter() - begin, "before": before / 1e3, "peak": peak / 1e3}}))
+print(json.dumps({{"cells": done, "seconds": time.perf_counter() - begin, "before": before, "peak": largest_memory()}}))
 """
 
 

@@ -210,7 +210,7 @@ def _entry(cfunc: Callable, signature: Any, rates: Callable) -> Any:
     """C callback around compiled rates."""
 
     @cfunc(signature)
-    def rate(t, y, out, data):  # type: ignore[no-untyped-def]
+    def rate(t, y, out, data):
         a, b, c, d, e, f, g = rates(y[0], y[1], y[2], y[3], y[4], y[5], y[6])
         out[0], out[1], out[2], out[3], out[4], out[5], out[6] = a, b, c, d, e, f, g
 

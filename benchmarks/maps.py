@@ -46,6 +46,12 @@ def solve_map(side: int, threads: int) -> BatchResult:
     return simulate_batch(make_stack(side), T_END, threads=threads)
 
 
+def largest_memory() -> float:
+    """Largest resident memory of this process so far [MB]; `ru_maxrss` may be that of the process that started it."""
+    with open("/proc/self/status") as status:
+        return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024
+
+
 def peak_memory(side: int) -> dict[str, float]:
     """Largest resident memory [MB] while this process solves the map, looked at every 2 ms, and that before it."""
     import psutil

@@ -150,6 +150,12 @@ def cells(found: Results) -> str:
     return markdown(["cells", "one thread", "per cell", "two threads are faster by"], rows)
 
 
+def levels(found: Results) -> str:
+    """Growth with the levels of a quantiser."""
+    rows = [[str(r["levels"]), str(r["events"]), duration(r["seconds"])] for r in found["rows"]]
+    return markdown(["levels on each side", "events", "loop built and run"], rows)
+
+
 #: Tables by name: title, part of the results, maker.
 TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
     "job_a": ("Job A: 6 s step response of the original elbow, sampled every millisecond", "job_a", job_a),
@@ -161,6 +167,7 @@ TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
     "states": ("Growth with states: 6 s of a chain of masses, sampled every millisecond", "growth", states),
     "events": ("Growth with events: 6 s of a relay loop, sampled every millisecond", "growth", events),
     "cells": ("Growth with cells and threads", "growth", cells),
+    "levels": ("Growth with levels: 30 s of a loop that hunts over a few levels of its sensor", "levels", levels),
 }
 
 

@@ -47,7 +47,7 @@ def __getattr__(name: str) -> Any:
 
 
 #: Methods over parameters, which need a case and stand below the cases: a loop becomes one at the door.
-_OVER_PARAMETERS = ("continue_branch", "continue_folds", "design_bounds", "ladder", "tolerance_bound")
+_OVER_PARAMETERS = ("continue_branch", "continue_folds", "design", "design_bounds", "ladder", "tolerance_bound")
 
 
 def _at_the_door(function: Any) -> Any:

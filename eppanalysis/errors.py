@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -42,6 +43,19 @@ def shown(value: Any) -> str:
 
 def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """What was probably meant by a name that is not known, or all that there is.
+
+    Examples
+    --------
+    >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("x", ["gain", "sum"])
+    ("did you mean 'gain'?", 'one of gain, sum')
+    """
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(names) or 'none'}"
 
 
 class EppError(Exception):
@@ -114,9 +128,14 @@ class ModelError(EppError):
         super().__init__(f"{self.found}; expected {self.wanted()}." if expected else what)
 
     @property
+    def has_value(self) -> bool:
+        """Whether it shows a value, beside which what is wrong need not be said."""
+        return self.value is not _NO_VALUE
+
+    @property
     def found(self) -> str:
         """What was found, as a clause."""
-        if self.value is _NO_VALUE:
+        if not self.has_value:
             return self.what.removesuffix(".")
         return (
             f"{self.what}: {self.field} is {shown(self.value)}" if self.field else f"{self.what} is {shown(self.value)}"

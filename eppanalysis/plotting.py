@@ -134,8 +134,25 @@ def panels_of(n: int, height: float = _PANEL_HEIGHT) -> tuple[Figure, list[Axes]
     return figure, panels[:n]
 
 
+def place_of(ax: Axes | None, size: tuple[float, float]) -> tuple[Figure, Axes]:
+    """The given axes with their figure, or axes of their own on a figure of this size [inch]."""
+    if ax is not None:
+        return root_figure(ax), ax
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def places_of(ax: Axes | None, n: int, height: float = _PANEL_HEIGHT) -> tuple[Figure, list[Axes]]:
+    """The given axes, which have room for the first panel alone, or `n` panels on a figure of their own."""
+    return panels_of(n, height) if ax is None else (root_figure(ax), [ax])
+
+
 def label_time(panels: Sequence[Axes], text: str) -> None:
     """The lowest panel of each column carries the label of the time axis, and all share its range."""
+    if len(panels) == 1:
+        panels[0].margins(x=0.0)
+        panels[0].set_xlabel(text)
+        return
     placed = [(ax, spec) for ax in panels if (spec := ax.get_subplotspec()) is not None]
     last_row = max(spec.rowspan.stop for _, spec in placed)
     columns: dict[int, Axes] = {}
@@ -160,6 +177,11 @@ def legend_below(figure: Figure, ax: Axes) -> None:
     handles, texts = ax.get_legend_handles_labels()
     if handles:
         figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+
+
+def figure_of(picture: Axes | Figure) -> Figure:
+    """A figure itself, or that in which axes stand."""
+    return root_figure(picture) if isinstance(picture, Axes) else picture
 
 
 def root_figure(ax: Axes) -> Figure:

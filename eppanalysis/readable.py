@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 #: What an SI unit is shown as, and the factor to it.
 READABLE = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m": ("mm", 1e3)}
@@ -32,7 +33,40 @@ def written(unit: str) -> str:
     return READABLE.get(unit, (unit, 1.0))[0]
 
 
-def quantity(value: float, unit: str, digits: int = 4) -> str:
+#: Significant digits of numbers in sentences, tables and pictures.
+DIGITS = 4
+
+
+def span(values: Iterable[float], unit: str, shown: tuple[str, float] | None = None) -> str:
+    """From where to where SI values run, as people read them: in the unit and by the factor `shown`, where given.
+
+    Examples
+    --------
+    >>> span([0.004, 0.012], "m"), span([], "m")
+    ('from 4 mm to 12 mm', 'nowhere')
+    """
+    known = [value for value in values if math.isfinite(value)]
+    if not known:
+        return "nowhere"
+    unit, factor = shown or readable(unit)
+    low, high = (f"{number(factor * value)} {unit}".rstrip() for value in (min(known), max(known)))
+    return f"at {low}" if low == high else f"from {low} to {high}"
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """A number as people write it.
+
+    Examples
+    --------
+    >>> number(0.0499871), number(12), number(float("inf"))
+    ('0.04999', '12', 'infinite')
+    """
+    if isinstance(value, int):
+        return str(value)
+    return ("-" if value < 0 else "") + "infinite" if math.isinf(value) else f"{value:.{digits}g}"
+
+
+def quantity(value: float, unit: str, digits: int = DIGITS) -> str:
     """An SI value as people read it, with its unit.
 
     Examples
@@ -41,7 +75,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     '6.999 mm'
     """
     shown, factor = readable(unit)
-    return f"{value * factor:.{digits}g} {shown}".rstrip()
+    return f"{number(value * factor, digits)} {shown}".rstrip()
 
 
 def words(name: str) -> str:
@@ -52,7 +86,46 @@ def words(name: str) -> str:
     >>> words("lock_pin.backlash")
     'lock pin backlash'
     """
-    return name.replace("_", " ").replace(".", " ")
+    return name.replace("_", " ").replace(".", " ").replace("peak-to-peak", "peak to peak")
+
+
+def percent(share: float) -> str:
+    """An estimate of a relative error as people read it; beyond the whole size an estimate tells nothing.
+
+    Examples
+    --------
+    >>> percent(0.0312), percent(1e-6), percent(3.0)
+    ('3.1 %', '< 0.01 %', '> 100 %')
+    """
+    if math.isnan(share):
+        return "-"
+    if share > 1.0:
+        return "may not exist" if math.isinf(share) else "> 100 %"
+    return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
+
+
+def signed_percent(share: float | None) -> str:
+    """A relative difference as people read it.
+
+    Examples
+    --------
+    >>> signed_percent(0.183), signed_percent(-0.0042), signed_percent(None)
+    ('+18.3 %', '-0.42 %', '-')
+    """
+    if share is None or math.isnan(share):
+        return "-"
+    return "0 %" if abs(share) < 5e-5 else f"{100.0 * share:+.2f} %" if abs(share) < 0.01 else f"{100.0 * share:+.1f} %"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Several things in words.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def with_unit(text: str, unit: str) -> str:

@@ -61,7 +61,22 @@ _COMMON = {
     "N*m/rad": (1.0, "kilogram * meter ** 2 / radian / second ** 2"),
     "N*m*s/rad": (1.0, "kilogram * meter ** 2 / radian / second"),
     "kg*m^2": (1.0, "kilogram * meter ** 2"),
+    "%": (0.01, "dimensionless"),
+    "1/s": (1.0, "1 / second"),
+    "m/s^2": (1.0, "meter / second ** 2"),
+    "N*s/m": (1.0, "kilogram / second"),
+    "N*m*s": (1.0, "kilogram * meter ** 2 / second"),
+    "A": (1.0, "ampere"),
+    "ohm": (1.0, "kilogram * meter ** 2 / ampere ** 2 / second ** 3"),
+    "V/A": (1.0, "kilogram * meter ** 2 / ampere ** 2 / second ** 3"),
+    "V*s/A": (1.0, "kilogram * meter ** 2 / ampere ** 2 / second ** 2"),
+    "H": (1.0, "kilogram * meter ** 2 / ampere ** 2 / second ** 2"),
+    "V/rad": (1.0, "kilogram * meter ** 2 / ampere / radian / second ** 3"),
+    "V*s/rad": (1.0, "kilogram * meter ** 2 / ampere / radian / second ** 2"),
+    "N*m/A": (1.0, "kilogram * meter ** 2 / ampere / second ** 2"),
 }
+#: Base units as they are written.
+_SYMBOLS = {"kilogram": "kg", "meter": "m", "second": "s", "radian": "rad", "ampere": "A", "kelvin": "K"}
 
 _LONGEST = 80
 #: What pint raises for text that is no unit; its own errors derive from these.
@@ -70,9 +85,10 @@ _PINT_FAILURES = (AttributeError, ValueError, TypeError, KeyError, OverflowError
 _NUMBER = r"[+-]?(?:\d+(?:_?\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 _NAME = r"(?:[A-Za-zµμΩ][A-Za-z_]*|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d)?"
-_UNIT = rf"(?:1/)?{_FACTOR}(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR})*"
+#: The 1 of "1/s" stands apart from the number before it: "11/s" is no "1 1/s".
+_UNIT = rf"(?:(?<![\d.])1/)?{_FACTOR}(?:\s*(?:\*(?!\*)|/|\s)\s*{_FACTOR})*"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
-_SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²": "^2", "³": "^3"})
+SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²": "^2", "³": "^3"})
 
 
 class QuantityError(ValueError):
@@ -146,7 +162,7 @@ def _split(text: str, unit: str | None) -> tuple[float, str]:
     wanted = "a number with or without a unit" if unit is None else _describe(unit)
     if len(text) > _LONGEST:
         raise QuantityError(f"{wanted}, at most {_LONGEST} characters long")
-    match = _QUANTITY.fullmatch(text.translate(_SPELLINGS))
+    match = _QUANTITY.fullmatch(text.translate(SPELLINGS))
     if match is None:
         raise QuantityError(wanted)
     number = float(match[1])
@@ -237,12 +253,8 @@ def parse_any(value: object) -> tuple[float, str]:
     if not isinstance(value, str):
         return _number(value, None), ""
     number, given = _split(value, None)
-    factor, base = _factor_and_base(given)
-    for unit in KINDS:
-        unit_factor, unit_base = _factor_and_base(unit)
-        if base == unit_base:
-            return _finite(number * factor / unit_factor, unit), unit
-    return _finite(number * factor, base), base.replace(" ** ", "^").replace(" ", "")
+    unit = unit_of(dimensions(given))
+    return _finite(number * _factor_and_base(given)[0], unit), unit
 
 
 @cache
@@ -269,18 +281,34 @@ def dimensions(unit: str) -> dict[str, int]:
 def unit_of(exponents: Mapping[str, float]) -> str:
     """The SI unit with these exponents of base units, as people call it where it has a name.
 
+    Units of :data:`KINDS` go first; what has no name is a product, of a force or a voltage where that is shorter.
+
     Examples
     --------
     >>> unit_of({"kilogram": 1, "second": -2}), unit_of({"second": 2.0})
-    ('N/m', 'second^2')
+    ('N/m', 's^2')
     """
     wanted = {name: power for name, power in exponents.items() if power}
-    for unit in KINDS:
+    for unit in (*KINDS, *_COMMON):
         if dimensions(unit) == wanted:
             return unit
+    mass = wanted.get("kilogram", 0)
+    ways: list[Mapping[str, float]] = [wanted]
+    if abs(mass) == 1 and "second" in wanted:  # a force or a voltage, over or under others
+        for head in ("N", "V"):
+            rest = {name: wanted.get(name, 0) - mass * dimensions(head).get(name, 0) for name in (*wanted, "meter")}
+            if head == "N" or "ampere" in wanted:
+                ways.append({head: mass, **rest})
+    return min((_product(way) for way in ways), key=lambda unit: (unit.count("^") + unit.count("/"), len(unit)))
+
+
+def _product(powers: Mapping[str, float]) -> str:
+    """A product of powers of units, as people write it."""
     parts = ["", ""]
-    for name, power in wanted.items():
-        parts[power < 0] += ("/" if power < 0 else "*") + name + (f"^{abs(power):g}" if abs(power) != 1 else "")
+    for name, power in powers.items():
+        if power:
+            raised = f"^{abs(float(power)):g}" if abs(power) != 1 else ""
+            parts[power < 0] += ("/" if power < 0 else "*") + _SYMBOLS.get(name, name) + raised
     return (parts[0].removeprefix("*") or "1") + parts[1]
 
 

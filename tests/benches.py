@@ -74,7 +74,7 @@ def run_bench(test: str, seed: int) -> BenchRun:
         path = bench.write(Path(folder) / f"{test}.csv")
         options = {test: path, "press": bench.setting.get("press", 0.0)}
         try:
-            fit = epp.identify(base_case(bench, test), **options).fits[0]  # type: ignore[arg-type]
+            fit = epp.identify(base_case(bench, test), **options).fits[0]
         except epp.EppError as error:
             return BenchRun(test, seed, refusal=str(error))
     estimates = {e.name: e for e in fit.estimates}

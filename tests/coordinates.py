@@ -21,6 +21,7 @@ def in_coordinates(system: LureSystem, T: np.ndarray) -> LureSystem:
     """The loop with the state ``T x``, written out here once more so that the package's own way is not its witness."""
     back = np.linalg.inv(T)
     signals = replace(system.signals, C=system.signals.C @ back)
+    cuts = system.cuts and replace(system.cuts, B=T @ system.cuts.B, C=system.cuts.C @ back)
     return replace(
         system,
         A=T @ system.A @ back,
@@ -30,6 +31,7 @@ def in_coordinates(system: LureSystem, T: np.ndarray) -> LureSystem:
         constant_state=T @ system.constant_state,
         x0=T @ system.x0,
         signals=signals,
+        cuts=cuts,
     )
 
 

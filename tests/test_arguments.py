@@ -20,11 +20,15 @@ from tests.wrong_arguments import calls, doors, outcome
 
 #: Results are what functions return; nobody makes them, and they check nothing.
 RESULTS = {
-    "Boundary", "Branch", "Case", "CycleSearch", "DesignBounds", "Event", "FoldCurve", "FrozenLoop", "Guide",
-    "Identification", "Trigger", "Ladder", "LimitCycle", "Prediction", "Status", "ToleranceBound", "Trajectory",
+    "Boundary", "Branch", "Case", "Certificate", "CertifiedOrbit", "Check", "CycleSearch", "Design", "DesignBounds",
+    "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
+    "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability", "PeriodicResponse",
+    "PlayCertificate", "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
+    "Trajectory", "Trigger",
 }  # fmt: skip
 BASES = {
-    "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__", "inputs",
+    "CaseError", "ElbowParameters", "EppError", "ModelError", "Nonlinearity", "NotConverged", "__version__",
+    "inputs", "blocks",
     # What an element of one's own is put together from; `AutomatonElement` looks at it.
     "Automaton", "AutomatonBuilder", "Guard", "Mode", "Smooth",
 }  # fmt: skip
@@ -73,7 +77,7 @@ def everything(
     ],
 )  # fmt: skip
 def test_what_an_annotation_says_is_taken(good: dict[str, object]) -> None:
-    assert checked(everything)(**good) == "done"  # type: ignore[arg-type]
+    assert checked(everything)(**good) == "done"
 
 
 @pytest.mark.parametrize(
@@ -96,13 +100,13 @@ def test_what_an_annotation_says_is_taken(good: dict[str, object]) -> None:
 )
 def test_what_an_annotation_does_not_say_is_refused(bad: dict[str, object], words: str) -> None:
     with pytest.raises(EppError) as caught:
-        checked(everything)(**bad)  # type: ignore[arg-type]
+        checked(everything)(**bad)
     assert str(caught.value).startswith("everything: ") and words in str(caught.value)
 
 
 def test_too_few_arguments_are_what_they_are_in_python() -> None:
     with pytest.raises(TypeError, match="missing a required argument: 'system'"):
-        epp.simulate()  # type: ignore[call-arg]
+        epp.simulate()
 
 
 def test_public_functions_travel_to_other_processes() -> None:
@@ -119,4 +123,4 @@ def test_counts_and_arrays() -> None:
     with pytest.raises(ModelError, match="Quantiser: levels is 1000000000000; expected a positive whole number of"):
         epp.Quantiser(0.1, 10**12)
     with pytest.raises(EppError, match=r"simulate: max_events is 1000000000000\.0; expected a whole number"):
-        epp.simulate(epp.case("relay_deadzone").to_system(), max_events=1e12)  # type: ignore[arg-type]
+        epp.simulate(epp.case("relay_deadzone").to_system(), max_events=1e12)

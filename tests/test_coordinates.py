@@ -138,6 +138,12 @@ def test_searches_do_not_depend_on_coordinates_and_units(name):
     search_alike(system, rescaled(system, time, amplitude, states), time, amplitude)
 
 
+def test_a_cycle_that_meets_a_switch_by_rounding_is_listed_once():
+    """In these coordinates its play comes to rest and turns in two events at one time, in one run but not in others."""
+    system = epp.case("backlash_servo").to_system()
+    search_alike(system, rotated(system, 10))
+
+
 def test_a_gap_that_is_left_alone_has_no_cycles_of_rounding():
     """Play of 2 on 5/(s^2 + s), turned: both of its cycles, and frequencies from the pole, not from rounding, on."""
     loop = LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(2.0))

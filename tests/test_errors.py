@@ -31,7 +31,7 @@ def test_sentence_and_fields_survive_another_process(error: EppError, sentence: 
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is type(error) and str(again) == str(error) == sentence
     if error.args and not sentence.startswith("A loop"):
-        assert (again.field, again.expected) == (error.field, error.expected)  # type: ignore[attr-defined]
+        assert (again.field, again.expected) == (error.field, error.expected)
 
 
 def test_numbers_of_numpy_are_shown_as_numbers() -> None:

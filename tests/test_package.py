@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import ast
 import importlib.metadata
+import os
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -85,3 +88,41 @@ def test_imports_run_downward_only():
         text=True,
     )
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+REPOSITORY = ROOT.parent
+
+
+def project() -> dict:
+    return tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_citation_is_of_this_version_and_licence():
+    yaml = pytest.importorskip("yaml")
+    cited = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    for name in ("version", "license", "keywords"):
+        assert cited[name] == project()[name]
+    assert cited["title"] == project()["name"] and cited["cff-version"] == "1.2.0"
+    assert [author["name"] for author in cited["authors"]] == [author["name"] for author in project()["authors"]]
+    assert {"message", "type"} <= set(cited)
+
+
+def test_image_is_installed_as_the_readme_says():
+    first = re.search(r"^```sh\n(.*?)\n```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    lines = (REPOSITORY / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    assert [line.removeprefix("RUN ") for line in lines if line.startswith("RUN ")] == [first[1]]
+    (base,) = [line for line in lines if line.startswith("FROM ")]
+    oldest = project()["requires-python"].removeprefix(">=")
+    assert [*map(int, base.partition(":")[2].removesuffix("-slim").split("."))] >= [*map(int, oldest.split("."))]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands(shell):
+    """As the script that `eppanalysis --install-completion` leaves with a shell asks for it."""
+    words = {"COMP_WORDS": "eppanalysis predi", "COMP_CWORD": "1", "_TYPER_COMPLETE_ARGS": "eppanalysis predi"}
+    asks = {"_EPPANALYSIS_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    code = "import sys; sys.argv = ['eppanalysis']; from eppanalysis.cli import main; main()"
+    run = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True, env={**os.environ, **words, **asks}
+    )
+    assert "predict" in run.stdout and "simulate" not in run.stdout

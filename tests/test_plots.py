@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
-from eppanalysis.methods.continuation.branch import Branch
 from eppanalysis.methods.continuation.picture import plot_branch
+from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
@@ -41,7 +41,7 @@ def test_marks_and_shades_of_a_run_are_explained(status, shade):
 
 @pytest.mark.parametrize("status", list(Status))
 def test_trajectory_of_every_status_is_drawn_with_its_sentence(status):
-    figure = trajectory(status).plot()
+    figure = trajectory(status).plot().figure
     figure.draw_without_rendering()
     assert figure.get_suptitle() == status.value
 
@@ -73,7 +73,7 @@ def test_nyquist_marks_every_cycle_where_the_response_has_its_frequency():
         np.testing.assert_allclose([mark.get_xdata()[0], mark.get_ydata()[0]], [-2.5, 0.0])
     assert [mark.get_markerfacecolor() for mark in marks] == ["none", "#009E73"]
     # Tables print peak to peak: a legend says that it does not.
-    assert marks[0].get_label() == "1 unstable: 0.159 Hz, theta amplitude 60.8 deg"
+    assert marks[0].get_label() == "1 unstable: 0.1592 Hz, theta amplitude 60.77 deg"
     assert ax.get_xlim()[0] < -2.5 < ax.get_xlim()[1]
 
 

@@ -7,13 +7,28 @@ import re
 
 import pytest
 
+import eppanalysis as epp
 from eppanalysis.cases.blocks import element_class
-from eppanalysis.cases.schema import LoopFile, LoopSection, RunSection, SignalRow
+from eppanalysis.cases.schema import CutRow, DiagramFile, LoopFile, LoopSection, RunSection, SignalRow, SignalSum
+from eppanalysis.cases.values.expressions import FUNCTIONS
+from eppanalysis.models.diagrams import BLOCKS
+from eppanalysis.models.diagrams.wiring import port_names
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
-from studies.pages import elements
+from studies.pages import blocks, elements
 
 LOOPS = (DOCS / "reference" / "loops.md").read_text(encoding="utf-8")
+DIAGRAMS = (DOCS / "reference" / "diagrams.md").read_text(encoding="utf-8")
+#: Elements whose ports are not called "in" and "out".
+WITH_PORTS = [
+    epp.LockPin(gap=0.1, stiffness=1.0, damping=1.0),
+    epp.NordinShaft(gap=0.1, stiffness=1.0, damping=1.0),
+    epp.StictionPulley(harness_stiffness=1.0, forearm_stiffness=1.0, friction=0.1, kinetic_ratio=0.5),
+]
+
+
+def _literals(page):
+    return set(re.findall(r"[A-Za-z_]+", " ".join(re.findall(r"`+([^`]+)`+", page))))
 
 
 def test_the_page_on_elements_is_that_of_the_code():
@@ -26,7 +41,43 @@ def test_every_field_of_an_element_has_a_meaning_and_nothing_else_has(kind):
     assert all(re.search(r"\w", text) for text in elements.meanings(kind).values())
 
 
-@pytest.mark.parametrize("model", [LoopFile, LoopSection, RunSection, SignalRow])
+@pytest.mark.parametrize("model", [CutRow, LoopFile, LoopSection, RunSection, SignalRow])
 def test_every_field_of_a_loop_stands_on_its_page(model):
-    words = set(re.findall(r"[A-Za-z_]+", " ".join(re.findall(r"`+([^`]+)`+", LOOPS))))
-    assert not set(model.model_fields) - words
+    assert not set(model.model_fields) - _literals(LOOPS)
+
+
+def test_the_page_on_blocks_is_that_of_the_code():
+    assert blocks.PAGE.read_text(encoding="utf-8") == blocks.page(), "run python -m studies.pages.blocks"
+
+
+@pytest.mark.parametrize("kind", BLOCKS)
+def test_every_kind_of_block_is_reached_in_python_by_one_name(kind):
+    assert getattr(epp.blocks, BLOCKS[kind].__name__) is BLOCKS[kind]
+
+
+@pytest.mark.parametrize("model", [DiagramFile, RunSection, SignalSum])
+def test_every_field_of_a_diagram_stands_on_its_page(model):
+    assert not set(model.model_fields) - _literals(DIAGRAMS)
+
+
+def test_every_function_of_an_expression_stands_on_the_page_of_diagrams():
+    assert not set(FUNCTIONS) - _literals(DIAGRAMS)
+
+
+def test_ports_of_elements_that_have_names_stand_on_the_page_of_diagrams():
+    named = {kind for kind in ELEMENTS if element_class(kind).input_ports or element_class(kind).output_ports}
+    assert {type(element) for element in WITH_PORTS} == {element_class(kind) for kind in named}
+    for element, kind in zip(WITH_PORTS, ("lock_pin", "nordin_shaft", "stiction_pulley"), strict=True):
+        before, behind = (", ".join(f"`{port}`" for port in ports) for ports in port_names(element))
+        assert f"| `{kind}` | {before} | {behind} |" in DIAGRAMS
+
+
+def test_the_pieces_of_the_servo_are_those_of_its_case():
+    page, file = (
+        place.read_text(encoding="utf-8")
+        for place in (DOCS / "howto" / "diagram.md", DOCS.parent / "cases" / "azimuth_servo.toml")
+    )
+    shown = [line for piece in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) for line in piece.splitlines()]
+    left_out = [line for line in file.splitlines() if line not in shown]
+    assert not set(shown) - set(file.splitlines())
+    assert [line.partition(" ")[0] for line in left_out] == ["kind", "title", "expected"]

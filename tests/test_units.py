@@ -81,6 +81,8 @@ def test_quantities_as_people_write_them(text: object, unit: str, value: float) 
         ("deg", "rad", "an angle"),
         ("", "rad", "an angle"),
         ("nan", "rad", "an angle"),
+        ("11/s", "Hz", "a frequency"),
+        ("1.1/s", "Hz", "a frequency"),
         ("1e999 rad", "rad", "a finite number"),
         ("1 m^9", "m", "a length"),
         ("9**9**9 m", "m", "a length"),
@@ -136,6 +138,29 @@ def test_quantities_of_any_dimension(text: object, value: float, unit: str) -> N
 def test_a_dimension_without_a_name_of_its_own() -> None:
     number, unit = parse_any("3 mm/s^2")
     assert number == pytest.approx(0.003) and parse_quantity(f"1 {unit}", "m/s^2") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("40 V/rad", "V/rad"),
+        ("100 V/s/rad", "V/rad/s"),
+        ("2 rad/V/s", "rad/V/s"),
+        ("0.05 N*m/A", "N*m/A"),
+        ("2 kgf/A", "N/A"),
+        ("5 Pa", "N/m^2"),
+        ("3 kg/s", "N*s/m"),
+        ("3 kg*m", "kg*m"),
+        ("1 m/N", "m/N"),
+        ("1 m/s^2", "m/s^2"),
+        ("5 1/s", "Hz"),
+        ("5 s^3", "s^3"),
+    ],
+)
+def test_units_without_a_name_of_their_own_are_products_that_people_know(text: str, shown: str) -> None:
+    number, unit = parse_any(text)
+    assert unit == shown and units.dimensions(unit) == units.dimensions(text.split(" ", 1)[1])
+    assert parse_any(f"{number!r} {unit}") == (number, unit)
 
 
 @pytest.mark.parametrize("unit", units._COMMON)

@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.models.systems.linear import StateSpace
+from tests.made_bounds import bounds_of
 
 HUGE = 10**400
 #: What is put into the place of an argument.
@@ -47,7 +49,7 @@ class Door:
 @cache
 def doors() -> tuple[Door, ...]:
     """Public functions, constructors and methods that take arguments; a test compares them with the public names."""
-    return (*_functions(), *_elements(), *_constructors(), *_methods())
+    return (*_functions(), *_elements(), *_constructors(), *_measured(), *_methods())
 
 
 def _functions() -> Iterator[Door]:
@@ -55,8 +57,23 @@ def _functions() -> Iterator[Door]:
     elbow = epp.case("fig8a_original")
     cycle = epp.predict_limit_cycles(loop)[1]
     threshold, level = "relay_dead_zone.threshold", "relay_dead_zone.level"
+    limited = epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(1.0))
+    response = _response()
+    elbow_limit = ("bands.range", "lock_pin.backlash")
     few = {"starts": 10, "seed": 1}
+    lag = epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0])
+    wires = ["hand - lag -> valve", "valve -> lag"]
+    driven = epp.Diagram({"valve": epp.Saturation(), "lag": lag}, wires, inputs=["hand"]).to_system()
+    sine: dict[str, Any] = {
+        "system": driven,
+        "input": "hand",
+        "amplitude": 0.5,
+        "frequency": 0.2,
+        "operating_point": None,
+    }
+    branch: dict[str, Any] = {**sine, "output": "lag", "n_points": 3, "max_step": 0.1}
     cells = epp.sweep(case, {threshold: [0.5, 0.6], level: [1.0, 1.1]}, progress=False)
+    servo = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1))
     known: dict[str, dict[str, Any]] = {
         "case": {"name": "relay_deadzone"},
         "case_from_text": {"text": 'base = "relay_deadzone"', "name": "case", "folder": None},
@@ -65,10 +82,18 @@ def _functions() -> Iterator[Door]:
         "simulate": {"system": loop, "input": None, "t_end": 1.0, "t_eval": None, "max_events": 100, "step": None,
                      "max_steps": 1000},
         "predict_limit_cycles": {"system": loop, "operating_point": None},
+        "margins": {"loop": loop, "at": None},
+        "certify": {"loop": loop, "statement": "roots", "box": None, "operating_point": None},
+        "check_certificate": {"path": Path("nowhere.json")},
+        "olop": {"loop": limited, "amplitude": 0.5, "input": None, "element": None},
+        "read_response": {"path": "nowhere.csv", "static_gain": None, "unstable_poles": 0},
+        "rational_model": {"response": response, "order": 2, "integrators": None, "delay": 0.0, "tolerance": 1e-6},
         "harmonic_balance": {"system": loop, "guess": cycle, "order": 3, "operating_point": None},
         "exact_orbit": {"system": loop, "start": cycle, "operating_point": None},
+        "certify_orbit": {"system": loop, "cycle": cycle},
         "find_limit_cycles": {"system": loop, "operating_point": None, "by_balance": False, "predicted": [],
                               "progress": None},
+        "certify_absence_with_play": {"loop": servo, "sectors": 4},
         "trigger": {"system": loop, "operating_point": None, "states": None, "cycles": None},
         "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "operating_point": None},
         "ladder": {"case": case},
@@ -76,9 +101,15 @@ def _functions() -> Iterator[Door]:
                             "origin": None, "n_points": 3, "max_step": 0.05, "n_simulated": 0, "n_others": 0},
         "continue_folds": {"case": case, "parameter": threshold, "other": level, "limits": (0.5, 2.0),
                            "over": (1.0, 1.1), "cycle": None, "n_points": 2},
+        "forced_response": {**sine, "most_periods": 1},
+        "frequency_response": {n: v for n, v in branch.items() if n != "frequency"} | {"frequencies": (0.1, 0.2)},
+        "amplitude_response": {n: v for n, v in branch.items() if n != "amplitude"} | {"amplitudes": (0.1, 0.2)},
+        "sinusoidal_harmonics": {"element": epp.Saturation(), "amplitude": 2.0, "bias": 0.0, "omega": 1.0, "order": 3},
         "design_bounds": {"case": case, "over": level, "limit": threshold, "start": 1.0, "stop": 1.1, "points": 1,
-                          "at": None, "within": (0.4, 2.0), "exact": False, "verify": False, "margin": 0.01,
-                          "workers": 1, "progress": None, **few},
+                          "at": None, "within": (0.4, 2.0), "allow": None, "exact": False, "verify": False,
+                          "margin": 0.01, "workers": 1, "progress": None, **few},
+        "design": {"case": case, "tune": {threshold: (0.4, 2.0)}, "maximise": threshold, "minimise": None,
+                   "allow": None, "front": None, "verify": False, "margin": 0.01, "progress": None, **few},
         "tolerance_bound": {"case": case, "limit": threshold, "tolerances": None, "within": (0.4, 2.0),
                             "probabilities": (0.9,), "samples": 10, "distribution": "uniform", "seed": 1,
                             "threads": 1, "sweep": None},
@@ -90,12 +121,13 @@ def _functions() -> Iterator[Door]:
         "report": {"cases": [], "path": "nowhere.html", "full": False, "progress": None},
         "sweep": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None,
                   "scheduler": "threads", "workers": 1, "chunk": None, "store": None, "resume": True,
-                  "progress": False},
+                  "shard": None, "merge": False, "progress": False},
         "open_sweep": {"path": "nowhere.zarr"},
         "outcome_boundary": {"case": case, "axes": {threshold: [0.5, 0.6], level: [1.0, 1.1]}, "run": "predict",
                              "halvings": 1, "scheduler": "threads", "workers": 1, "progress": False},
         "fold_boundary": {"case": case, "axes": {threshold: [0.5, 2.0], level: [1.0, 1.1]}},
         "table": {"what": cycle},
+        "manual_table": {"result": bounds_of(elbow, *elbow_limit, BoundCell(9.0, "bound", exact=0.015)), "step": None},
         "plot_design_map": {"dataset": cells, "x": None, "y": None, "at": None, "amplitude": True, "curves": (),
                             "ax": None},
         "plot_parallel": {"dataset": cells, "variables": ("amplitude",), "most": 10},
@@ -106,27 +138,44 @@ def _functions() -> Iterator[Door]:
         yield Door(name, getattr(epp, name), good)
 
 
+def _response() -> epp.MeasuredResponse:
+    s = 1j * np.geomspace(0.1, 100.0, 61)
+    return epp.MeasuredResponse(s.imag, 1.0 / (s * (s + 1.0)))
+
+
 def _elements() -> Iterator[Door]:
     known: dict[str, dict[str, Any]] = {
+        "Arctan": {"level": 1.0, "slope": 2.0},
+        "BilinearSpring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
         "Coulomb": {"level": 1.0},
         "Cube": {"scale": 1.0},
         "DeadZone": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
         "DeadZoneSaturation": {"dead_zone": 0.5, "slope": 1.0, "limit": 1.0},
+        "Drag": {"scale": 1.0},
         "FiveBandLaw": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
+        "FloorQuantiser": {"step": 0.1, "levels": 10},
         "Friction": {"coulomb": 1.0, "static": 1.2, "stribeck": 0.0},
         "HysteresisRelay": {"lower": -0.2, "upper": 0.2, "low": -1.0, "high": 1.0},
         "HysteresisRelayDeadZone": {"on": 1.0, "off": 0.5, "level": 1.0},
         "JumpAndFollow": {"stick_band": 1.0, "slip_jump": 0.5, "slope": 1.0},
         "LockPin": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1, "model": "unilateral"},
+        "LookupTable": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
+        "MidRiseQuantiser": {"step": 0.1, "levels": 10},
         "NordinShaft": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1},
         "PiecewiseLinear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
         "Play": {"gap": 1.0},
+        "Polynomial": {"coefficients": [0.0, 1.0, 0.5]},
         "Preload": {"level": 1.0, "slope": 1.0},
         "Quantiser": {"step": 0.1, "levels": 10},
+        "RateLimitedServo": {"bandwidth": 10.0, "rate": 1.0},
+        "RateLimiter": {"rate": 1.0},
         "Relay": {"low": -1.0, "high": 1.0, "threshold": 0.0},
         "RelayDeadZone": {"threshold": 0.5, "level": 1.0},
         "Saturation": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
         "Sine": {"scale": 1.0},
+        "StribeckFriction": {"coulomb": 1.0, "static": 1.5, "velocity": 0.2, "viscous": 0.1},
+        "ViscousCoulomb": {"coulomb": 1.0, "viscous": 0.1},
+        "Tanh": {"level": 1.0, "slope": 2.0},
         "StictionPulley": {"harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8},
     }
     for name, good in known.items():
@@ -158,9 +207,28 @@ def _constructors() -> Iterator[Door]:
     blocks = {"blocks": [plant, element], "element_names": None, **rest}
     yield Door("LureSystem.from_blocks", epp.LureSystem.from_blocks, blocks)
     rules = {"rules": epp.Play(1.0).automaton(), "own_states": None}
+    servo = {"system": loop.to_control(), "elements": loop.connections, "element_names": None, "x0": None, "v0": None}
+    yield Door("from_control", epp.from_control, {**servo, "delays": None, "name": None})
     yield Door("AutomatonElement", epp.AutomatonElement, rules)
     one = {name: np.ones((1, 1)) for name in "A"} | {"B": np.ones((1, 2)), "C": np.ones((2, 1)), "D": np.zeros((2, 2))}
-    yield Door("OwnStates", epp.OwnStates, {**one, "n_before": 1, "n_behind": 1, "start": None})
+    at = {"B": [[1.0]], "E": [[0.0]], "C": [[1.0]], "D": [[0.0]], "F": [0.0], "delays": [0.0]}
+    yield Door("Cuts", epp.Cuts, {"names": ("command",), **at})
+    drawn = {
+        "parts": {"valve": element, "plant": epp.blocks.Integrator()},
+        "connect": ["-plant -> valve", "valve -> plant"],
+    }
+    named = {"inputs": (), "signals": {"level": "plant"}, "units": {"level": "m"}, "memory": {}}
+    rest = {"margins_at": "valve", "principal": "valve", "ports_as_signals": True, "name": "tank"}
+    yield Door("Diagram", epp.Diagram, {**drawn, **named, **rest})
+    yield Door("OwnStates", epp.OwnStates, {**one, "n_before": 1, "n_behind": 1, "start": None, "rate": None})
+    law = {name: [[0.5]] for name in "ABCD"} | {
+        "sample_time": 0.1,
+        "delay": 0.05,
+        "offset": 0.0,
+        "x0": [0.0],
+        "y0": [0.0],
+    }
+    yield Door("SampledController", epp.SampledController, {**law, "state_last": False, "tick": None})
     yield Door("OperatingPoint", epp.OperatingPoint, {"inputs": {"hand": 1.0}, "moving": {}})
     given = {"name": "loop", "title": "", "input": None, "t_end": 1.0, "signal": None}
     yield Door("Case.from_system", epp.Case.from_system, {"loop": loop, **given})
@@ -177,6 +245,15 @@ def _constructors() -> Iterator[Door]:
         if name == "Recorded":
             good |= {"times": [0.0, 1.0], "values": [0.0, 1.0]}
         yield Door(f"signals.{name}", kind, good)
+
+
+def _measured() -> Iterator[Door]:
+    known = _response()
+    data = {"omega": known.omega, "value": known.value, "deviation": None, "static_gain": None, "unstable_poles": 0}
+    yield Door("MeasuredResponse", epp.MeasuredResponse, {**data, "name": "response"})
+    yield Door("MeasuredResponse.at", known.at, {"omega": 1.0})
+    closed = {"response": known, "element": epp.Saturation(), "feedback": -1, "name": "loop"}
+    yield Door("MeasuredLoop", epp.MeasuredLoop, closed)
 
 
 def _swept(case: epp.Case, kind: Callable[..., Any]) -> Callable[..., Any]:
@@ -199,8 +276,8 @@ def _methods() -> Iterator[Door]:
     yield Door("OperatingPoint.with_inputs", epp.OperatingPoint().with_inputs, {"inputs": {"hand": 1.0}})
     yield Door("LureSystem.frequency_response", loop.frequency_response, {"omega": 1.0})
     yield Door("LimitCycle.amplitude", cycle.amplitude, {"signal": loop.signals.names[0]})
-    yield Door("LimitCycle.plot", cycle.plot, {"signals": None})
-    yield Door("Trajectory.plot", run.plot, {"signals": None})
+    yield Door("LimitCycle.plot", cycle.plot, {"ax": None, "signals": None})
+    yield Door("Trajectory.plot", run.plot, {"ax": None, "signals": None})
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ from eppanalysis.cases.files import (
     shipped_cases_folder,
 )
 from eppanalysis.cases.model import Case, json_schema, load
-from eppanalysis.cases.quantities import Parameter
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
+from eppanalysis.models.diagrams import Diagram
 from eppanalysis.models.systems.lure import LureSystem
 
 __all__ = [
@@ -63,7 +64,7 @@ def read_case(path: str | Path) -> Case:
     return load(read_raw(Path(path), str(path)))
 
 
-def as_case(given: Case | LureSystem) -> Case:
+def as_case(given: Case | LureSystem | Diagram) -> Case:
     """What an analysis over parameters was handed, a loop as the case that it makes.
 
     Examples
@@ -72,6 +73,8 @@ def as_case(given: Case | LureSystem) -> Case:
     >>> as_case(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")).name
     'servo'
     """
+    if isinstance(given, Diagram):
+        given = given.to_system()
     return Case.from_system(given) if isinstance(given, LureSystem) else given
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 from dataclasses import dataclass
 from functools import cache
@@ -13,8 +12,8 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from eppanalysis.cases.files import Missing, RawCase
-from eppanalysis.cases.quantities import AnyQuantity, Parameter
-from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, place_of
+from eppanalysis.errors import CaseError, ModelError, did_you_mean
 from eppanalysis.models.elements import ELEMENTS, Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 
@@ -61,7 +60,7 @@ def element_class(kind: str) -> type[Nonlinearity]:
 
 
 @cache
-def _field_types(made: type[Nonlinearity]) -> dict[str, str]:
+def field_types(made: type[Nonlinearity]) -> dict[str, str]:
     """What each field of an element holds by its annotation: a "number", a "count", a "list" or a "text"."""
     hints = get_type_hints(made)
     return {name: _field_type(hints[name]) for name in inspect.signature(made).parameters}
@@ -83,7 +82,7 @@ def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple
     CaseError
         If a table is no known element, lacks a field, or has one that is not known or has no valid value.
     """
-    blocks = tuple(_read_block(t, f"{field}.{i}", raw) for i, t in enumerate(tables))
+    blocks = tuple(read_block(t, f"{field}.{i}", raw) for i, t in enumerate(tables))
     names = [b.name for b in blocks if b.name]
     for i, block in enumerate(blocks):
         if block.name and names.count(block.name) > 1:
@@ -91,7 +90,14 @@ def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple
     return blocks
 
 
-def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
+def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
+    """Check the table of one element or linear block that stands in a field.
+
+    Raises
+    ------
+    CaseError
+        As :func:`read_blocks`.
+    """
     if "element" not in table:
         if set(table) != {"num", "den"}:
             wrong = next((k for k in table if k not in ("num", "den")), None)
@@ -101,9 +107,7 @@ def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
         return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
     kind = table["element"]
     if not isinstance(kind, str) or kind not in ELEMENTS:
-        close = difflib.get_close_matches(str(kind)[:60], ELEMENTS, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(ELEMENTS)}"
-        raise raw.refused(f"{field}.element", f"a known element: {hint}")
+        raise raw.refused(f"{field}.element", f"a known element: {did_you_mean(str(kind)[:60], ELEMENTS)}")
     name = table.get("name", kind)
     if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
         raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
@@ -116,7 +120,7 @@ def _read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
 def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
     """A held value, or a list of held value, direction and input reached."""
     if not isinstance(value, list):
-        return float(_scalar(value, field, raw).value)
+        return float(read_scalar(value, field, raw).value)
     if len(value) != len(Slip._fields):
         raise raw.refused(field, "a number, or a list of held value, direction and input reached")
     return Slip(*(float(p.value) for p in _list(value, field, raw)))
@@ -129,42 +133,49 @@ def _read_fields(
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
     lists: dict[str, list[Parameter]] = {}
-    types = _field_types(element_class(kind))
+    types = field_types(element_class(kind))
     for key, value in table.items():
         if key in ("element", "name", "memory"):
             continue
         place = f"{field}.{key}"
         if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
-            raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {hint}")
+            raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {did_you_mean(key, known)}")
         if types[key] == "list":
             lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]
         elif types[key] == "text":
             others[key] = value
         else:
-            parameters[key] = _scalar(value, place, raw)
+            parameters[key] = read_scalar(value, place, raw)
     for key, default in known.items():
         if default is inspect.Parameter.empty and key not in table:
             raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
     return Block(name, kind, parameters, others, memory, lists)
 
 
-def _scalar(value: Any, field: str, raw: RawCase) -> Parameter:
+def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:
+    """A quantity of any dimension that stands in a field; one that has been read already stays as it is.
+
+    Raises
+    ------
+    CaseError
+        If it is no quantity.
+    """
+    if isinstance(value, Parameter):
+        return value
     try:
         return AnyQuantity().read(value)
     except PydanticCustomError as error:
-        context = error.context or {}
+        context, place = error.context or {}, place_of(field, error)
         raise CaseError(
-            raw.origin(field), field, context.get("shown", value), context.get("expected", "a number")
+            raw.origin(place), place, context.get("shown", value), context.get("expected", "a number")
         ) from None
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
     if not isinstance(value, list) or not value:
         raise raw.refused(field, "a list of numbers")
-    return [_scalar(v, f"{field}.{i}", raw) for i, v in enumerate(value)]
+    return [read_scalar(v, f"{field}.{i}", raw) for i, v in enumerate(value)]
 
 
 def _coefficients(value: Any, field: str, raw: RawCase) -> list[float]:
@@ -185,7 +196,7 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
         If the element does not take the values.
     """
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
-    types = _field_types(element_class(block.kind))
+    types = field_types(element_class(block.kind))
     for key in (key for key in values if types[key] == "count"):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
             raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
@@ -195,13 +206,3 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
             return element_class(block.kind)(**values, **block.others)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
-
-
-def describe_block(block: Block) -> dict[str, Any]:
-    """Plain data of a block, for provenance."""
-    return {
-        "name": block.name,
-        "element": block.kind,
-        **{k: dataclasses.asdict(p) for k, p in block.parameters.items()},
-        **block.others,
-    }

@@ -13,7 +13,7 @@ import numpy as np
 from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
-from eppanalysis.cases.quantities import Parameter
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.declared import declared_fields
 from eppanalysis.models.devices.elbow.loop import elbow

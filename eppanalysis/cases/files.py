@@ -111,8 +111,10 @@ class RawCase:
 
         What is said of a field that the file has not is said of the section.
         """
-        place = f"{section}.{_IN_FILES.get(error.field, error.field)}"
-        if error.field and error.expected and not isinstance(self.typed(place), Missing):
+        field = _IN_FILES.get(error.field, error.field)
+        place = f"{section}.{field}" if section else field
+        absent = isinstance(self.typed(place), Missing)
+        if error.field and error.expected and (not absent or error.value is None):
             return self.refused(place, error.wanted(lambda name, value: self.typed_or(f"{section}.{name}", value)))
         wanted = f"{error.wanted()} ({error.found})" if error.expected else f"a valid model ({error.found})"
         return self.refused(section, wanted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import ELEMENTS
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.memory import Slip
+from eppanalysis.models.systems.cuts import Cuts
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recorded, Sine, Step, Steps
-from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.lure import LureSystem, with_own_states
+from eppanalysis.models.systems.own_states import own_count
 from eppanalysis.units import write_si
 
 
@@ -27,6 +30,7 @@ def loop_tables(loop: LureSystem) -> dict[str, Any]:
     ModelError
         If a case file has no name for an element, or no place for what it remembers.
     """
+    loop = _as_given(loop)
     matrices = {
         "D": loop.D,
         "input_matrix": loop.B_input,
@@ -50,7 +54,34 @@ def loop_tables(loop: LureSystem) -> dict[str, Any]:
     table["elements"] = [_element(loop, element, name, memory) for element, name, memory in rows]
     if loop.principal:
         table["principal"] = loop.element_names[loop.principal]
+    if loop.cuts is not None:
+        table["cuts"] = _cuts(loop.cuts)
+    if loop.margins_at:
+        table["margins_at"] = list(loop.margins_at)
     table["signals"] = _signals(loop)
+    return table
+
+
+def _as_given(loop: LureSystem) -> LureSystem:
+    """The loop before states of its elements were appended that files know nothing of; they start at its memory."""
+    if loop.given is None:
+        return loop
+    n, appended = len(loop.given.A), with_own_states(loop.given)
+    if any(not np.array_equal(getattr(loop, name), getattr(appended, name)) for name in ("A", "B", "C", "D")):
+        raise ModelError(f"{loop.name}: its matrices are not those with which it was given; expected those.")
+    starts = np.split(loop.x0[n:], np.cumsum([own_count(e) for e in loop.given.elements])[:-1])
+    rows = zip(loop.given.elements, loop.memory, starts, strict=True)
+    memory = tuple(float(start[0]) if e.inside is not None else kept for e, kept, start in rows)
+    return replace(loop.given, x0=loop.x0[:n], v0=loop.v0, memory=memory)
+
+
+def _cuts(cuts: Cuts) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for i, name in enumerate(cuts.names):
+        rows = {"to_state": cuts.B[:, i], "to_inputs": cuts.E[:, i], "state": cuts.C[i], "output": cuts.D[i]}
+        row: dict[str, Any] = {part: given.tolist() for part, given in rows.items() if _says_something(given)}
+        row |= {part: float(v) for part, v in {"itself": cuts.F[i], "delay": cuts.delays[i]}.items() if v}
+        table[name] = row
     return table
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eppanalysis.cases.files import Missing, RawCase
-from eppanalysis.cases.quantities import Parameter
 from eppanalysis.cases.schema import RampInput, RecordedInput, SineInput, StepInput, StepsInput
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.systems.inputs import InputSignal, Ramp, Recorded, Sine, Step, Steps
 from eppanalysis.units import QuantityError, parse_quantity
@@ -24,7 +24,9 @@ _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
 
 
-def motions_of(run: Any, names: Sequence[str], unit: str, raw: RawCase) -> InputSignal | dict[str, InputSignal] | None:
+def motions_of(
+    run: Any, names: Sequence[str], unit: str | Mapping[str, str], raw: RawCase
+) -> InputSignal | dict[str, InputSignal] | None:
     """What a case's run says of the external inputs with these names: of the only one, or of any by name.
 
     Raises
@@ -32,18 +34,19 @@ def motions_of(run: Any, names: Sequence[str], unit: str, raw: RawCase) -> Input
     CaseError
         If there is no such input, or an input's input signal is not valid.
     """
+    units = unit if isinstance(unit, Mapping) else dict.fromkeys(names, unit)
     if run.input is not None:
         if not names:
             raise CaseError(raw.origin("run.input"), "run.input", run.input.kind, "no input: the loop has none")
         if len(names) > 1 or run.inputs is not None:
             expected = "inputs by name, as in run.inputs.<name>"
             raise CaseError(raw.origin("run.input"), "run.input", run.input.kind, expected)
-        return make_input_signal(run.input, unit, raw)
+        return make_input_signal(run.input, units[names[0]], raw)
     for name in run.inputs or {}:
         if name not in names:
             known = ", ".join(names) or "none"
-            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", "given", f"an input of the loop: {known}")
-    return {n: make_input_signal(m, unit, raw, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
+            raise CaseError(raw.origin("run.inputs"), f"run.inputs.{name}", name, f"an input of the loop: {known}")
+    return {n: make_input_signal(m, units[n], raw, f"run.inputs.{n}") for n, m in (run.inputs or {}).items()} or None
 
 
 def make_input_signal(given: Input, unit: str, raw: RawCase, field: str = "run.input") -> InputSignal:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from eppanalysis.cases.files import RawCase
-from eppanalysis.cases.quantities import Parameter
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.units import QuantityError, parse_any
 
 
 @dataclass(frozen=True)
@@ -62,15 +63,18 @@ class Kind(ABC):
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """Names of all parameters that a case with the given ones may have, beside those of its run."""
 
-    @abstractmethod
     def si(self, value: object, unit: str) -> float:
-        """SI value of a quantity in a field that has this SI unit.
+        """SI value of a quantity in a field that has this SI unit, or of a plain number.
 
         Raises
         ------
         QuantityError
             If it has another dimension.
         """
+        number, given = parse_any(value)
+        if given not in ("", unit):
+            raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
+        return number
 
     def takes(self, name: str, data: Mapping[str, Any]) -> bool:
         """Whether a file with these tables takes a field that its parts name, beside :meth:`fields`."""

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from eppanalysis.cases.blocks import Block, make_element, read_blocks
-from eppanalysis.cases.dimensions import check_units
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import LoopSection
+from eppanalysis.cases.values.dimensions import check_units
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.elements import Nonlinearity
+from eppanalysis.models.systems.cuts import Cuts, suggestion
 from eppanalysis.models.systems.linear import StateSpace, as_state_space
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.signals import SignalMap
-from eppanalysis.units import QuantityError, parse_any
 
 #: Matrices of a loop without states.
 _MAY_BE_EMPTY = ("A", "B", "C")
@@ -49,13 +51,6 @@ class LoopKind(Kind):
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones, and those of the loop as a whole."""
         return list(dict.fromkeys([*parameters, *(f"loop.{name}" for name in _OF_LOOP)]))
-
-    def si(self, value: object, unit: str) -> float:
-        """A quantity in the field's unit, or a plain number."""
-        number, given = parse_any(value)
-        if given not in ("", unit):
-            raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
-        return number
 
     def takes(self, name: str, data: Mapping[str, Any]) -> bool:
         """Any field of an element: reading it tells whether the element has it."""
@@ -93,8 +88,10 @@ def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> Lu
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
             if form == "state space":
-                return _from_state_space(loop, blocks, list(made.values()), raw)
-            return _from_ring(loop, blocks, made, raw)
+                system = _from_state_space(loop, blocks, list(made.values()), raw)
+            else:
+                system = _from_ring(loop, blocks, made, raw)
+            return _with_margins_at(system, loop, raw)
     except ModelError as error:
         raise raw.refused_by_model(error, "loop") from None
 
@@ -168,6 +165,7 @@ def _refuse_state_space_fields(loop: LoopSection, raw: RawCase) -> None:
         "initial_input",
         "delays",
         "principal",
+        "cuts",
     )
     for name in names:
         if getattr(loop, name):
@@ -223,6 +221,7 @@ def _from_state_space(
         time_step=None if loop.time_step is None else float(loop.time_step.value),
         state_names=loop.states,
         principal=_principal(loop, [b.name for b in blocks], raw),
+        cuts=_cuts(loop, elements, gain, raw),
         name=raw.name,
     )
 
@@ -234,6 +233,50 @@ def _principal(loop: LoopSection, names: list[str], raw: RawCase) -> int:
     if loop.principal not in names:
         raise raw.refused("loop.principal", f"one of the elements: {', '.join(names)}")
     return names.index(loop.principal)
+
+
+def _cuts(loop: LoopSection, elements: list[Nonlinearity], gain: float, raw: RawCase) -> Cuts | None:
+    """The places of a state space at which it can be cut besides the ports of its elements.
+
+    The gain of the loop stands behind the elements' outputs: a place whose signal is made of them alone lies before it.
+    """
+    if loop.cuts is None:
+        return None
+    nz, nw = (sum(ports(e)[k] for e in elements) for k in (0, 1))
+    lengths = {"to_state": len(loop.A or []), "to_inputs": nz, "state": len(loop.A or []), "output": nw}
+    rows: dict[str, list[list[float]]] = {part: [] for part in lengths}
+    for name, row in loop.cuts.items():
+        before = gain if row.output is not None and not np.any(row.state or [0.0]) else 1.0
+        for part, length in lengths.items():
+            given = getattr(row, part)
+            if given is not None and len(given) != length:
+                raise raw.refused(f"loop.cuts.{name}.{part}", f"{length} numbers")
+            factor = before if part == "to_state" else 1.0
+            rows[part].append([factor * v for v in given or [0.0] * length])
+    matrices = {part: np.array(rows[part], float).reshape(len(loop.cuts), length) for part, length in lengths.items()}
+    return Cuts(
+        tuple(loop.cuts),
+        B=matrices["to_state"].T,
+        E=matrices["to_inputs"].T,
+        C=matrices["state"],
+        D=matrices["output"],
+        F=np.array([row.itself for row in loop.cuts.values()]),
+        delays=np.array([row.delay for row in loop.cuts.values()]),
+    )
+
+
+def _with_margins_at(system: LureSystem, loop: LoopSection, raw: RawCase) -> LureSystem:
+    """The loop with the places at which its margins cut it, where the file names them."""
+    if loop.margins_at is None:
+        return system
+    names = [loop.margins_at] if isinstance(loop.margins_at, str) else loop.margins_at
+    for name in names:
+        if name not in system.places.names:
+            expected = suggestion(name, system.places.names)
+            raise CaseError(
+                raw.origin("loop.margins_at"), "loop.margins_at", name, f"a place of the loop: {expected.rstrip('.')}"
+            )
+    return replace(system, margins_at=tuple(names))
 
 
 def _check_rectangles(loop: LoopSection, raw: RawCase) -> None:

@@ -11,16 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from eppanalysis.arguments import checked
-from eppanalysis.cases.dimensions import remarks
+from eppanalysis.cases.diagrams import DiagramKind
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
 from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, without_answers
 from eppanalysis.cases.from_system import input_tables, loop_tables
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
-from eppanalysis.cases.quantities import Parameter
 from eppanalysis.cases.schema import FILES, INPUTS, find_quantity, validate
 from eppanalysis.cases.toml import write_toml
+from eppanalysis.cases.values.dimensions import remarks
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.systems.inputs import InputSignal
@@ -31,7 +32,7 @@ from eppanalysis.units import QuantityError, format_si, parse_quantity, write_si
 #: Fields whose change leaves the case's expected answers true.
 _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
 #: What cases are of, by the names that files call them.
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind())}
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (ElbowKind(), LoopKind(), DiagramKind())}
 #: Units in which people read lengths.
 _FRIENDLY = {"m": "mm", "m/s": "mm/s"}
 #: Fields of an input signal that no quantity stands in.
@@ -46,7 +47,7 @@ class Case:
     ----------
     name, title : str
         Stem of the file; what the case is about, in a few words.
-    kind : {"elbow", "loop"}
+    kind : {"elbow", "loop", "diagram"}
     source : str
         The file, as the user gave it.
     parameters : dict of str to Parameter
@@ -122,6 +123,24 @@ class Case:
         if signal is not None:
             data["expected"] = {"signal": signal}
         return load(RawCase(name, name, Path(), data))
+
+    @classmethod
+    @checked
+    def from_tables(cls, tables: Mapping[str, Any], name: str = "case") -> Case:
+        """The case that nested tables describe, as its file would.
+
+        Parameters
+        ----------
+        tables : mapping
+            What would stand in a case file.
+        name : str
+
+        Raises
+        ------
+        CaseError
+            If anything in it is not valid, as for :func:`eppanalysis.read_case`.
+        """
+        return load(RawCase(name, name, Path(), _plain(tables)))
 
     def to_system(self) -> LureSystem:
         """The system that the case describes."""
@@ -407,7 +426,7 @@ def json_schema(kind: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    kind : {"elbow", "loop"}
+    kind : {"elbow", "loop", "diagram"}
 
     Raises
     ------

@@ -5,10 +5,10 @@ from __future__ import annotations
 import difflib
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
 from eppanalysis.cases.files import Missing, RawCase
-from eppanalysis.cases.quantities import (
+from eppanalysis.cases.values.quantities import (
     LONGEST_TEXT,
     AnyQuantity,
     Duration,
@@ -16,6 +16,7 @@ from eppanalysis.cases.quantities import (
     PositiveDuration,
     Quantity,
     declared_type,
+    not_as_expected,
     plain_text,
 )
 from eppanalysis.errors import CaseError
@@ -25,6 +26,7 @@ from eppanalysis.units import KINDS
 
 Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(plain_text)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=60)]
+Place = Annotated[str, Field(max_length=120), AfterValidator(plain_text)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 Row = Annotated[list[Number], Field(max_length=200)]
@@ -177,6 +179,17 @@ class SignalRow(_Model):
     unit: Annotated[str, Field(max_length=30)] = ""
 
 
+class CutRow(_Model):
+    """A place at which a loop can be cut: what a disturbance there does, and the signal before it."""
+
+    to_state: Row | None = None
+    to_inputs: Row | None = None
+    state: Row | None = None
+    output: Row | None = None
+    itself: Number = 0.0
+    delay: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)] = 0.0
+
+
 class LoopSection(_Model):
     """A generic loop: a transfer function and one element, a ring of blocks, or a state space with elements."""
 
@@ -202,6 +215,8 @@ class LoopSection(_Model):
     delays: Annotated[list[Annotated[Number, Field(ge=0)]], Field(max_length=200)] | None = None
     time_step: PositiveDuration | None = None
     principal: Name | None = None
+    cuts: Annotated[dict[Place, CutRow], Field(max_length=500)] | None = None
+    margins_at: Place | Annotated[list[Place], Field(max_length=50)] | None = None
     feedback: Literal[-1, 1] = -1
 
 
@@ -215,7 +230,60 @@ class LoopFile(_Model):
     expected: ExpectedSection = ExpectedSection()
 
 
-FILES: dict[str, type[BaseModel]] = {"elbow": ElbowFile, "loop": LoopFile}
+class SignalSum(_Model):
+    """A named signal of a diagram: a signed sum of ports, with its unit."""
+
+    of: Text
+    unit: Annotated[str, Field(max_length=30)] = ""
+
+
+Table = dict[str, Any]
+
+
+def _levels(inputs: Any) -> Any:
+    """External inputs that are only named are at zero before the start."""
+    if isinstance(inputs, dict):
+        return inputs
+    if not isinstance(inputs, list) or not all(isinstance(name, str) for name in inputs):
+        raise not_as_expected("a list of names, or a table of names and values", inputs)
+    if len(set(inputs)) < len(inputs):
+        raise not_as_expected("names that differ", inputs)
+    return dict.fromkeys(inputs, 0.0)
+
+
+def _one_or_more(names: Any) -> Any:
+    """A name alone is a list of one."""
+    if not isinstance(names, str | list):
+        raise not_as_expected("a name, or a list of names", names)
+    return [names] if isinstance(names, str) else names
+
+
+def _sum(signal: Any) -> Any:
+    """A signal without a unit may be the sum alone."""
+    if not isinstance(signal, str | dict):
+        raise not_as_expected(
+            "a signed sum of ports such as 'setpoint - sensor', or a table of it and its unit", signal
+        )
+    return {"of": signal} if isinstance(signal, str) else signal
+
+
+class DiagramFile(_Model):
+    """A case of a diagram: named parameters, blocks, elements, and how they are connected."""
+
+    kind: Literal["diagram"]
+    title: Text
+    connect: Annotated[list[Text], Field(max_length=500)]
+    inputs: Annotated[dict[Name, Any], BeforeValidator(_levels, list[Name] | dict[Name, Any])] = {}
+    margins_at: Annotated[list[Text], BeforeValidator(_one_or_more, Text | list[Text])] = []
+    parameters: Annotated[dict[Name, Any], Field(max_length=500)] = {}
+    blocks: Annotated[dict[Name, Table], Field(max_length=200)] = {}
+    elements: Annotated[dict[Name, Table], Field(max_length=100)] = {}
+    signals: dict[Name, Annotated[SignalSum, BeforeValidator(_sum, Text | SignalSum)]] = {}
+    run: RunSection
+    expected: ExpectedSection = ExpectedSection()
+
+
+FILES: dict[str, type[BaseModel]] = {"elbow": ElbowFile, "loop": LoopFile, "diagram": DiagramFile}
 
 _SENTENCES = {
     "string_type": "a text",
@@ -244,6 +312,8 @@ def validate(raw: RawCase) -> Any:
     """
     if "kind" not in raw.data and "loop" in raw.data and "drive" not in raw.data:
         raise CaseError(raw.source, "kind", Missing(), "'loop', as the file has a section of that name")
+    if "kind" not in raw.data and "connect" in raw.data:
+        raise CaseError(raw.source, "kind", Missing(), "'diagram', as the file has connections")
     kind = raw.data.get("kind", "elbow")
     model = FILES.get(kind) if isinstance(kind, str) else None
     if model is None:
@@ -260,6 +330,8 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
     loc = [str(part) for part in error["loc"]]
     member = {"input": 2, "inputs": 3}.get(loc[1] if loc[0] == "run" and len(loc) > 1 else "", len(loc))
     del loc[member : member + 1]  # the name of the union's member
+    if loc[-1] == "[key]":
+        del loc[-1]  # it is the name that is wrong, not what stands there
     field, context = ".".join(loc), error.get("ctx", {})
     shown: Any = error["input"]
     if error["type"] == "extra_forbidden":
@@ -268,6 +340,7 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
         shown, expected = Missing(), _wanted(model, loc)
     elif error["type"] == "quantity":
         shown, expected = context["shown"], context["expected"]
+        field = f"{field}.{context['key']}" if context["key"] else field
     elif error["type"].startswith("union_tag"):
         field, expected = f"{field}.kind", "'step', 'steps', 'ramp', 'sine' or 'recorded'"
         shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown

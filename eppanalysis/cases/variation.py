@@ -159,7 +159,23 @@ class LoopVariation(Variation):
         return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
 
 
-_KINDS: dict[str, type[Variation]] = {"elbow": ElbowVariation, "loop": LoopVariation}
+class DiagramVariation(LoopVariation):
+    """Of a diagram: its parameters, those that are marked tunable first."""
+
+    example = "controller.kp = 2"
+
+    def sliders(self) -> Iterable[Slider]:
+        """Every positive parameter, from a tenth to three times of what it is."""
+        return (slider for slider in super().sliders() if slider.name in self.case.parameters)
+
+    def over(self) -> list[str]:
+        """What is positive, in the order of the file but for what is tunable."""
+        given = self.case.parameters
+        positive = [n for n, p in given.items() if not isinstance(p.value, bool) and p.value > 0]
+        return sorted(positive, key=lambda name: given[name].mark != "tunable")
+
+
+_KINDS: dict[str, type[Variation]] = {"elbow": ElbowVariation, "loop": LoopVariation, "diagram": DiagramVariation}
 
 
 def variation_of(case: Case) -> Variation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ from eppanalysis.cli.common import (
     print_table,
     progress,
 )
+from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
 from eppanalysis.errors import EppError
 from eppanalysis.readable import count
 
@@ -47,6 +49,14 @@ def bounds(
         str | None,
         typer.Option("--within", metavar="LOW:HIGH", help='Range of --limit to look in, as in "0.1 deg:5 deg".'),
     ] = None,
+    allow: Annotated[
+        str | None,
+        typer.Option(
+            "--allow",
+            metavar="SIZE",
+            help='Stable limit cycle that is allowed, peak to peak or rms, as in "theta 0.3 deg", "theta 0.1 deg rms".',
+        ),
+    ] = None,
     verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
@@ -54,6 +64,8 @@ def bounds(
     workers: Workers = None,
     as_json: Json = False,
     output: Output = None,
+    manual: Manual = None,
+    step: Step = None,
 ) -> None:
     """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
     from eppanalysis.methods.bounds.design import cores, design_bounds
@@ -61,6 +73,7 @@ def bounds(
     if output is not None:
         check_output(output)
     found = load_case(case, settings)
+    rounding = step_for_manual(found, limit, manual, step)
     with progress(f"bounds {found.name}") as advance:
         result = design_bounds(
             found,
@@ -70,6 +83,7 @@ def bounds(
             stop=stop,
             points=points,
             within=range_of(within),
+            allow=allow,
             verify=verify,
             margin=margin,
             starts=starts,
@@ -86,6 +100,7 @@ def bounds(
         from eppanalysis.tables.files import write_result
 
         write_result(result, bounds_columns, output)
+    write_manual(result, manual, rounding)
 
 
 def bounds_columns(result: DesignBounds) -> Table:
@@ -99,6 +114,7 @@ def bounds_columns(result: DesignBounds) -> Table:
             "harmonic": c.harmonic,
             "order": c.order,
             "exact": c.exact,
+            **({} if result.allowed is None else {"active": c.kind, "size": c.size}),
             "frequency": c.frequency,
             "safe_value": c.safe_value,
             "runs": c.n_runs,
@@ -111,6 +127,7 @@ def bounds_columns(result: DesignBounds) -> Table:
     ]
     unit = result.units[result.limit]
     units = dict.fromkeys(("first_order", "harmonic", "exact", "safe_value"), unit)
+    units |= {} if result.allowed is None else {"size": result.allowed.unit}
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
 
 
@@ -144,11 +161,16 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     """What the table says in words, and what is missing in it."""
     from eppanalysis.methods.bounds.result import Finding
 
+    if result.allowed is not None:
+        yield f"Allowed is a stable limit cycle up to {result.allowed}."
     n_good = sum(c.verified for c in result)
     n_bounds = sum(c.finding is Finding.BOUND for c in result)
     if n_bounds:
         margin = result.margin
         yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
+    known = [c for c in result if math.isfinite(c.first_order_error)]
+    if result.allowed is not None and not known:
+        n_bounds = 0
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:
         worst = max(unsafe, key=lambda c: abs(c.first_order_error))
@@ -159,5 +181,7 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     elif n_bounds:
         yield "First order is on the safe side in all of them."
     for cell in result:
+        if result.active(cell):
+            yield f"{result.over} {case.text(result.over, cell.value)}: {result.active(cell)}"
         if cell.message and not (cell.finding is Finding.BOUND and cell.verified):
             yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import math
 import os
 import sys
@@ -21,6 +22,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eppanalysis.cli.bounds import bounds
+from eppanalysis.cli.certify import certify
 from eppanalysis.cli.common import (
     NOTHING,
     Json,
@@ -34,10 +36,13 @@ from eppanalysis.cli.common import (
     progress,
 )
 from eppanalysis.cli.cycles import branch, cycles
+from eppanalysis.cli.design import design
 from eppanalysis.cli.explore import explore
 from eppanalysis.cli.guide import guide
 from eppanalysis.cli.identify import identify
+from eppanalysis.cli.margins import margins
 from eppanalysis.cli.report import report
+from eppanalysis.cli.response import response
 from eppanalysis.cli.sweep import sweep
 from eppanalysis.errors import EppError
 from eppanalysis.readable import count
@@ -45,6 +50,8 @@ from eppanalysis.readable import count
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
     from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.models.systems.measured.loop import MeasuredLoop
+    from eppanalysis.models.systems.measured.response import MeasuredResponse
     from eppanalysis.results import Prediction, Trajectory
     from eppanalysis.tables.files import Table
 
@@ -143,6 +150,17 @@ Output = Annotated[
 ]
 
 
+Measured = Annotated[
+    Path | None,
+    typer.Option(
+        "--response",
+        metavar="FILE",
+        help="Measured frequency response (.csv) in place of the linear part, round the one element of each case.",
+        show_default=False,
+    ),
+]
+
+
 @app.callback(invoke_without_command=True)
 def _version(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
     if version:
@@ -175,13 +193,21 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
 
 
 @app.command(cls=_Command)
-def predict(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
+def predict(
+    cases: Cases,
+    settings: Settings = NOTHING,
+    response: Measured = None,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
     """Predict all limit cycles with describing functions, stable and unstable."""
     from eppanalysis.methods.describing.predict import predict_limit_cycles
     from eppanalysis.tables.files import prediction_table
 
+    measured = None if response is None else _read_response(response)
+
     def run(case: Case) -> Prediction:
-        found = predict_limit_cycles(case)
+        found = predict_limit_cycles(case if measured is None else _with_response(case, measured))
         len(found.margins)  # made when they are first asked for: now, before a part of the output is out
         return found
 
@@ -227,14 +253,39 @@ def list_cases(as_json: Json = False) -> None:
     print_table(cases_table(found))
 
 
+def schema(
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write it to a file (.json).", show_default=False),
+    ] = None,
+) -> None:
+    """Print the JSON schema of case files, with which editors complete and check them."""
+    if output is not None:
+        check_output(output, (".json",))
+    from eppanalysis.cases.editors import case_schema
+
+    text = json.dumps(case_schema(), indent=2)
+    if output is None:
+        typer.echo(text)
+        return
+    from eppanalysis.tables.files import write_text
+
+    write_text(f"{text}\n", output)
+
+
 app.command("cycles", cls=_Command)(cycles)
 app.command("branch", cls=_Command)(branch)
+app.command("response", cls=_Command)(response)
+app.command("margins", cls=_Command)(margins)
 app.command("bounds", cls=_Command)(bounds)
+app.command("certify", cls=_Command)(certify)
+app.command("design", cls=_Command)(design)
 app.command("guide", cls=_Command)(guide)
 app.command("sweep", cls=_Command)(sweep)
 app.command("identify", cls=_Command)(identify)
 app.command("report", cls=_Command)(report)
 app.command("explore", cls=_Command)(explore)
+app.command("schema", cls=_Command)(schema)
 
 
 @dataclass(frozen=True)
@@ -310,8 +361,26 @@ def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], analysis
         write_result(result, analysis.to_table, output.with_name(name))
 
 
+def _read_response(path: Path) -> MeasuredResponse:
+    from eppanalysis.cases.values.responses import read_response
+
+    return read_response(path)
+
+
+def _with_response(case: Case, response: MeasuredResponse) -> MeasuredLoop:
+    """The case's element in a loop with a measured linear part, closed by a feedback of -1."""
+    from eppanalysis.models.systems.measured.loop import MeasuredLoop
+
+    system = case.to_system()
+    elements = system.elements if system.given is None else system.given.elements
+    if len(elements) != 1:
+        raise EppError(f"--response: {case.name} has {count(len(elements), 'element')}; expected one.")
+    return MeasuredLoop(response, elements[0], name=case.name)
+
+
 def _show_prediction(case: Case, prediction: Prediction) -> None:
-    from eppanalysis.tables.console import cycles_table, margins_text
+    from eppanalysis.results.measured import MeasuredCycle
+    from eppanalysis.tables.console import cycles_table, margins_table
 
     n = len(prediction)
     typer.echo(f"{count(n, 'limit cycle')} predicted. {prediction.search}".strip())
@@ -321,8 +390,12 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
         typer.echo(f"Caution: {warning}")
     if n:
         print_table(cycles_table(list(prediction)))
+    for cycle in prediction:
+        if isinstance(cycle, MeasuredCycle):
+            typer.echo(f"Of the data: {cycle.told()}.")
     if prediction.margins:
-        typer.echo(f"margins of the linearised loop: {margins_text(prediction.margins)}")
+        typer.echo(f"margins of the linearised loop, cut at {prediction.margins['at']}:")
+        print_table(margins_table(prediction.margins))
 
 
 def _show_trajectory(case: Case, run: Trajectory) -> None:
@@ -330,6 +403,9 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
 
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
     typer.echo(f"{run.status.value}{since} {count(run.n_events, 'event')}.")
+    point = run.operating_point
+    if point is not None and "is a sine" in point.moving.values():
+        typer.echo(f"{point}: the command response says what the loop does under it.")
     if run.limit_cycle is not None:
         print_table(cycles_table([run.limit_cycle]))
     elif run.settled_at:

@@ -50,6 +50,12 @@ Output = Annotated[
 ]
 
 
+Picture = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
+]
+
+
 def load_case(text: str, settings: Sequence[str]) -> Case:
     """The case of a file or of a shipped name, with the fields of ``--set`` in place.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +12,7 @@ from eppanalysis.cli.common import (
     CaseName,
     Json,
     Output,
+    Picture,
     Settings,
     check_output,
     heading,
@@ -25,14 +25,9 @@ from eppanalysis.readable import count, quantity, readable
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
-    from eppanalysis.methods.continuation.branch import Branch
+    from eppanalysis.methods.continuation.result import Branch
     from eppanalysis.methods.search.result import CycleSearch
     from eppanalysis.methods.search.trigger import Trigger
-
-Picture = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
-]
 
 
 def cycles(
@@ -95,7 +90,7 @@ def branch(
         heading(f"{found.name}: {found.title}", settings)
         _show_branch(found, over, result)
     if output is not None:
-        write_figure(result.plot(found.expected.signal), output)
+        write_figure(result.plot(signal=found.expected.signal), output)
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:

@@ -22,6 +22,7 @@ from eppanalysis.cli.common import (
     progress,
     split_pair,
 )
+from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ def guide(
         int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)
     ] = None,
     as_json: Json = False,
+    manual: Manual = None,
+    step: Step = None,
     outputs: Annotated[
         list[Path],
         typer.Option("-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .xlsx, .png, .svg or .pdf" + _END),
@@ -68,13 +71,14 @@ def guide(
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
     from eppanalysis.cli.bounds import range_of
     from eppanalysis.guides.files import FILES, check_file, title
-    from eppanalysis.guides.guideline import GAIN, design_guide
+    from eppanalysis.guides.guideline import GAIN, LIMIT, design_guide
     from eppanalysis.methods.bounds.design import cores
 
     for path in outputs:
         check_output(path, FILES)
         check_file(path)
     found = load_case(case, settings)
+    rounding = step_for_manual(found, LIMIT, manual, step)
     chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
     for option, values in (("--gains", {GAIN: _values(gains)}), ("--vary", chosen)):
         _check_values(found, option, values)
@@ -101,6 +105,7 @@ def guide(
         _show(result)
     for path in outputs:
         result.write(path)
+    write_manual(result, manual, rounding)
 
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:

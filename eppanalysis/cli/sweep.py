@@ -68,6 +68,8 @@ class Kind(StrEnum):
     SIMULATE = "simulate"
 
 
+#: Exit code of a join to which shares are missing: run it again (EX_TEMPFAIL of sysexits.h).
+INCOMPLETE = 75
 #: Defaults of options that may be repeated.
 NO_RUNS: list[Run] = []
 NO_KINDS: list[Kind] = []
@@ -113,6 +115,14 @@ Picture = Annotated[
     Path | None,
     typer.Option("--picture", metavar="FILE", help="Also a picture (.png, .svg, .pdf).", show_default=False),
 ]
+ShardOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="I/N",
+        help="Compute the share I of N alone, in a store of its own beside the output; several machines do one each.",
+        show_default=False,
+    ),
+]
 Boundaries = Annotated[
     list[Kind],
     typer.Option(
@@ -136,6 +146,11 @@ def sweep(
     workers: Annotated[int | None, typer.Option(help="Threads or processes. [one a core]", show_default=False)] = None,
     chunk: Annotated[int | None, typer.Option(help="Cells stored together.", show_default=False)] = None,
     resume: Annotated[bool, typer.Option("--resume/--no-resume", help="Go on with a store that is there.")] = True,
+    shard: ShardOption = None,
+    merge: Annotated[
+        bool,
+        typer.Option("--merge", help="Join the shares beside the output; exit code 75 where cells are missing."),
+    ] = False,
     as_json: Json = False,
     output: Target = None,
     picture: Picture = None,
@@ -164,6 +179,8 @@ def sweep(
             chunk=chunk,
             store=store,
             resume=resume,
+            shard=shard,
+            merge=merge,
         )
         curves = [_boundary(found, over, kind, scheduler, workers) for kind in boundaries]
     except KeyboardInterrupt:
@@ -180,8 +197,11 @@ def sweep(
         shown = {name: None if path is None else str(path) for name, path in files.items()}
         summary = {**counts, **shown, "boundaries": [curve.to_dict() for curve in curves]}
         print_json("sweep", [(found, summary)], settings)
-        return
-    _report(dataset, counts, curves)
+    else:
+        _report(dataset, counts, curves)
+    if merge and "not_run" in counts["status"]:
+        typer.echo("Not all shares are finished; the same command joins the rest later.", err=True)
+        raise typer.Exit(INCOMPLETE)
 
 
 def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axes:

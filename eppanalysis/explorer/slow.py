@@ -114,13 +114,11 @@ def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[
 
 def picture(given: Given) -> Facts:
     """The ladder's picture, as a PNG."""
-    import io
-
     from eppanalysis.methods.comparison.ladder import ladder
+    from eppanalysis.plotting import figure_of
+    from eppanalysis.results.shown import png
 
-    stream = io.BytesIO()
-    ladder(given.case()).plot().savefig(stream, format="png", dpi=150)
-    return {"png": stream.getvalue()}
+    return {"png": png(figure_of(ladder(given.case()).plot()), 150)}
 
 
 #: In which process a job is done: what takes long keeps nothing else waiting.

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
+from eppanalysis.plotting import figure_of
 from eppanalysis.readable import cut_text
+from eppanalysis.results.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
 
 if TYPE_CHECKING:
@@ -122,9 +123,7 @@ def _html(guide: Guide, path: Path) -> None:
     frame = guide.rounded()
     style = frame.style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
     table = style.to_html()
-    picture = io.BytesIO()
-    guide.plot().savefig(picture, format="png", dpi=160)
-    image = base64.b64encode(picture.getvalue()).decode()
+    image = base64.b64encode(png(figure_of(guide.plot()), 160)).decode()
     lines = "".join(f"<li>{html.escape(s)}</li>" for s in guide.sentences())
     name = html.escape(_one_line(title(guide)))
     path.write_text(

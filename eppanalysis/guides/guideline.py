@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eppanalysis.arguments import check_counts
+from eppanalysis.arguments import check_counts, checked
 from eppanalysis.cases import Case, as_case
 from eppanalysis.cases.variation import variation_of
 from eppanalysis.errors import EppError
@@ -26,15 +26,15 @@ from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerance import ToleranceBound, check_tolerances, tolerance_bound
 from eppanalysis.models.systems.subject import require_case
 from eppanalysis.progress import Progress
-from eppanalysis.readable import cut, cut_text, with_unit
+from eppanalysis.readable import DIGITS, count, cut, cut_text, with_unit
 from eppanalysis.results import PlainData, Result
 from eppanalysis.results.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
-    from eppanalysis.methods.continuation.branch import Branch
+    from eppanalysis.methods.continuation.result import Branch
 
 __all__ = ["Guide", "GuideRow", "design_guide"]
 
@@ -156,7 +156,7 @@ class Guide(Result):
 
     def _sentence(self, row: GuideRow) -> str:
         text = self.case.text
-        place = " and ".join(f"{_words(n)} of {text(n, v, 4)}" for n, v in row.values.items())
+        place = " and ".join(f"{in_words(n)} of {text(n, v, 4)}" for n, v in row.values.items())
         if not math.isfinite(row.allowed):
             return f"At a {place}: {row.cell.message}"
         lbf = self.case.readable(GAIN)[1]
@@ -175,9 +175,24 @@ class Guide(Result):
             return out + f"a step of {1e3 * abs(row.trigger):.2g} mm at the harness starts an oscillation that stays."
         return out + "an oscillation exists, but no step of the harness that was tried starts it."
 
-    def plot(self) -> Figure:
+    def __str__(self) -> str:
+        """The strictest of the bounds, and how many there are."""
+        known = [row for row in self.rows if math.isfinite(row.allowed)]
+        if not known:
+            return f"No bound on the backlash of {self.case.name} was found at {count(len(self.rows), 'design')}."
+        strictest = min(known, key=lambda row: row.allowed)
+        at = " and ".join(f"{in_words(n)} of {self.case.text(n, v, DIGITS)}" for n, v in strictest.values.items())
+        tested = sum(row.cell.verified for row in known)
+        missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
+        return (
+            f"Keep backlash under {self._below(strictest.allowed)}, the strictest of {count(len(known), 'bound')} "
+            f"(at a {at}); {tested} of them verified{missing}."
+        )
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
         """The three regions over the gain: free of cycles, guarded by an unstable one, oscillating from rest."""
-        return self.drawn("plot_regions")
+        return self.drawn("plot_regions", ax)
 
     def write(self, path: Path) -> None:
         """Write the table (.md, .csv, .tex, .html, .xlsx) or the picture (.png, .svg, .pdf), by the name's ending.
@@ -412,9 +427,10 @@ class _Work:
 
 
 def _column(name: str, unit: str) -> str:
-    return with_unit(_words(f".{name}"), unit)
+    return with_unit(in_words(f".{name}"), unit)
 
 
-def _words(name: str) -> str:
+def in_words(name: str) -> str:
+    """A parameter as manuals call it."""
     last = name.partition(".")[2].replace("_", " ")
     return {"range": "profile range", "stiffness": "cable stiffness", "friction": "pulley friction"}.get(last, last)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.guides.guideline import Guide, GuideRow
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, with_name
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, root_figure, with_name
 from eppanalysis.readable import with_unit, words
 
 _GAIN, _LIMIT = "bands.range", "lock_pin.backlash"
@@ -23,7 +23,7 @@ _REGIONS = (
 )
 
 
-def plot_regions(guide: Guide) -> Figure:
+def plot_regions(guide: Guide, given: Axes | None = None) -> Figure:
     """Backlash over the gain in three regions: free of cycles, guarded by an unstable cycle, oscillating from rest.
 
     One panel a variant; filled circles are bounds that were verified.
@@ -31,6 +31,8 @@ def plot_regions(guide: Guide) -> Figure:
     Parameters
     ----------
     guide : Guide
+    given : matplotlib.axes.Axes, optional
+        Where to draw the first variant alone; all of them on a figure of its own by default.
 
     Raises
     ------
@@ -42,6 +44,10 @@ def plot_regions(guide: Guide) -> Figure:
         groups.setdefault(tuple(row.values[name] for name in guide.varied), []).append(row)
     if not any(np.isfinite(row.cell.bound) for row in guide.rows):
         raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
+    if given is not None:
+        _draw_regions(given, guide, next(iter(groups.values())))
+        given.legend(fontsize=7)
+        return root_figure(given)
     columns = min(len(groups), 3)
     count = -(-len(groups) // columns)
     figure = Figure(figsize=(1.6 + 3.6 * columns, 0.6 + 3.2 * count), layout="constrained")

@@ -7,15 +7,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from eppanalysis.arguments import checked
 from eppanalysis.cases import Case, Parameter
 from eppanalysis.errors import EppError
-from eppanalysis.identify.estimate import BenchFit, Estimate, Residual
+from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, brief_estimates, estimates_frame
 from eppanalysis.identify.reading import Recording, read_recording
 from eppanalysis.progress import Progress
+from eppanalysis.readable import count, listed
 from eppanalysis.results import Result
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
 
 __all__ = ["BenchFit", "Estimate", "Identification", "Recording", "Residual", "identify", "read_recording"]
 
@@ -57,6 +64,30 @@ class Identification(Result):
     def limited_by(self) -> str:
         """The parameter that the data identify least, relative to its size."""
         return max(self.estimates, key=lambda e: (not e.identified, e.relative_width)).name
+
+    def __str__(self) -> str:
+        """How many parameters are identified, from which tests, and which of them limits the rest."""
+        known = sum(estimate.identified for estimate in self.estimates)
+        tests = listed([fit.bench for fit in self.fits])
+        worst = next(fit for fit in reversed(self.fits) if any(e.name == self.limited_by for e in fit.estimates))
+        worse = replace(worst, estimates=(self[self.limited_by],))
+        return (
+            f"{known} of {count(len(self.estimates), 'parameter')} of {self.case.name} identified from {tests}. "
+            f"{worse.limit_sentence()}"
+        )
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The last estimate of every parameter, one a row, each in its SI unit."""
+        return estimates_frame(self.estimates)
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The estimates in the units that people use for them."""
+        return brief_estimates(self.estimates)
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The intervals of all parameters, relative to their values."""
+        return self.drawn("plot_intervals", ax)
 
     def to_toml(self) -> str:
         """The case as a file."""

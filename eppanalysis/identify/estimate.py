@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked
+from eppanalysis.readable import count, words
 from eppanalysis.results import PlainData, Result, Status
+from eppanalysis.results.shown import frame_of
 from eppanalysis.units import format_si
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 #: Share of repeated experiments in which an interval holds the true value.
@@ -97,7 +101,7 @@ class Residual:
     unit: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BenchFit(Result):
     """Result of one bench test.
 
@@ -162,14 +166,51 @@ class BenchFit(Result):
             return ""
         worst = self[self.limited_by]
         if not worst.identified:
-            return f"Limited by {worst.name}: {worst.note}"
+            return f"Limited by {words(worst.name)}: {worst.note}"
         width = worst.relative_width
         known = f"known to ±{100 * width:.2g} %" if width < 1 else "not known better than its own size"
-        return f"Limited by {worst.name}, {known}."
+        return f"Limited by {words(worst.name)}, {known}."
 
-    def plot(self) -> Figure:
+    def __str__(self) -> str:
+        """How many parameters the test identifies, and which of them it knows least."""
+        known = len(self.estimates) - len(self.unidentified)
+        ended = "" if self.status.ok else f" {self.status.value}"
+        counts = f"{known} of {count(len(self.estimates), 'parameter')} identified from {count(self.n_used, 'point')}"
+        return f"{self.bench[:1].upper()}{self.bench[1:]}: {counts}. {self.limit_sentence()}{ended}".rstrip()
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The estimates, one a row, as :func:`estimates_frame` makes it."""
+        return estimates_frame(self.estimates)
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The estimates in the units that people use for them."""
+        return brief_estimates(self.estimates)
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Data with the fit, residuals, and the intervals."""
-        return self.drawn("plot_bench")
+        return self.drawn("plot_bench", ax)
+
+
+def estimates_frame(estimates: Sequence[Estimate]) -> pandas.DataFrame:
+    """Estimates, one a row, each in its SI unit: name, value, ends of the 95 % interval, whether it is identified."""
+    names = ("name", "value", "low", "high", "unit", "identified", "note")
+    return frame_of([{name: getattr(estimate, name) for name in names} for estimate in estimates])
+
+
+def brief_estimates(estimates: Sequence[Estimate]) -> pandas.DataFrame:
+    """Estimates as texts in the units that people use for them."""
+    return frame_of(
+        [
+            {
+                "parameter": words(e.name),
+                "estimate": e.text(e.value),
+                "95 % interval": f"{e.text(e.low)} to {e.text(e.high)}",
+                "identified": e.identified,
+            }
+            for e in estimates
+        ]
+    )
 
 
 def lag_one(residual: Array) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import BLUE, GREY, ORANGE, VERMILLION
+from eppanalysis.plotting import BLUE, GREY, ORANGE, VERMILLION, place_of, root_figure
 from eppanalysis.readable import readable, with_unit
 
 if TYPE_CHECKING:
+    from eppanalysis.identify import Identification
     from eppanalysis.identify.estimate import BenchFit, Estimate
 
 #: Points of a curve that is only drawn behind.
@@ -21,13 +22,18 @@ _MOST_POINTS = 6000
 _WIDEST = 60.0
 
 
-def plot_bench(fit: BenchFit) -> Figure:
+def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
     """Data with the fit over their abscissa, residuals below, intervals relative to their values on the right.
 
     Parameters
     ----------
     fit : BenchFit
+    ax : matplotlib.axes.Axes, optional
+        Where to draw the intervals alone; all of it on a figure of its own by default.
     """
+    if ax is not None:
+        _draw_intervals(ax, fit.estimates)
+        return root_figure(ax)
     panels: Mapping[str, Any] = fit.curves["panels"]
     figure = Figure(figsize=(9.2, 1.2 + 2.9 * len(panels)), layout="constrained")
     grid = figure.add_gridspec(2 * len(panels), 2, width_ratios=[1.7, 1.0], height_ratios=[3.0, 1.1] * len(panels))
@@ -39,6 +45,13 @@ def plot_bench(fit: BenchFit) -> Figure:
             top.legend(fontsize=7, loc="best")
     _draw_intervals(figure.add_subplot(grid[:, 1]), fit.estimates)
     figure.suptitle(f"{fit.bench}: {fit.limit_sentence()}", fontsize=9, x=0.01, ha="left", wrap=True)
+    return figure
+
+
+def plot_intervals(found: Identification, ax: Axes | None = None) -> Figure:
+    """The intervals of all parameters, relative to their values."""
+    figure, ax = place_of(ax, (5.6, 1.0 + 0.5 * len(found.estimates)))
+    _draw_intervals(ax, found.estimates)
     return figure
 
 

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.engine.run import PAUSED, run
+from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.simd.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
 
@@ -34,7 +35,7 @@ class Outcome(NamedTuple):
     stop: np.ndarray  # (1,) int: set, from another thread, to end before all cells are done
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def run_cells(
     stack, compiled, work, workspace, none, period_samples, buffer, now, x0, modes0, H0, compared, base_step, first,
     last, out
@@ -44,12 +45,14 @@ def run_cells(
     `none` and `period_samples` are Samples without and with SAMPLES + 1 times; mode combinations, work and workspace
     are those of any of the models; `now` says when runs end.
     """
-    n, n_y, keep = x0.shape[1], out.mean.shape[1], buffer.t.size
+    n, keep = x0.shape[1], buffer.t.size
     x, modes, H, found, t_end = workspace.x, workspace.modes, workspace.H, np.empty(4), now.t_end
     times, signals = period_samples.times, period_samples.out
     for c in range(first, last):
         model = rows(stack, c)
-        x[:n], modes[:], H[:] = x0[c], modes0[c], H0[c]
+        fill(x[:n], x0[c])
+        fill(modes, modes0[c])
+        fill(H, H0[c])
         compiled.count[0] = 0
         now.base_step, now.t_end, now.watch, now.paused, code = base_step[c], t_end, True, False, PAUSED
         while code == PAUSED:
@@ -70,7 +73,9 @@ def run_cells(
             p, period = int(found[0]), found[1]
             out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
             k = (count - 1 - p) % keep
-            x[:n], modes[:], H[:] = buffer.x[k], buffer.modes[k], buffer.H[k]
+            fill(x[:n], buffer.x[k])
+            fill(modes, buffer.modes[k])
+            fill(H, buffer.H[k])
             for i in range(SAMPLES + 1):
                 times[i] = period * i / SAMPLES
         elif kind == SETTLED:
@@ -84,13 +89,14 @@ def run_cells(
         while code == PAUSED and not out.stop[0]:
             code = run(model, compiled, work, workspace, period_samples, buffer, now)
         if kind == SETTLED:
-            out.mean[c], out.low[c], out.high[c] = signals[0, :n_y], signals[0, :n_y], signals[0, :n_y]
+            for whole in (out.mean, out.low, out.high):
+                fill(whole[c], signals[0])
         else:
             _shape(signals, now.i_sample, out.mean[c], out.low[c], out.high[c])
     now.t_end = t_end
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _shape(signals, n, mean, low, high):
     """Mean and extrema of one period, sampled evenly; each extremum refined by a parabola through three samples."""
     for j in range(mean.size):
@@ -107,7 +113,7 @@ def _shape(signals, n, mean, low, high):
         low[j] = _refined(signals, n - 1, bottom, j)
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _refined(signals, n, i, j):
     a, b, c = signals[(i - 1) % n, j], signals[i, j], signals[(i + 1) % n, j]
     bend = a - 2.0 * b + c

@@ -31,10 +31,17 @@ from typing import Any
 
 import numba
 from numba.core import config
+from numba.core.dispatcher import Dispatcher
+from numba.core.types import unliteral
 from numba.misc.appdirs import AppDirs
+
+from eppanalysis.kernels.parts import Part
 
 #: Of other kernels; from here comes no code.
 _IMPORT = re.compile(r"^from eppanalysis\.kernels\.(?!compiling\b)([\w.]+) import ", re.MULTILINE)
+#: Kernels that Python calls, and functions that only kernels call (see :mod:`eppanalysis.kernels.parts`).
+KERNEL = {"cache": True, "nogil": True}
+PART = {"nogil": True, "pipeline_class": Part, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _place_is_set = Lock()
 
 
@@ -52,12 +59,27 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def compiled(function: Callable[..., Any]) -> Any:
         folder = store()
         if not options.get("cache") or folder is None:
-            return numba.njit(**options | {"cache": False})(function)
+            return _whatever_the_value(numba.njit(**options | {"cache": False})(function))
         module = function.__module__.removeprefix(f"{__package__}.")
         with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
-            return numba.njit(**options)(function)
+            return _whatever_the_value(numba.njit(**options)(function))
 
     return compiled
+
+
+def _whatever_the_value(function: Any) -> Any:
+    """Compile a function once for an argument that is written as a number, and for one of the same type.
+
+    Numba compiles it anew for each number that stands in a call; most of the engine was compiled twice for a zero.
+    """
+    if isinstance(function, Dispatcher):
+        chosen = function.get_call_template
+
+        def of_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+            return chosen(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()})
+
+        function.get_call_template = of_types  # type: ignore[method-assign]
+    return function
 
 
 @contextmanager

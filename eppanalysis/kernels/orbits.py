@@ -12,15 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.engine.curves import SQUARE, curve, curve_slope_term
 from eppanalysis.kernels.engine.flow import flow, growth_rate
 from eppanalysis.kernels.engine.modes import compile_guards, compile_modes
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, _smooth_term
 from eppanalysis.kernels.engine.tables import clear
+from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
 from eppanalysis.kernels.simd.vectors import padded
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
 RECIPROCAL = 2
+#: Series along one arc with smooth channels, at most: some tenths of a second.
+MOST_SERIES = 10_000
 
 
 class Channels(NamedTuple):
@@ -33,7 +37,7 @@ class Channels(NamedTuple):
     sense: np.ndarray  # (p, s): sign of the argument on each arc, for channels that depend on its magnitude
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
 
@@ -72,16 +76,16 @@ def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smo
         for i in range(n):
             for j in range(n):
                 F[a, i, j] = compiled.M[q, j, i]
-            F[a, i, n:] = compiled.N[q, i]
-            S[a, i] = compiled.S[q, i]
+            fill(F[a, i, n:], compiled.N[q, i])
+            fill(S[a, i], compiled.S[q, i])
         for i in range(Y.shape[1]):
             for j in range(n):
                 Y[a, i, j] = compiled.Y[q, j, i]
-            Y[a, i, n:] = compiled.YH[q, i]
-            Ys[a, i] = compiled.Ys[q, i]
-        W[a, :, :n] = compiled.Wx[q]
-        W[a, :, n:] = compiled.WH[q]
-        J[a] = np.eye(n + n_H)
+            fill(Y[a, i, n:], compiled.YH[q, i])
+            fill(Ys[a, i], compiled.Ys[q, i])
+        fill_rows(W[a, :, :n], compiled.Wx[q])
+        fill_rows(W[a, :, n:], compiled.WH[q])
+        fill_rows(J[a], np.eye(n + n_H))
         g[a], gs[a] = 0.0, 0.0
         if guards[a] >= 0:
             code = _guard_rows(model, compiled, q, timing[a], g[a], gs[a])
@@ -100,15 +104,15 @@ def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smo
     return READY
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _guard_rows(model, compiled, q, guard, g, gs):
     """Row of a guard on y and on the smooth channels, rates put in."""
     n = model.A.shape[0]
     for k in range(compiled.n_guards[q]):
         if compiled.guard[q, k] != guard:
             continue
-        g[:n] = compiled.gf[q, k, :n]
-        g[n:] = compiled.gfH[q, k]
+        fill(g[:n], compiled.gf[q, k])
+        fill(g[n:], compiled.gfH[q, k])
         for j in range(gs.size):
             if compiled.gt[q, k, j] != 0.0:
                 return UNSUPPORTED
@@ -119,7 +123,7 @@ def _guard_rows(model, compiled, q, guard, g, gs):
     return NOT_A_GUARD
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _event_map(model, compiled, q, guard, after, J):
     """Memory values after the event; then the input of a sticking element is put on its level."""
     n, n_H = model.A.shape[0], model.K.shape[1]
@@ -136,15 +140,15 @@ def _event_map(model, compiled, q, guard, after, J):
             if c != 0.0:
                 if np.any(compiled.Zs[q, z0 + b] != 0.0):
                     return UNSUPPORTED
-                row[:n] += c * compiled.Zx[q, z0 + b]
-                row[n:] += c * compiled.ZH[q, z0 + b]
+                accumulate(row[:n], c, compiled.Zx[q, z0 + b])
+                accumulate(row[n:], c, compiled.ZH[q, z0 + b])
     m = model.mode_first[e] + after[e]
     if model.mode_stick[m]:
         _level_map(J, model.C[z0], model.Kz[z0], model.mode_level[m], model.B[:, w0])
     return READY
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _level_map(J, c, on_memory, level, b):
     """Let the event map J end with ``c x + on_memory H = level``."""
     n, N = c.size, J.shape[0]
@@ -157,35 +161,36 @@ def _level_map(J, c, on_memory, level, b):
             scale += c[i] * b[i]
     for j in range(on_memory.size):
         if on_memory[j] != 0.0:
-            left += on_memory[j] * J[n + j]
+            accumulate(left, on_memory[j], J[n + j])
     if count == 1:
-        J[alone] = -left / c[alone]
+        for j in range(N):
+            J[alone, j] = -left[j] / c[alone]
         return
     for i in range(n):
         if c[i] != 0.0:
-            left += c[i] * J[i]
+            accumulate(left, c[i], J[i])
     for i in range(n):
         if b[i] != 0.0:
-            J[i] -= b[i] / scale * left
+            accumulate(J[i], -b[i] / scale, left)
 
 
-@njit(cache=True, nogil=True)
-def _guard_at(channels, g, gs, smooth, end, sigma, slope, row):
+@njit(**KERNEL)
+def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
     """Value of the guard that ends an arc, and its derivative by y into `row`, at the arc's end."""
     n = channels.smooth_x.shape[1]
-    row[:] = g
+    fill(row, g)
     value = 0.0
     for j in range(sigma.size):
         if smooth and gs[j] != 0.0:
             value += gs[j] * sigma[j]
-            row[:n] += gs[j] * slope[j] * channels.smooth_x[j]
-            row[n:] += gs[j] * slope[j] * channels.smooth_H[j]
+            accumulate(row[:n], gs[j] * slope[j], channels.smooth_x[j])
+            accumulate(row[n:], gs[j] * slope[j], channels.smooth_H[j])
     for j in range(end.size):
         value += g[j] * end[j]
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _guard_equation(at_once, tau, value, row, E, A, r, place):
     """Row of Newton's equations for the dwell time of an arc (at `place`), and its residual."""
     if at_once == 1:
@@ -204,8 +209,8 @@ def _guard_equation(at_once, tau, value, row, E, A, r, place):
         A[place] -= r[0] / tau
 
 
-@njit(cache=True, nogil=True)
-def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, starts, ends, A, r, speed):
+@njit(**KERNEL)
+def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most, starts, ends, A, r, speed):
     """Run along the arcs from y0, and set up Newton's equations for the free part of y0 and the dwell times.
 
     Parameters
@@ -221,34 +226,43 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
         Places of y that must repeat.
     shift : array (N,)
         What a clock, and what is measured by it, advances per unit of time.
+    most : int
+        Series that may be made; the motion is not a number behind them.
     starts, ends : arrays (p + 1, N), (p, N)
         Filled with y behind and before each event.
     A, r : arrays (m + p, m + p), (m + p,)
         Filled with the derivative and the residual of (periodicity, guards).
     speed : array (p,)
         Filled with the rate at which each guard is crossed.
+
+    Returns
+    -------
+    int
+        Series that were made, those that did not converge too.
     """
     p, n, N = F.shape
-    m = free.size
+    m, made = free.size, 0
     sigma = np.zeros(S.shape[2])
     slope = np.zeros(S.shape[2])
     D, E, row = np.zeros((N, m + p)), np.zeros((N, m + p)), np.zeros(N)
     Phi, rate = np.zeros((N, N)), np.zeros(N)
-    square = np.zeros((8, padded(n), padded(n)))
+    square = room(F)
     A[:, :], r[:] = 0.0, 0.0
     for k in range(m):
         D[free[k], k] = 1.0
     y = y0.copy()
     for a in range(p):
-        starts[a] = y
+        fill(starts[a], y)
         if smooth[a]:
-            smooth_flow(channels, channels.sense[a], F[a], S[a], y, tau[a], ends[a], Phi, sigma, slope)
+            made += smooth_flow(
+                channels, channels.sense[a], F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope
+            )
         else:
             sigma[:], slope[:] = 0.0, 0.0
             affine_flow(F[a], y, tau[a], ends[a], Phi, square)
         end = ends[a]
         _times(Phi, D, E, n, m + a)
-        value = _guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
+        value = guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
         _rate(F[a], S[a], end, sigma, rate)
         for i in range(N):
             E[i, m + a] = rate[i]
@@ -262,7 +276,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
                 v += J[a, i, j] * end[j]
             y[i] = v
         _times(J[a], E, D, N, m + a + 1)
-    starts[p] = y
+    fill(starts[p], y)
     total = tau.sum()
     for k in range(m):
         i = free[k]
@@ -271,10 +285,12 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, start
             A[k, j] = D[i, j]
         A[k, k] -= 1.0
         if shift[i] != 0.0:
-            A[k, m:] -= shift[i]
+            for a in range(p):
+                A[k, m + a] -= shift[i]
+    return made
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _times(P, Q, out, n_dense, n_columns):
     """out = P Q over the first columns; rows of P from n_dense on are those of the identity."""
     N = P.shape[0]
@@ -291,43 +307,67 @@ def _times(P, Q, out, n_dense, n_columns):
             out[i, j] = Q[i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
+def room(F):
+    """Room for the flow of the states that move of themselves or one another; those behind are clocks.
+
+    With dead time an orbit has a clock for each switch on its way: a hundred of them beside two states of a plant.
+    """
+    p, n, _ = F.shape
+    moving = 1
+    for a in range(p):
+        for i in range(n):
+            for j in range(n):
+                if F[a, i, j] != 0.0:
+                    moving = max(moving, i + 1, j + 1)
+    return np.zeros((8, padded(moving), padded(moving)))
+
+
+@njit(**KERNEL)
 def affine_flow(F, y, tau, end, Phi, square):
-    """State at the end of an affine arc, and its derivative."""
+    """State at the end of an affine arc, and its derivative; `square` is what `room` gave."""
     n, N = F.shape
+    moving = min(n, square.shape[1])
     M, integral, power = square[0], square[1], square[2]
-    for i in range(n):
-        for j in range(n):
+    for i in range(moving):
+        for j in range(moving):
             M[i, j] = F[i, j]
     if tau == 0.0:
         integral[:, :] = 0.0
-        power[:, :] = np.eye(power.shape[0])
+        fill_rows(power, np.eye(power.shape[0]))
     else:
         rate = growth_rate(M, square[3], square[4])
         flow(M, tau, rate, integral, power, square[5], square[6], square[7])
     Phi[:, :] = 0.0
     for i in range(N):
         end[i] = y[i]
-    for i in range(n):
+        Phi[i, i] = 1.0
+    for i in range(moving):
         v = 0.0
         for j in range(N):
             v += F[i, j] * y[j]
-        for k in range(n):
+        for k in range(moving):
             end[k] += integral[k, i] * v
-        for j in range(n):
+        for j in range(moving):
             Phi[i, j] = power[i, j]
-        for k in range(n):
+        for k in range(moving):
             f = integral[i, k]
             if f != 0.0:
                 for j in range(n, N):
                     Phi[i, j] += f * F[k, j]
-    for i in range(n, N):
-        Phi[i, i] = 1.0
+    for i in range(moving, n):
+        for j in range(n, N):
+            end[i] += tau * F[i, j] * y[j]
+            Phi[i, j] = tau * F[i, j]
 
 
-@njit(cache=True, nogil=True)
-def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
-    """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes."""
+@njit(**KERNEL)
+def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
+    """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes.
+
+    Returns the number of series made. The end is not a number where it is not reached with `most` of them: the stiffer
+    the motion, the shorter its series.
+    """
     n, N = F.shape
     n_s = S.shape[1]
     H = y[n:].copy()
@@ -335,7 +375,7 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
     workspace = np.zeros((4, ORDER + 1, n_s))
     row = np.zeros((ORDER + 1, N))
     square = np.zeros((3, padded(n), padded(n)))
-    square[0, :n, :n] = F[:, :n]
+    fill_rows(square[0, :n, :n], F)
     rate = growth_rate(square[0], square[1], square[2])
     x, P = y[:n].copy(), np.zeros((n, N))
     for i in range(n):
@@ -345,39 +385,45 @@ def smooth_flow(channels, sense, F, S, y, tau, end, Phi, sigma, slope):
         d *= 0.5
     if tau < 0.0:
         d = -d
-    while True:
+    made, last = 0, False
+    while not last:
         last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
         h = tau - done if last else d
-        X[0], V[0] = x, P
+        if made >= most or not abs(d) >= 1e-12 * abs(tau):
+            x[:], P[:, :] = np.nan, np.nan
+            break
+        fill(X[0], x)
+        fill_rows(V[0], P)
+        made += 1
         if not _series(channels, sense, F, S, H, h, X, V, workspace, row):
-            d = 0.5 * h
-            if abs(d) < 1e-12 * abs(tau):
-                break
+            d, last = 0.5 * h, False
             continue
         for k in range(ORDER - 1, -1, -1):
-            X[ORDER] += X[k]
-            V[ORDER] += V[k]
-        x[:], P[:, :] = X[ORDER], V[ORDER]
+            accumulate(X[ORDER], 1.0, X[k])
+            for i in range(n):
+                accumulate(V[ORDER, i], 1.0, V[k, i])
+        fill(x, X[ORDER])
+        fill_rows(P, V[ORDER])
         X[ORDER], V[ORDER] = 0.0, 0.0
         done += h
-        if last:
-            break
-    end[:n], end[n:] = x, H
+    fill(end[:n], x)
+    fill(end[n:], H)
     Phi[:, :] = 0.0
-    Phi[:n] = P
+    fill_rows(Phi[:n], P)
     for i in range(n, N):
         Phi[i, i] = 1.0
     _channels(channels, sense, x, H, sigma, slope)
+    return made
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _series(channels, sense, F, S, H, h, X, V, workspace, row):
     """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
     n, N = F.shape
     n_s = S.shape[1]
     Sg, arg, aux, slope = workspace[0], workspace[1], workspace[2], workspace[3]
-    size = np.abs(X[0]).max() + 1e-300
-    size_v = np.abs(V[0]).max()
+    size = largest(X[:1]) + 1e-300
+    size_v = largest(V[0])
     for k in range(ORDER - 1):
         for j in range(n_s):
             if channels.smooth_kind[j] != DELAY_LINE:
@@ -397,32 +443,37 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, row):
         for i in range(n):
             for c in range(n):
                 if F[i, c] != 0.0:
-                    V[k + 1, i] += F[i, c] * V[k, c]
+                    accumulate(V[k + 1, i], F[i, c], V[k, c])
             if k == 0:
-                V[1, i, n:] += F[i, n:]
+                accumulate(V[1, i, n:], 1.0, F[i, n:])
         for j in range(n_s):
             if channels.smooth_kind[j] == DELAY_LINE:
                 continue
             row[k] = 0.0
             for c in range(k + 1):
                 for i in range(n):
-                    row[k] += slope[k - c, j] * channels.smooth_x[j, i] * V[c, i]
-            row[k, n:] += slope[k, j] * channels.smooth_H[j]
+                    accumulate(row[k], slope[k - c, j] * channels.smooth_x[j, i], V[c, i])
+            accumulate(row[k, n:], slope[k, j], channels.smooth_H[j])
             for i in range(n):
-                V[k + 1, i] += S[i, j] * row[k]
-        V[k + 1] *= factor
-    tail = np.abs(X[ORDER - 1]).max() + np.abs(X[ORDER - 2]).max()
-    tail_v = np.abs(V[ORDER - 1]).max() + np.abs(V[ORDER - 2]).max()
+                accumulate(V[k + 1, i], S[i, j], row[k])
+        for i in range(n):
+            for j in range(N):
+                V[k + 1, i, j] *= factor
+    tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
+    tail_v = largest(V[ORDER - 1]) + largest(V[ORDER - 2])
     return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
     """Coefficient k of smooth channel j and of its derivative with respect to its argument."""
     kind, scale = model.smooth_kind[j], model.smooth_scale[j]
     if kind != RECIPROCAL:
         _smooth_term(model, j, k, X, H, Sg, arg, aux)
-        slope[k, j] = aux[k, j] if kind == 0 else 3.0 * scale * aux[k, j]
+        if kind >= SQUARE:
+            slope[k, j] = curve_slope_term(kind, j, k, scale, Sg, arg, aux)
+        else:
+            slope[k, j] = aux[k, j] if kind == 0 else 3.0 * scale * aux[k, j]
         return
     # scale/(1 + s a), with the sign s of the mode: at breakaway the argument and its rate are both zero.
     v = 0.0
@@ -443,7 +494,7 @@ def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
     slope[k, j] = -s * v / scale if scale != 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _channels(model, sense, x, H, sigma, slope):
     """Values and slopes of the smooth channels at the end of an arc."""
     for j in range(sigma.size):
@@ -457,16 +508,19 @@ def _channels(model, sense, x, H, sigma, slope):
             sigma[j], slope[j] = scale * np.sin(a), scale * np.cos(a)
         elif kind == 1:
             sigma[j], slope[j] = scale * a**3, 3.0 * scale * a * a
+        elif SQUARE <= kind < DELAY_LINE:
+            value, rate = curve(kind, a)
+            sigma[j], slope[j] = scale * value, scale * rate
         elif kind != DELAY_LINE:
             sigma[j] = scale / (1.0 + sense[j] * a)
             slope[j] = -sense[j] * sigma[j] * sigma[j] / scale if scale != 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def states_at(channels, F, S, smooth, starts, marks, times, out):
     """y at increasing `times` of one period, each by its own flow from the start of its arc."""
     p, n, N = F.shape
-    square, Phi = np.zeros((8, padded(n), padded(n))), np.zeros((N, N))
+    square, Phi = room(F), np.zeros((N, N))
     sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
     a = 0
     for i in range(times.size):
@@ -474,29 +528,31 @@ def states_at(channels, F, S, smooth, starts, marks, times, out):
             a += 1
         t = times[i] - marks[a]
         if smooth[a]:
-            smooth_flow(channels, channels.sense[a], F[a], S[a], starts[a], t, out[i], Phi, sigma, slope)
+            smooth_flow(channels, channels.sense[a], F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope)
         else:
             affine_flow(F[a], starts[a], t, out[i], Phi, square)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
     """Smallest and largest value of every signal over an orbit, exact: nodes on every arc, then Newton on the rate."""
     p, n, N = F.shape
     n_y, steps = Y.shape[1], 8
     node, rate = np.zeros((steps + 1, N)), np.zeros(N)
     value, slope = np.zeros((steps + 1, n_y)), np.zeros((steps + 1, n_y))
-    square, Phi, row = np.zeros((8, padded(n), padded(n))), np.zeros((N, N)), np.zeros(N)
+    square, Phi, row = room(F), np.zeros((N, N)), np.zeros(N)
     sigma, change = np.zeros(S.shape[2]), np.zeros(S.shape[2])
     low[:], high[:] = np.inf, -np.inf
     for a in range(p):
         if tau[a] <= 0.0:
             continue
         d = tau[a] / steps
-        node[0] = starts[a]
+        fill(node[0], starts[a])
         for k in range(steps + 1):
             if k and smooth[a]:
-                smooth_flow(channels, channels.sense[a], F[a], S[a], node[k - 1], d, node[k], Phi, sigma, change)
+                smooth_flow(
+                    channels, channels.sense[a], F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change
+                )
             elif k == 1:
                 affine_flow(F[a], node[0], d, node[1], Phi, square)
             elif k:
@@ -531,7 +587,7 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
                 low[s], high[s] = min(low[s], v), max(high[s], v)
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _carry(Phi, y, out, n):
     """One more step of an affine arc."""
     N = y.size
@@ -544,7 +600,7 @@ def _carry(Phi, y, out, n):
         out[i] = y[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _rate(F, S, y, sigma, rate):
     for i in range(F.shape[0]):
         v = 0.0
@@ -555,7 +611,7 @@ def _rate(F, S, y, sigma, rate):
         rate[i] = v
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, square):
     """Value of a signal where its rate vanishes inside a step, by regula falsi (Illinois) on the rate."""
     N = y.size
@@ -565,7 +621,7 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
     for _ in range(12):
         t = (t0 * right - t1 * left) / (right - left)
         if smooth:
-            smooth_flow(channels, channels.sense[a], F, S, y, t, end, Phi, sigma, change)
+            smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change)
         else:
             affine_flow(F, y, t, end, Phi, square)
         _rate(F, S, end, sigma, rate)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.simd.tuples import by_address
 
 Array = NDArray[np.float64]
@@ -23,9 +24,9 @@ _PER_WAVE, _LEAST = 8, 32
 ROUNDING = 1e-13
 _MOST_STEPS = 60
 
-_COMPILED = {"cache": True, "nogil": True, "error_model": "numpy"}
+_COMPILED = {**KERNEL, "error_model": "numpy"}
 #: Those that only kernels call.
-_INNER = {**_COMPILED, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INNER = {**PART, "error_model": "numpy"}
 
 
 @by_address
@@ -285,7 +286,7 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, memor
             return -1, mode
         phi, mode = when, table.target[best]
         level, slope = series_at(z, phi)
-        before[:] = memory
+        fill(before, memory)
         for h in range(n_memory):
             new = table.memory_constant[best, h]
             for i in range(table.roles.size):

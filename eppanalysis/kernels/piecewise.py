@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def _halves(amplitude, distance):
     return math.sqrt((amplitude - distance) * (0.5 / amplitude)), math.sqrt((amplitude + distance) * (0.5 / amplitude))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**PART, error_model="numpy")
 def _add_piece(start, end, slope, side, amplitude, bias, mean, gain):
     """Add what a sloped piece brings on one `side` (1 above, -1 below) of the bias; it runs outwards, start to end.
 
@@ -108,7 +108,7 @@ def _add_piece(start, end, slope, side, amplitude, bias, mean, gain):
         mean[i] += side * slope / math.pi * A * lever if inside else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(**PART, error_model="numpy")
 def _add_jump(edge, jump, amplitude, bias, mean, gain):
     """Add what a jump at `edge` brings where the input passes it."""
     for i in range(amplitude.size):
@@ -122,7 +122,7 @@ def _add_jump(edge, jump, amplitude, bias, mean, gain):
         mean[i] += side * 2.0 / math.pi * jump * _angle(s, c) if inside else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
     """Start `mean` with the output at the bias and `gain` with zero, or finish both where nothing oscillates."""
     last, level, slope, jump = math.nan, math.nan, math.nan, 0.0
@@ -142,7 +142,7 @@ def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
             mean[i], gain[i] = math.nan, math.nan
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _reach(amplitude, bias):
     """Lowest and highest input in a chunk, and the lowest and highest bias."""
     bottom, top, lowest, highest = math.inf, -math.inf, math.inf, -math.inf
@@ -152,7 +152,7 @@ def _reach(amplitude, bias):
     return bottom, top, lowest, highest
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
     """One chunk: only pieces that some of its inputs reach are visited."""
     _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain)
@@ -170,7 +170,7 @@ def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gai
             _add_jump(breakpoints[edge], jumps[edge], amplitude, bias, mean, gain)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
     """Fill `mean` and `gain` for every pair of `amplitude` and `bias`; only breakpoints inside the oscillation are
     visited.

@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.engine.curves import SQUARE, curve
+from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.simd.tuples import by_address
 
 #: Steps in a period (a multiple of four), most periods, most events in a step.
@@ -48,7 +50,7 @@ class Rules(NamedTuple):
     start: np.ndarray  # (h,)
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _inputs(a, b, omega, phi, z, rate):
     """The first input, its rate as the second one, and the rates of both; further ones stay at zero."""
     sine, cosine = math.sin(phi), math.cos(phi)
@@ -57,7 +59,7 @@ def _inputs(a, b, omega, phi, z, rate):
         z[1], rate[1] = rate[0], -a * omega * omega * sine
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _outputs(rules, mode, z, memory, w):
     for i in range(w.size):
         v = rules.constant[mode, i]
@@ -72,12 +74,15 @@ def _outputs(rules, mode, z, memory, w):
                 for k in range(z.size):
                     u += rules.smooth_input[j, k] * z[k]
                 kind = rules.smooth_kind[j]
-                f = math.sin(u) if kind == 0 else u * u * u if kind == 1 else 1.0 / (1.0 + abs(u))
+                if kind >= SQUARE:
+                    f = curve(kind, u)[0]
+                else:
+                    f = math.sin(u) if kind == 0 else u * u * u if kind == 1 else 1.0 / (1.0 + abs(u))
                 v += c * rules.smooth_scale[j] * f
         w[i] = v
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _guard(rules, g, mode, a, b, omega, phi, memory, z, rate, w):
     """Value of a guard at a phase."""
     _inputs(a, b, omega, phi, z, rate)
@@ -96,7 +101,7 @@ def _guard(rules, g, mode, a, b, omega, phi, memory, z, rate, w):
     return v
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
     """The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none."""
     best, where = -1, high
@@ -118,7 +123,7 @@ def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
     return best, where
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total):
     """Add Gauss's rule for the integrals of output, output times sine and times cosine; returns the largest output."""
     largest = 0.0
@@ -135,7 +140,7 @@ def _panel(rules, mode, a, b, omega, low, high, memory, z, rate, w, total):
     return largest
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _integrate(rules, mode, a, b, omega, low, high, memory, z, rate, w, total, once, twice):
     """Add the integrals of output, output times sine and times cosine from phase to phase, shape (3, w).
 
@@ -165,11 +170,11 @@ def _integrate(rules, mode, a, b, omega, low, high, memory, z, rate, w, total, o
         left, width = right, 2.0 * (right - left)
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _write(rules, g, a, b, omega, phi, z, rate, memory, before):
     """Memory values behind the event of a guard."""
     _inputs(a, b, omega, phi, z, rate)
-    before[:] = memory
+    fill(before, memory)
     for h in range(memory.size):
         v = rules.memory_constant[g, h]
         for j in range(z.size):
@@ -179,7 +184,7 @@ def _write(rules, g, a, b, omega, phi, z, rate, memory, before):
         memory[h] = v
 
 
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@njit(**PART)
 def _period(rules, mode, a, b, omega, memory, z, rate, w, before, total, once, twice):
     """Integrals over one period into `total`, (3, w); returns the mode at its end, -1 where switches never end."""
     total[:, :] = 0.0
@@ -199,7 +204,7 @@ def _period(rules, mode, a, b, omega, memory, z, rate, w, before, total, once, t
     return mode
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def describe(rules, start_mode, a, b, omega, mean, gain):
     """Mean outputs and gains (points, w) for points of amplitude, bias and frequency (points,).
 
@@ -210,10 +215,10 @@ def describe(rules, start_mode, a, b, omega, mean, gain):
     total, once, twice, begin = np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros(n_h)
     for p in range(a.size):
         mode, same = start_mode, False
-        memory[:] = rules.start
+        fill(memory, rules.start)
         for _ in range(PERIODS):
             first = mode
-            begin[:] = memory
+            fill(begin, memory)
             mode = _period(rules, mode, a[p], b[p], omega[p], memory, z, rate, w, before, total, once, twice)
             same = mode == first
             for h in range(n_h):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
 
 UNDECIDED, SETTLED, CYCLE = 0, 1, 2
 #: A cycle is accepted when its extrapolated limit is this close, relative to its own size.
@@ -24,7 +24,7 @@ STEEP = 0.5
 ADD_UP = 0.5
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, found):
     """UNDECIDED, SETTLED or CYCLE from the buffer of the last events.
 
@@ -86,7 +86,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
     return UNDECIDED
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding):
     """What all periods to come will change after `d1`: a geometric series, but for rounding; 1e300 where it grows.
 
@@ -113,7 +113,7 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
     return d1 * now / (1.0 - now) if now < 1.0 else 1e300
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     """Ratio at which `d1` changes from one stretch to the next as its parts do, where they add up to it; 0 for none.
 
@@ -135,7 +135,7 @@ def _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     return ratio
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     """The period among p and its parts: a part whose change is still decaying, or has come to rounding, is the whole.
 
@@ -151,7 +151,7 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     return p
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _repeats(ev_guard, count, keep, p):
     """Whether the last three stretches of p events are the same."""
     for k in range(2 * p):
@@ -160,7 +160,7 @@ def _repeats(ev_guard, count, keep, p):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _range(ev_t, ev_x, ev_v, count, keep, p, out):
     """How far each state moves over the last p events, from its values there and its rates on the way."""
     for i in range(out.size):
@@ -174,7 +174,7 @@ def _range(ev_t, ev_x, ev_v, count, keep, p, out):
         out[i] = max(high - low, run)
 
 
-@njit(cache=True, nogil=True)
+@njit(**PART)
 def _change(ev_t, ev_x, count, back, keep, p, local, size, compared):
     """Largest change over the period that ended `back` events ago, relative to the cycle's size.
 

@@ -63,7 +63,7 @@ _PREDICTION = """\
 prediction = None
 try:
     prediction = epp.predict_limit_cycles(case)
-    display(epp.table(prediction), prediction.plot())
+    display(epp.table(prediction), prediction.plot().figure)
     print(prediction.status.value, prediction.search, *prediction.warnings)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
@@ -71,27 +71,36 @@ try:
 _NYQUIST = """\
     nyquist = epp.frozen_nyquist(case, prediction[-1]) if len(prediction) else None
     if nyquist:
-        display(nyquist.plot())
+        display(nyquist.plot().figure)
 """
 
 _MARGINS = """\
-if prediction and prediction.margins:
-    display(epp.table(prediction.margins))
-else:
-    print("An element jumps or has no slope, so the linearised loop has no margins.")"""
+try:
+    display(epp.table(epp.margins(case)))
+except epp.EppError as reason:
+    print(reason)"""
 
 _LADDER = """\
-ladder = epp.ladder(case)
-display(epp.table(ladder), ladder.plot())
-print(ladder.verdict)"""
+ladder = None
+try:
+    ladder = epp.ladder(case)
+    display(epp.table(ladder), ladder.plot().figure)
+    print(ladder.verdict)
+except epp.EppError as reason:
+    print(reason)
+    run = epp.simulate(case)
+    if run.status is not epp.Status.UNDECIDED:
+        display(epp.table(run))
+    display(run.plot().figure)
+    print(run.status.value)"""
 
 _CYCLES = """\
 try:
-    cycles = ladder.search if ladder.search is not None else epp.find_limit_cycles(case)
+    cycles = ladder.search if ladder is not None and ladder.search is not None else epp.find_limit_cycles(case)
     display(epp.table(cycles))
     print(cycles.message, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
-        display(cycle.plot())
+        display(cycle.plot().figure)
 except epp.EppError as reason:
     cycles = None
     print(reason)"""
@@ -110,7 +119,7 @@ branch = None
 try:
     start = "{near}" if cycles and cycles.stable else "{far}"
     branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
-    display(branch.plot({signal}at=case.value("{name}")))
+    display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
         print(special.kind, "at", case.text("{name}", special.value) + ":", special.note)
@@ -143,7 +152,7 @@ try:
     guide = epp.design_guide(case, {gains})
     shown = guide.rounded()
     shown = shown.set_index(shown.columns[0]).T.rename_axis(index=None)
-    display(shown[~shown.isin(["", "-"]).all(axis="columns")], guide.plot())
+    display(shown[~shown.isin(["", "-"]).all(axis="columns")], guide.plot().figure)
     for sentence in guide.sentences():
         print(sentence)
 except epp.EppError as reason:
@@ -152,7 +161,7 @@ except epp.EppError as reason:
 _PROVENANCE = """\
 from datetime import datetime
 
-display(epp.table(case.provenance()), epp.table(ladder.provenance))
+display(epp.table(case.provenance()), epp.table((run if ladder is None else ladder).provenance))
 print("Computed", datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"))"""
 
 
@@ -175,7 +184,7 @@ def _branch(case: Case) -> str:
         return ""
     name = names[0]
     places = {key: case.text(name, at) for key, at in zip(("near", "far", "stop"), variation.branch(name), strict=True)}
-    signal = f"{case.expected.signal!r}, " if case.expected.signal else ""
+    signal = f"signal={case.expected.signal!r}, " if case.expected.signal else ""
     return _BRANCH.format(name=name, signal=signal, **places)
 
 
@@ -211,7 +220,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     Section(
         "Margins",
-        "Of the loop with each element as its steepest slope; a loop with good margins may still oscillate.",
+        "Of the loop cut open where the table says, with each element as the gain below it; a loop with good margins "
+        "may still oscillate.",
         _margins,
     ),
     Section(

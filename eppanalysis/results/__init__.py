@@ -2,147 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sized
-from dataclasses import dataclass, field, fields, is_dataclass
-from enum import Enum, StrEnum
-from importlib import import_module
-from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.errors import EppError, NotConverged, shown
-from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.errors import EppError, shown as written
+from eppanalysis.readable import number, percent, quantity, readable, with_unit, words
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.result import (
+    Brief as Brief,
+    PlainData as PlainData,
+    Result as Result,
+    Status as Status,
+    plain as plain,
+    require_converged as require_converged,
+)
+from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-
-class Status(Enum):
-    """How a method ended; the value is a sentence for people, with the remedy where there is one."""
-
-    CONVERGED = "The method converged."
-    SETTLED = "The motion settled at rest."
-    LIMIT_CYCLE = "The motion settled on a limit cycle."
-    UNDECIDED = "The motion had neither settled nor repeated itself by the end; simulate for longer."
-    DIVERGED = "The motion grew without bound."
-    EVENT_LIMIT = (
-        "The run stopped early: too many events (an accumulation of switches) or steps (far faster motions, or a far "
-        "smaller step, than its length allows); its results end where it stopped."
-    )
-    INCOMPLETE = "The search covers a part of what was asked for; its sentence says which."
-    NOT_CONVERGED = "The iteration did not converge; its last iterate is given for inspection only."
-
-    @property
-    def ok(self) -> bool:
-        """Whether results with this status may be relied on."""
-        return self in (Status.CONVERGED, Status.SETTLED, Status.LIMIT_CYCLE)
-
-
-def require_converged(status: Status, what: str) -> None:
-    """Raise NotConverged unless `status` is a success."""
-    if not status.ok:
-        raise NotConverged(f"{what}: {status.value}")
-
-
-def plain(value: Any) -> Any:
-    """A value as plain data: arrays as lists, complex numbers as pairs, members of enumerations by their names.
-
-    Examples
-    --------
-    >>> plain({"status": Status.CONVERGED, "values": np.array([1.0, 2.0j])})
-    {'status': 'converged', 'values': [[1.0, 0.0], [0.0, 2.0]]}
-    """
-    if hasattr(value, "to_dict"):
-        return value.to_dict()
-    if isinstance(value, Enum):
-        return value.value if isinstance(value, str) else value.name.lower()
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, complex):
-        return [value.real, value.imag]
-    if isinstance(value, Mapping):
-        return {name: plain(inner) for name, inner in value.items()}
-    if is_dataclass(value):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return plain(value._asdict())
-    return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
-
-
-class PlainData:
-    """A dataclass that people get as plain data."""
-
-    #: What its plain data hold, in order: fields, properties and methods by name, with ``name=place`` for one that goes
-    #: by another name there; all fields where nothing is said.
-    in_json: ClassVar[str] = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data in SI units, as ``--json`` prints it."""
-        names = self.in_json.split() or [f.name for f in fields(self)]  # type: ignore[arg-type]  # a dataclass
-        parts = ((name, attrgetter(place or name)(self)) for name, _, place in (item.partition("=") for item in names))
-        return {name: plain(part() if callable(part) else part) for name, part in parts}
-
-
-class Brief(PlainData):
-    """A dataclass whose repr fits the console: its plain values, and how much there is of the others."""
-
-    def __repr__(self) -> str:
-        named = fields(self)  # type: ignore[arg-type]  # only dataclasses inherit from it
-        shown = {f.name: _brief(getattr(self, f.name)) for f in named if f.name != "provenance"}
-        return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in shown.items() if text)})"
-
-
-def _brief(value: object) -> str:
-    """A plain value itself; of a collection what it is and its size; nothing where there is nothing."""
-    if isinstance(value, Enum):
-        return value.name
-    if isinstance(value, float):
-        return f"{value:.7g}"
-    if value is None or isinstance(value, str | int):
-        return repr(value)
-    if isinstance(value, np.ndarray):
-        return f"<array {'x'.join(map(str, value.shape))}>" if value.size else ""
-    if isinstance(value, Sized):
-        return f"<{type(value).__name__} of {len(value)}>" if len(value) else ""
-    return f"<{type(value).__name__}>"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Result(Brief):
-    """What an analysis returns.
-
-    Attributes
-    ----------
-    provenance : Provenance
-        What made it; nothing is computed with it.
-    operating_point : OperatingPoint or None
-        Where the external inputs are held, or why they stand nowhere; None where a result is of no single one.
-    """
-
-    provenance: Provenance = field(default_factory=Provenance, kw_only=True, compare=False, repr=False)
-    operating_point: OperatingPoint | None = field(default=None, kw_only=True, compare=False)
-
-    def drawn(self, function: str, *options: Any) -> Any:
-        """What a function of the module `picture` in the result's own room draws of it."""
-        return self.by("picture", function, *options)
-
-    def by(self, module: str, function: str, *options: Any) -> Any:
-        """What a function in the result's own room makes of it: a picture, a file.
-
-        Such a function knows the result. So that no two modules know each other, a result knows it by name only; what
-        draws and writes is loaded when something is drawn or written.
-        """
-        own = type(self).__module__
-        room = own if own == __name__ else own.rpartition(".")[0]
-        return getattr(import_module(f"{room}.{module}"), function)(self, *options)
 
 
 class Outcome(StrEnum):
@@ -279,7 +166,7 @@ class LimitCycle(Result):
             If there is no such signal.
         """
         if signal not in self.harmonics:
-            raise EppError(f"There is no signal {shown(signal)}; expected one of {', '.join(self.harmonics)}.")
+            raise EppError(f"There is no signal {written(signal)}; expected one of {', '.join(self.harmonics)}.")
         return float(abs(self.harmonics[signal][1]))
 
     def require_converged(self) -> LimitCycle:
@@ -296,10 +183,42 @@ class LimitCycle(Result):
             )
         return self
 
+    @property
+    def size(self) -> str:
+        """How large and how fast it is, in words: the peak-to-peak of its first signal and its frequency."""
+        return self.size_of(next(iter(self.peak_to_peak), ""))
+
+    def size_of(self, signal: str) -> str:
+        """How large and how fast it is in one of its signals, in words."""
+        if signal not in self.peak_to_peak:
+            return f"{number(self.frequency)} Hz"
+        span = quantity(self.peak_to_peak[signal], self.units.get(signal, ""))
+        return f"{words(signal)} {span} peak to peak at {number(self.frequency)} Hz"
+
+    def __str__(self) -> str:
+        """The cycle in a sentence: whether it is stable, its size, its frequency, and by which method."""
+        kind = {True: "Stable limit cycle", False: "Unstable limit cycle", None: "Limit cycle"}[self.stable]
+        doubt = " It may not exist: the harmonics that first order neglects may take it away." * self.may_not_exist
+        ended = "" if self.status.ok else f" {self.status.value}"
+        return f"{kind}: {self.size} ({self.method}).{doubt}{ended}"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row: method, stability, frequency [Hz], period [s], and the peak-to-peak and mean of every signal."""
+        return cycles_frame([self])
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The signals, one a row, each in its own unit."""
+        return signals_frame(self.peak_to_peak, self.mean, self.units)
+
+    def to_dataset(self) -> xarray.Dataset:
+        """The waveforms of one period as an xarray Dataset over time, with units as attributes."""
+        time, waveform = self.by("picture", "one_period")
+        return _over_time(time, waveform, self.units, self.status, self.provenance)
+
     @checked
-    def plot(self, signals: list[str] | None = None) -> Figure:
-        """Waveform of one period, one panel a signal."""
-        return self.drawn("plot_limit_cycle", signals)
+    def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
+        """Waveform of one period, one panel a signal; see :meth:`Result.drawn` for the axes."""
+        return self.drawn("plot_limit_cycle", ax, signals)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -347,21 +266,40 @@ class Trajectory(Result):
 
     def to_dataset(self) -> xarray.Dataset:
         """The signals as an xarray Dataset over time, with units and provenance as attributes."""
-        import json
+        return _over_time(self.t, self.signals, self.units, self.status, self.provenance)
 
-        import xarray
+    def to_frame(self) -> pandas.DataFrame:
+        """The signals over time [s], a column each."""
+        rows = frame_of([])
+        for name, values in {"time": self.t, **self.signals}.items():
+            rows[name] = values
+        rows.attrs["units"] = {"time": "s", **self.units}
+        return rows
 
-        data = {k: ("time", v, {"units": self.units.get(k, "")}) for k, v in self.signals.items()}
-        attributes = {
-            "status": self.status.name.lower(),
-            "provenance": json.dumps(self.provenance.to_dict(), default=str),
-        }
-        return xarray.Dataset(data, coords={"time": ("time", self.t, {"units": "s"})}, attrs=attributes)
+    def in_brief(self) -> pandas.DataFrame:
+        """The signals, one a row: on the cycle, at rest, or over the whole run."""
+        if self.limit_cycle is not None:
+            return self.limit_cycle.in_brief()
+        rest = dict.fromkeys(self.settled_at, 0.0)
+        spans = {name: float(np.ptp(v)) for name, v in self.signals.items() if v.size}
+        means = {name: float(np.mean(v)) for name, v in self.signals.items() if v.size}
+        return signals_frame(rest or spans, self.settled_at or means, self.units)
+
+    def __str__(self) -> str:
+        """What the run does in the end, with a number."""
+        since = f"from {number(self.settled_since)} s on"
+        if self.limit_cycle is not None:
+            return f"Oscillates: {self.limit_cycle.size}, {since}."
+        if self.status is Status.SETTLED:
+            where = next(((n, v) for n, v in self.settled_at.items()), None)
+            at = "" if where is None else f": {words(where[0])} at {quantity(where[1], self.units.get(where[0], ''))}"
+            return f"Settles at rest{at}, {since}."
+        return f"{f'After {number(self.end_time)} s' if self.t.size else 'Without samples'}: {self.status.value}"
 
     @checked
-    def plot(self, signals: list[str] | None = None) -> Figure:
-        """Signals against time, one panel each."""
-        return self.drawn("plot_trajectory", signals)
+    def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
+        """Signals against time, one panel each; see :meth:`Result.drawn` for the axes."""
+        return self.drawn("plot_trajectory", ax, signals)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -371,14 +309,15 @@ class Prediction(Result):
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
     ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
     principal element. `search` says how completeness was sought, `warnings` what cycles first order cannot see there.
-    `operating_point` is where the external inputs are held.
+    `operating_point` is where the external inputs are held. `margins` are those of the linearised loop: where it is cut
+    ("at"), the numbers, and the gains that stand for the elements ("rule").
     """
 
     cycles: tuple[LimitCycle, ...]
     status: Status
     search: str
     curves: Mapping[str, Any] = field(default_factory=dict)
-    margins: Mapping[str, float] = field(default_factory=dict)
+    margins: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     in_json = "status message=status.value search warnings margins operating_point cycles provenance"
@@ -392,6 +331,92 @@ class Prediction(Result):
     def __iter__(self):
         return iter(self.cycles)
 
-    def plot(self, ax: Axes | None = None) -> Figure:
+    def __str__(self) -> str:
+        """How many limit cycles first order has, the largest stable one, and what it may not see."""
+        doubtful = sum(cycle.may_not_exist for cycle in self.cycles)
+        doubt = [f"{doubtful} of {len(self)} may not exist."] if doubtful else []
+        ended = [] if self.status.ok else [self.status.value]
+        gain = self.margins.get("gain_margin", float("nan")) if not self.cycles else float("nan")
+        margin = "" if np.isnan(gain) else f"; the gain margin of the linearised loop is {number(gain)}"
+        return " ".join([f"First order predicts {counted(self.cycles)}{margin}.", *doubt, *ended, *self.warnings])
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The cycles, one a row."""
+        return cycles_frame(self.cycles)
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The cycles, one a row, by their first signal."""
+        return brief_cycles(self.cycles)
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Nyquist picture with the -1/N locus, its intersections and arrows of stability."""
         return self.drawn("plot_nyquist", ax)
+
+
+def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:
+    """Limit cycles in words: how many, how many of them stable, the size of the largest of these (of all, if none is).
+
+    Examples
+    --------
+    >>> counted([])
+    'no limit cycle'
+    """
+    if not cycles:
+        return "no limit cycle"
+    stable = [cycle for cycle in cycles if cycle.stable]
+    name = next(iter(cycles[0].peak_to_peak), "") if signal is None else signal
+    size = max(stable or cycles, key=lambda cycle: cycle.peak_to_peak.get(name, 0.0)).size_of(name)
+    if len(cycles) == 1:
+        kind = {True: "stable ", False: "unstable ", None: ""}[cycles[0].stable]
+        return f"1 {kind}limit cycle with {size}"
+    if len(stable) == 1:
+        return f"{len(cycles)} limit cycles, the stable one with {size}"
+    known = f", {len(stable) or 'none'} of them stable" if any(c.stable is not None for c in cycles) else ""
+    return f"{len(cycles)} limit cycles{known}, the largest{' of these' * bool(stable)} with {size}"
+
+
+def cycles_frame(cycles: Sequence[LimitCycle]) -> pandas.DataFrame:
+    """Limit cycles, one a row [SI]: method, stability, frequency, period, estimated error, and every signal."""
+    rows, units = [], {"frequency": "Hz", "period": "s"}
+    for cycle in cycles:
+        row: dict[str, Any] = {name: getattr(cycle, name) for name in ("method", "stable", "frequency", "period")}
+        row["error_estimate"] = cycle.error_estimate
+        for name, span in cycle.peak_to_peak.items():
+            # What is left of a mean of zero after summation is not worth its digits.
+            mean = cycle.mean[name] if abs(cycle.mean[name]) > 1e-9 * span else 0.0
+            row |= {f"{name}.peak_to_peak": span, f"{name}.mean": mean}
+            units |= dict.fromkeys((f"{name}.peak_to_peak", f"{name}.mean"), cycle.units.get(name, ""))
+        rows.append(row)
+    return frame_of(rows, units)
+
+
+def brief_cycles(cycles: Sequence[LimitCycle]) -> pandas.DataFrame:
+    """Limit cycles, one a row [SI], by their first signal alone."""
+    frame = cycles_frame(cycles).drop(columns="period", errors="ignore")
+    frame["error_estimate"] = [percent(cycle.error_estimate) for cycle in cycles]
+    return frame[list(frame.columns[:6])].rename(columns={"error_estimate": "estimated error"})
+
+
+def signals_frame(spans: Mapping[str, float], means: Mapping[str, float], units: Mapping[str, str]) -> pandas.DataFrame:
+    """Signals, one a row, in the units that people read, which their names say."""
+    rows = []
+    for name, span in spans.items():
+        unit, factor = readable(units.get(name, ""))
+        row = {"signal": with_unit(words(name), unit), "peak to peak": factor * span}
+        mean = means.get(name, float("nan"))
+        rows.append(row | {"mean": 0.0 if abs(mean) < 1e-9 * span else factor * mean})
+    return frame_of(rows)
+
+
+def _over_time(
+    time: Array, signals: Mapping[str, Array], units: Mapping[str, str], status: Status, provenance: Provenance
+) -> xarray.Dataset:
+    """Signals as a dataset over time, with units, status and provenance as attributes."""
+    import json
+
+    import xarray
+
+    data = {name: ("time", values, {"units": units.get(name, "")}) for name, values in signals.items()}
+    attributes = {"status": status.name.lower(), "provenance": json.dumps(provenance.to_dict(), default=str)}
+    return xarray.Dataset(data, coords={"time": ("time", time, {"units": "s"})}, attrs=attributes)

@@ -23,12 +23,12 @@ from eppanalysis.plotting import (
     label_time,
     legend_below,
     mark_events,
-    panels_of,
-    root_figure,
+    place_of,
+    places_of,
     show_constant,
     with_name,
 )
-from eppanalysis.readable import count, readable, with_unit, words
+from eppanalysis.readable import count, number, readable, with_unit, words
 from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
 
-def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None) -> Figure:
+def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """Signals against time, one panel each; grey marks at the foot are events, shaded is where the run is steady.
 
     Angles are in degrees, lengths in millimetres.
@@ -48,6 +48,8 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     trajectory : Trajectory
     signals : sequence of str, optional
         Which signals, in this order; all by default.
+    given : matplotlib.axes.Axes, optional
+        Where to draw the first of them; a figure of its own by default.
 
     Raises
     ------
@@ -55,9 +57,9 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         If the trajectory has no such signal.
     """
     names = chosen(trajectory.signals, signals)
-    figure, panels = panels_of(len(names))
+    figure, panels = places_of(given, len(names))
     times = np.array([event.time for event in trajectory.events])
-    for name, ax in zip(names, panels, strict=True):
+    for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, trajectory.units)
         values = factor * trajectory.signals[name]
         ax.plot(trajectory.t, values, color=BLUE, linewidth=1.0)
@@ -66,15 +68,16 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         mark_events(ax, times)
         if np.isfinite(trajectory.settled_since) and trajectory.t.size:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
-            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {trajectory.settled_since:.3g} s on)"
+            text = f"{_STEADY.get(trajectory.status, 'steady')} (from {number(trajectory.settled_since)} s on)"
             ax.axvspan(trajectory.settled_since, float(trajectory.t[-1]), **steady, label=text)
     label_time(panels, "time [s]")
-    legend_below(figure, panels[0])
-    figure.suptitle(with_name(trajectory.status.value, trajectory.provenance.subject), fontsize=10)
+    if given is None:
+        legend_below(figure, panels[0])
+        figure.suptitle(with_name(trajectory.status.value, trajectory.provenance.subject), fontsize=10)
     return figure
 
 
-def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) -> Figure:
+def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
     """One period of a limit cycle, one panel a signal, with its mean (dashed) and its switches (grey marks).
 
     Angles are in degrees, lengths in millimetres.
@@ -84,6 +87,8 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) ->
     cycle : LimitCycle
     signals : sequence of str, optional
         Which signals, in this order; all by default.
+    given : matplotlib.axes.Axes, optional
+        Where to draw the first of them; a figure of its own by default.
 
     Raises
     ------
@@ -92,9 +97,9 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) ->
     """
     time, waveform = one_period(cycle)
     names = chosen(waveform, signals)
-    figure, panels = panels_of(len(names))
+    figure, panels = places_of(given, len(names))
     switches = np.array([event.time for event in cycle.events if event.time <= cycle.period])
-    for name, ax in zip(names, panels, strict=True):
+    for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, cycle.units)
         values = factor * np.asarray(waveform[name])
         ax.plot(time, values, color=BLUE, linewidth=1.2)
@@ -103,9 +108,10 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None) ->
         ax.set_ylabel(label)
         mark_events(ax, switches)
     label_time(panels, "time within the period [s]")
-    legend_below(figure, panels[0])
-    text = f"{cycle.method}, {cycle.frequency:.4g} Hz, {STABILITY[cycle.stable]}"
-    figure.suptitle(with_name(text, cycle.provenance.subject), fontsize=10)
+    if given is None:
+        legend_below(figure, panels[0])
+        text = f"{cycle.method}, {number(cycle.frequency)} Hz, {STABILITY[cycle.stable]}"
+        figure.suptitle(with_name(text, cycle.provenance.subject), fontsize=10)
     return figure
 
 
@@ -124,11 +130,7 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
         Where to draw, without the name of the case; a figure of its own by default.
     """
     own = ax is None
-    if ax is None:
-        figure = Figure(figsize=(5.6, 5.0), layout="constrained")
-        ax = figure.add_subplot()
-    else:
-        figure = root_figure(ax)
+    figure, ax = place_of(ax, (5.6, 5.0))
     if prediction.curves.get("kind") == "nyquist":
         _draw_nyquist(ax, prediction)
     else:
@@ -144,6 +146,11 @@ def _draw_nyquist(ax: Axes, prediction: Prediction) -> None:
     locus = np.asarray(curves["locus"], complex)
     meets = [complex(point["value"]) for point in curves["intersections"]]
     draw_nyquist(ax, response, locus, meets)
+    if curves.get("measured") is not None:
+        points = np.asarray(curves["measured"], complex)
+        window = ax.get_xlim(), ax.get_ylim()
+        ax.plot(points.real, points.imag, ".", color=GREY, markersize=5, zorder=1, label="measured")
+        ax.set(xlim=window[0], ylim=window[1])
     _mark_cycles(ax, meets, prediction.cycles)
 
 
@@ -172,8 +179,8 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         face, size = (GREEN, 7) if cycle.stable else ("none", 11)
         name = next(iter(cycle.harmonics))
         unit, factor = readable(cycle.units.get(name, ""))
-        amplitude = f"{name.replace('_', ' ')} amplitude {factor * cycle.amplitude(name):.3g} {unit}"
-        text = f"{STABILITY[cycle.stable]}: {cycle.frequency:.3g} Hz, {amplitude}"
+        amplitude = f"{name.replace('_', ' ')} amplitude {number(factor * cycle.amplitude(name))} {unit}"
+        text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {amplitude}"
         style: dict[str, Any] = {
             "mfc": face,
             "mec": GREEN,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from eppanalysis.models.systems.lure import LureSystem
     from eppanalysis.sweep.analyses import Task
     from eppanalysis.sweep.axes import Design
+    from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore
 
 __all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"]
 
@@ -39,6 +40,8 @@ def sweep(
     chunk: int | None = None,
     store: str | Path | None = None,
     resume: bool = True,
+    shard: str | tuple[int, int] | None = None,
+    merge: bool = False,
     progress: bool = True,
 ) -> xarray.Dataset:
     """Run analyses in every cell of a grid or sample of a case.
@@ -69,6 +72,12 @@ def sweep(
         Zarr folder that results are written to, chunk by chunk as they are finished. By default they are in memory.
     resume : bool
         Whether a store of the same sweep that is there already goes on where it was; else it is refused.
+    shard : str or (int, int), optional
+        Compute this share of the sweep alone, "3/8" for the third of eight, in a store of its own beside `store`
+        (`map.3-of-8.zarr` for `map.zarr`); its other cells are "not_run".
+    merge : bool
+        Compute nothing: take over into `store` what is finished in the shares beside it. Cells that no share has
+        finished are "not_run"; joining again later goes on.
     progress : bool
         Show cells, rate and time left (on a terminal or in a notebook).
 
@@ -82,7 +91,7 @@ def sweep(
     ------
     EppError
         If an axis, analysis, signal, scheduler or number is not valid, the store is of another sweep or cannot be
-        written, or Dask and Zarr are not installed.
+        written, there are no shares to be joined, or Dask and Zarr are not installed.
 
     Examples
     --------
@@ -98,27 +107,66 @@ def sweep(
     _require("dask", "zarr")
     from eppanalysis.sweep.analyses import make_task
     from eppanalysis.sweep.schedule import run_blocks
-    from eppanalysis.sweep.store import MemoryStore, ZarrStore, cells_in
+    from eppanalysis.sweep.store import cells_in
 
     design = make_design(case, axes)
     task = make_task(case, axes, run, signals)
-    size = _chunk(design, task, chunk)
-    attributes = _attributes(task, design)
-    kept: MemoryStore | ZarrStore
-    if store is None:
-        kept = MemoryStore(task, design, attributes, size)
-    else:
-        kept = ZarrStore(Path(store), task, design, attributes, size, resume)
+    kept, mine = _store(task, design, _chunk(design, task, chunk), store, resume, shard, merge)
     with closing(kept):
-        blocks = kept.pending()
+        blocks = [] if merge else kept.pending()
+        if mine is not None:
+            blocks = [bounds for bounds in blocks if bounds in mine]
         missing = sum(map(cells_in, blocks))
-        n, done = design.n_cells, design.n_cells - missing
+        n = design.n_cells if mine is None else sum(map(cells_in, mine))
         if progress and (notice := kept.notice()):
             _tell(notice)
-        bar = progress_bar("cells", n, done, unit="cells", keep=True) if progress else nullcontext()
+        bar = (
+            progress_bar("cells", n, n - missing, unit="cells", keep=True) if progress and not merge else nullcontext()
+        )
         with bar as advance:
-            run_blocks(task, blocks, kept, scheduler, workers, steps(advance, n, done))
+            run_blocks(task, blocks, kept, scheduler, workers, steps(advance, n, n - missing))
     return kept.dataset()
+
+
+def _store(
+    task: Task,
+    design: Design,
+    size: int,
+    store: str | Path | None,
+    resume: bool,
+    shard: str | tuple[int, int] | None,
+    merge: bool,
+) -> tuple[MemoryStore | ZarrStore, set[Bounds] | None]:
+    """Where results go, joined from shares where that is asked for; and the blocks of a share, None for all."""
+    from eppanalysis.sweep.shards import Shard
+    from eppanalysis.sweep.store import MemoryStore, ZarrStore
+
+    attributes = _attributes(task, design)
+    if shard is None and not merge:
+        if store is None:
+            return MemoryStore(task, design, attributes, size), None
+        return ZarrStore(Path(store), task, design, attributes, size, resume), None
+    if store is None:
+        raise EppError(f"sweep: {'merge' if merge else 'shard'} is given without a store; expected the name of one.")
+    if shard is None:
+        return _joined(ZarrStore(Path(store), task, design, attributes, size, True)), None
+    if merge:
+        raise EppError(f"sweep: merge is given beside shard {shard!r}; expected one of the two.")
+    share = Shard.parse(shard)
+    kept = ZarrStore(share.path(Path(store)), task, design, attributes, size, resume)
+    return kept, set(share.blocks(kept))
+
+
+def _joined(kept: ZarrStore) -> ZarrStore:
+    """A store with what the shares beside it have finished."""
+    from eppanalysis.sweep.shards import join
+
+    try:
+        join(kept)
+    except BaseException:
+        kept.close()
+        raise
+    return kept
 
 
 def _tell(text: str) -> None:

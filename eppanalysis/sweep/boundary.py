@@ -10,15 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arguments import check_counts
+from eppanalysis.arguments import check_counts, checked
 from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
+from eppanalysis.readable import count, listed, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
 from eppanalysis.sweep.analyses import PREFIX, Analysis, Outcome
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
 
 if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
     from eppanalysis.cases import Case
     from eppanalysis.models.systems.lure import LureSystem
 
@@ -48,6 +53,8 @@ class Boundary(Result):
         CONVERGED, or NOT_CONVERGED when parts of it were not found.
     message : str
         How it was found.
+    units : dict of str to str
+        SI units of both parameters.
     """
 
     axes: tuple[str, str]
@@ -56,7 +63,27 @@ class Boundary(Result):
     status: Status
     message: str
 
+    units: dict[str, str] = field(default_factory=dict)
+
     in_json = "axes points label status message provenance"
+
+    def __str__(self) -> str:
+        """Over which values the boundary is known, and how it was found."""
+        known = self.points[np.all(np.isfinite(self.points), axis=1)]
+        places = [f"{words(name)} {span(known[:, i], self.units.get(name, ''))}" for i, name in enumerate(self.axes)]
+        where = f"{count(len(known), 'point')}, {listed(places)}" if len(known) else "no point"
+        ended = "" if self.status.ok else f" {self.status.value}"
+        return f"Boundary ({self.label}): {where}. {self.message}{ended}"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The points, one a row [SI]; rows without numbers part the pieces of the curve."""
+        rows = [dict(zip(self.axes, point, strict=True)) for point in self.points.tolist()]
+        return frame_of(rows, self.units)
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The boundary in the plane of both parameters."""
+        return self.drawn("plot_boundary", ax)
 
     def over(self, x: str, y: str) -> tuple[Array, Array]:
         """Values of `x` and of `y` along the curve.
@@ -144,6 +171,7 @@ def outcome_boundary(
         label=_WORDS[Analysis(run)],
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
+        units={name: case.unit(name)[0] for name in (x, y)},
         provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),
     )
 
@@ -185,6 +213,7 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
         label="exact fold",
         status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
         message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
+        units={name: case.unit(name)[0] for name in (x, y)},
         provenance=Provenance("fold boundary", {"limits": limits}, case=case.provenance()),
     )
 

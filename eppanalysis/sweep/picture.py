@@ -15,7 +15,18 @@ from matplotlib.patches import Patch
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, show_constant, with_name
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILLION,
+    label_of,
+    place_of,
+    show_constant,
+    with_name,
+)
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Outcome
 
@@ -443,6 +454,19 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
     ax.set_yticks([])
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
     ax.tick_params(axis="x", length=0)
+
+
+def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
+    """A boundary in the plane of its two parameters."""
+    figure, ax = place_of(ax, (5.2, 3.6))
+    (x_label, x), (y_label, y) = (label_of(name, boundary.units) for name in boundary.axes)
+    few: dict[str, Any] = {"marker": "."} if len(boundary.points) < _FEW else {}
+    ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(y_label)
+    ax.set_title(with_name(f"boundary, {boundary.label}", boundary.provenance.subject), fontsize=10)
+    ax.spines[["top", "right"]].set_visible(False)
+    return figure
 
 
 def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figure:

@@ -51,7 +51,7 @@ class MemoryStore:
 
     def pending(self) -> list[Bounds]:
         """Blocks that are still to be computed."""
-        return list(_all_bounds(self.design.shape, self.blocks))
+        return list(all_bounds(self.design.shape, self.blocks))
 
     def write(self, bounds: Bounds, columns: Columns) -> None:
         """Keep the results of a block."""
@@ -195,7 +195,7 @@ class ZarrStore:
         integrity.write_sheet(self.path / integrity.SHEET, _SHEET_PLACE, facts)
 
     def _bounds(self) -> Iterator[Bounds]:
-        return _all_bounds(self.design.shape, self.blocks)
+        return all_bounds(self.design.shape, self.blocks)
 
     def _key(self, bounds: Bounds) -> str:
         """Name of the files of a block."""
@@ -204,6 +204,31 @@ class ZarrStore:
     def pending(self) -> list[Bounds]:
         """Blocks that are still to be computed, or again."""
         return [bounds for bounds in self._bounds() if self._key(bounds) not in self.whole]
+
+    def take_over(self, other: Path) -> None:
+        """Copy the blocks that are missing here and finished in a store of the same sweep.
+
+        Raises
+        ------
+        EppError
+            If the other store is of another sweep, or in other blocks.
+        """
+        with _reading(other):
+            sheet = _read_sheet(other)
+        if sheet is None:
+            raise EppError(f"{other}: {integrity.SHEET} is damaged or missing; expected a share of {self.path}.")
+        stamp = _stamp(sheet["blocks"], {key: sheet.get(key) for key in _PARTS})
+        if stamp != self.stamp:
+            raise EppError(f"{other}: holds another sweep, or blocks of another size; expected a share of {self.path}.")
+        names = tuple(self.variables)
+        for key in map(self._key, self.pending()):
+            if integrity.is_whole(other, key, stamp, names):
+                with _writing(self.path):
+                    for name in names:
+                        _copy_file(other / name / "c" / key, self.path / name / "c" / key)
+                    integrity.write_mark(self.path, key, stamp, names)
+                if integrity.is_whole(self.path, key, stamp, names):  # the other may have been written meanwhile
+                    self.whole.add(key)
 
     def write(self, bounds: Bounds, columns: Columns) -> None:
         """Keep the results of a block; it is marked as done as soon as they are on the disk."""
@@ -272,6 +297,16 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
         stamp = _stamp(sheet["blocks"], {key: sheet[key] for key in _PARTS})
         store = integrity.CheckedStore(path, sheet["variables"], stamp)
         return xarray.open_zarr(store, chunks=None, consolidated=False)[sheet["variables"]]
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    """A file of another store in one step; none where that has none."""
+    target.unlink(missing_ok=True)
+    if source.exists():
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = target.with_name(f"{target.name}.partial")
+        shutil.copyfile(source, partial)
+        partial.replace(target)
 
 
 def _refuse_what_is_no_store(path: Path) -> None:
@@ -375,7 +410,8 @@ def cells_in(bounds: Bounds) -> int:
     return prod(stop - start for start, stop in bounds)
 
 
-def _all_bounds(shape: Sequence[int], blocks: Sequence[int]) -> Iterator[Bounds]:
+def all_bounds(shape: Sequence[int], blocks: Sequence[int]) -> Iterator[Bounds]:
+    """All blocks of a grid, in their order."""
     axes = [[(i, min(i + b, n)) for i in range(0, n, b)] for n, b in zip(shape, blocks, strict=True)]
     return product(*axes)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from eppanalysis.cases import Case
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.sweep.analyses import (
     FAILED,
@@ -50,7 +51,7 @@ class Work:
     def of(cls, task: Task) -> Work:
         """Make ready."""
         design = make_design(task.case, task.axes)
-        fast = Analysis.SIMULATE in task.analyses and not task.case.to_system().time_step
+        fast = Analysis.SIMULATE in task.analyses and not _alone(task.case)
         return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
 
     def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
@@ -66,7 +67,7 @@ class Work:
         out = {name: variable.empty(len(places)) for name, variable in self.task.variables().items()}
         one_by_one: list[Analysis] = [analysis for analysis in self.task.analyses if analysis is not Analysis.SIMULATE]
         if Analysis.SIMULATE in self.task.analyses:
-            if self.task.case.to_system().time_step:
+            if _alone(self.task.case):
                 one_by_one.insert(0, Analysis.SIMULATE)
             else:
                 self._simulate(places, out)
@@ -233,6 +234,12 @@ class _Cell:
             self.put(f"{prefix}amplitude{tail}", 0.5 * cycle.peak_to_peak[signal])
             self.put(f"{prefix}mean{tail}", cycle.mean[signal])
         return cycle
+
+
+def _alone(case: Case) -> bool:
+    """Whether runs of a case are made one by one: in discrete time, and where samples never end."""
+    system = case.to_system()
+    return bool(system.time_step) or is_sampled(system.elements)
 
 
 def _judge(truth: str, out: Columns) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -10,19 +11,21 @@ from rich import box
 from rich.table import Table
 
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.readable import readable, with_unit
+from eppanalysis.readable import percent, readable, signed_percent, with_unit
 
 if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.cases import Case
     from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
+    from eppanalysis.methods.certificates.result import Certificate
     from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.methods.design.result import Design
+    from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse
+    from eppanalysis.methods.margins.result import Margins
     from eppanalysis.methods.search.trigger import Trigger
     from eppanalysis.results import LimitCycle, Trajectory
-
-#: SI units of what an elbow is disturbed at; the inputs and states of other loops have none.
-_DISTURBED = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
@@ -49,33 +52,132 @@ def rest_table(run: Trajectory) -> Table:
     return table
 
 
-def margins_text(margins: Mapping[str, float]) -> str:
-    """Classical margins with their units: gain and disk margins are factors, crossovers in rad/s."""
-    texts = []
-    for name, value in margins.items():
-        words = name.replace("_", " ")
-        if name == "phase_margin":
-            texts.append(f"{words} {_number(math.degrees(value))} deg")
-        else:
-            unit = " rad/s" if name.endswith("crossover") and not math.isnan(value) else ""
-            texts.append(f"{words} {_number(value)}{unit}")
-    return ", ".join(texts)
+def margins_table(margins: Mapping[str, Any]) -> Table:
+    """Margins, one a row, with where the loop is cut and the gains that stand for the elements.
 
-
-def margins_table(margins: Mapping[str, float]) -> Table:
-    """Classical margins, one a row."""
-    table = _table("margin", "value")
+    Gain and disk margins are factors, crossovers in rad/s.
+    """
+    table = _table("margin", f"cut at {margins['at']}" if "at" in margins else "value")
     for name, value in margins.items():
-        text = margins_text({name: value}).removeprefix(name.replace("_", " ")).strip()
-        table.add_row(name.replace("_", " "), text)
+        if isinstance(value, float):
+            table.add_row(name.replace("_", " "), _margin(name, value))
+    if "stable" in margins:
+        table.add_row("linearised loop", _STABLE[margins["stable"]])
+    _add_rule(table, margins.get("rule", ()), [margins.get("message", "")])
     return table
+
+
+def all_margins_table(found: Sequence[Margins]) -> Table:
+    """Margins at several places, a column each."""
+    table = _table("margin", *(f"cut at {one.at}" for one in found))
+    for name in found[0].numbers():
+        table.add_row(name.replace("_", " "), *(_margin(name, one.numbers()[name]) for one in found))
+    table.add_row("linearised loop", *(_STABLE[one.stable] for one in found))
+    shared = [sentence for sentence in found[0].rule if all(sentence in one.rule for one in found)]
+    # What is said of some places only: a sampled controller is exact at its own ports, and in the mean elsewhere.
+    apart: dict[str, list[str]] = {}
+    for one in found:
+        for sentence in one.rule:
+            if sentence not in shared:
+                apart.setdefault(sentence, []).append(one.at)
+    said = [f"At {', '.join(places)}: {sentence}" for sentence, places in apart.items()]
+    _add_rule(table, shared, [*said, *(f"{one.at}: {one.message}" for one in found if one.message)])
+    return table
+
+
+def certificate_table(found: Certificate) -> Table:
+    """Roots that are proved, and boxes that are undecided, one a row; amplitudes in SI units."""
+    if not found.roots and not found.undecided:
+        return sentence_table(found.message)
+    table = _table("proved", "amplitude", "angular frequency")
+    for root in found.roots:
+        table.add_row("one root", f"{root.amplitude[0]:.12g}", f"{root.omega[0]:.12g} rad/s")
+    for left in found.undecided:
+        sides = [f"{low:.6g} to {high:.6g}" for low, high in left]
+        table.add_row("undecided", sides[0], f"{sides[1]} rad/s")
+    return table
+
+
+def _add_rule(table: Table, rule: Sequence[str], said: Sequence[str]) -> None:
+    """Which gain stands for each element, one a row, and below the table what is too long for one or said besides."""
+    below = []
+    for sentence in rule:
+        name, _, gain = sentence.removesuffix(".").partition(": ")
+        if len(gain) <= _LONGEST_IN_A_ROW:
+            table.add_row(f"gain for {name}", gain)
+        else:
+            below.append(sentence)
+    table.caption = "\n".join(sentence for sentence in (*below, *said) if sentence) or None
+    table.caption_justify = "left"
+
+
+#: Characters of a gain's description that a column is widened for.
+_LONGEST_IN_A_ROW = 60
+_STABLE = {True: "stable", False: "unstable", None: "not decided"}
+
+
+def _margin(name: str, value: float) -> str:
+    """A margin or a crossover in the unit that people read."""
+    if name == "phase_margin":
+        return f"{_number(math.degrees(value))} deg" if math.isfinite(value) else _number(value)
+    unit = {"delay_margin": " s"}.get(name, " rad/s" if name.endswith("crossover") else "")
+    return f"{_number(value)}{unit if math.isfinite(value) else ''}"
+
+
+def certified_orbit_table(orbit: CertifiedOrbit) -> Table:
+    """What is proved of a cycle, and below the table the statement, with the reason for what is not decided."""
+    table = _table("of the cycle", "proved")
+    table.add_row("period", f"{orbit.period:.12g} s")
+    table.add_row("known to", f"{orbit.radius:.1g} of its size")
+    table.add_row("alone within", f"{orbit.unique_within:.1g} of its size")
+    table.add_row("events", str(len(orbit.events)))
+    table.add_row("stability", orbit.stability.name.replace("_", " ").lower())
+    largest = f"{abs(orbit.multipliers[0]):.6g} ± {orbit.multiplier_radii[0]:.1g}" if orbit.multipliers.size else ""
+    table.add_row("largest multiplier", largest)
+    table.caption, table.caption_justify = str(orbit), "left"
+    return table
+
+
+def forced_table(found: ForcedResponse) -> Table:
+    """Responses to one sine, a column each: period, stability, and of every signal its size and its component at the
+    input's frequency.
+    """
+    table = _table("response", *(str(i) for i in range(1, len(found) + 1)))
+    table.add_row("periods of the input", *(str(one.multiple) for one in found))
+    table.add_row("stability", *("stable" if one.stable else "unstable" for one in found))
+    table.add_row("largest multiplier", *(_number(one.largest_multiplier) for one in found))
+    for name in found[0].cycle.peak_to_peak:
+        unit, factor = readable(found[0].cycle.units.get(name, ""))
+        table.add_row(
+            with_unit(f"{name} peak to peak", unit), *(_number(factor * one.cycle.peak_to_peak[name]) for one in found)
+        )
+        gains = [one.response(name) for one in found]
+        table.add_row(f"{name} gain", *(_number(abs(gain)) for gain in gains))
+        table.add_row(f"{name} phase [deg]", *(_phase(gain) for gain in gains))
+    return table
+
+
+def special_responses_table(found: FrequencyResponse) -> Table:
+    """Folds and other special points of all branches, one a row."""
+    unit, factor = readable(found.units.get(found.input, ""))
+    table = _table("at", "frequency [Hz]", with_unit("amplitude", unit), "gain", "phase [deg]")
+    for branch in found.branches:
+        for s in branch.special:
+            size = f"{factor * s.amplitude:.7g}"
+            table.add_row(s.kind, f"{s.frequency:.7g}", size, _number(abs(s.response)), _phase(s.response))
+    return table
+
+
+def _phase(gain: complex) -> str:
+    """Phase in degrees; what is rounding of zero is zero."""
+    return _number(round(math.degrees(cmath.phase(gain)), 9) + 0.0)
 
 
 def triggers_table(triggers: Sequence[Trigger]) -> Table:
     """The smallest disturbance of each kind that starts a cycle."""
     table = _table("disturbed", "starts a cycle from", "largest tried")
     for trigger in triggers:
-        unit, factor = readable(_DISTURBED.get(trigger.name, ""))
+        unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
         size = "nothing tried starts one" if none else _number(trigger.size * factor)
         table.add_row(with_unit(trigger.name, unit), size, _number(trigger.tried * factor))
@@ -120,7 +222,7 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         ("", [stability[c.stable] for c in cycles]),
         ("frequency [Hz]", [_number(c.frequency) for c in cycles]),
         ("period [s]", [_number(c.period) for c in cycles]),
-        ("estimated error", [_percent(c.error_estimate) for c in cycles]),
+        ("estimated error", [percent(c.error_estimate) for c in cycles]),
     ):
         table.add_row(label, *(cell for value in values for cell in (value, "")))
     table.add_section()
@@ -145,7 +247,7 @@ def ladder_table(ladder: Ladder) -> Table:
     table = _table("", *heads, *(["at rest in simulation"] if at_rest else []), *(["error"] if ladder.errors else []))
 
     def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
-        last = [_signed_percent(error)] if ladder.errors else []
+        last = [signed_percent(error)] if ladder.errors else []
         table.add_row(label, *cells, *([rest] if at_rest else []), *last)
 
     paces = [_number(row.quantities["frequency"]) for row in rungs]
@@ -185,7 +287,7 @@ def _error(share: float | None) -> str:
     """A relative error in per cent, with a power of ten when it is small."""
     if share is None or math.isnan(share):
         return "-"
-    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else _signed_percent(share)
+    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else signed_percent(share)
 
 
 def frame_table(frame: pandas.DataFrame) -> Table:
@@ -248,6 +350,8 @@ class TruthTable:
 def bounds_table(bounds: DesignBounds) -> Table:
     """Bounds by every method, over the parameter that runs."""
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    if bounds.allowed is not None:
+        return _sized_bounds_table(bounds)
     table = _table(
         with_unit(bounds.over, x_unit),
         with_unit("first order", y_unit),
@@ -268,13 +372,58 @@ def bounds_table(bounds: DesignBounds) -> Table:
         table.add_row(
             _number(x * c.value),
             _number(y * c.first_order),
-            _signed_percent(c.first_order_error) + side,
+            signed_percent(c.first_order_error) + side,
             _number(y * c.harmonic),
-            _signed_percent(c.harmonic_error),
+            signed_percent(c.harmonic_error),
             str(c.order),
             f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
             _number(c.frequency),
             tested,
+        )
+    return table
+
+
+def design_table(design: Design) -> Table:
+    """The optimum, and the front below it: the tuned parameters, what is active, and whether it is confirmed."""
+    names, over = list(design.tune), design.front_over
+    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + names]
+    table = _table(*heads, with_unit("first order", design.readable[design.objective][0]), "active", "confirmed")
+    rows = [("-", design.optimum), *((_number(design.readable[over][1] * v), o) for v, o in design.front)]
+    for place, best in rows:
+        shown = [f"{design.readable[n][1] * best.at[n]:.7g}" if best.feasible else "-" for n in names]
+        first_order = _number(design.readable[design.objective][1] * best.first_order)
+        active = (best.kind if best.kind != "end" else "own range") if best.feasible else "infeasible"
+        table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
+    return table
+
+
+def _sized_bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds where a size is allowed, with what is active and the size of the stable cycle there."""
+    assert bounds.allowed is not None
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    table = _table(
+        with_unit(bounds.over, x_unit),
+        with_unit("first order", y_unit),
+        "",
+        with_unit("exact", y_unit),
+        "active",
+        f"{bounds.allowed.signal} there",
+        "frequency [Hz]",
+        "verified",
+    )
+    for c in bounds:
+        if c.finding is not Finding.BOUND:
+            table.add_row(_number(x * c.value), *["-"] * 6, c.finding)
+            continue
+        table.add_row(
+            _number(x * c.value),
+            _number(y * c.first_order),
+            signed_percent(c.first_order_error) + (" unsafe" if c.first_order_unsafe else ""),
+            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
+            c.kind or "-",
+            bounds.allowed.text(c.size) if math.isfinite(c.size) else "-",
+            _number(c.frequency),
+            f"yes, {c.n_settled} runs" if c.verified else "no",
         )
     return table
 
@@ -302,8 +451,8 @@ def _first_sentences(ladder: Ladder) -> str:
     if not ladder.errors:
         return ladder.agreement.value
     f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
-    size = f", {_signed_percent(a)} in {ladder.signal}" if a is not None else ""
-    return f"Agrees: {_signed_percent(f)} in frequency{size}."
+    size = f", {signed_percent(a)} in {ladder.signal}" if a is not None else ""
+    return f"Agrees: {signed_percent(f)} in frequency{size}."
 
 
 def _mean(cycle: LimitCycle, name: str, factor: float) -> str:
@@ -318,20 +467,6 @@ def _table(*columns: str, numbers: bool = True) -> Table:
     for i, name in enumerate(columns):
         table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
     return table
-
-
-def _percent(share: float) -> str:
-    if math.isnan(share):
-        return "-"
-    if share > 1.0:
-        return "may not exist" if math.isinf(share) else "> 100 %"
-    return "< 0.01 %" if share < 1e-4 else f"{100.0 * share:.2g} %"
-
-
-def _signed_percent(share: float | None) -> str:
-    if share is None or math.isnan(share):
-        return "-"
-    return "0 %" if abs(share) < 5e-5 else f"{100.0 * share:+.2f} %" if abs(share) < 0.01 else f"{100.0 * share:+.1f} %"
 
 
 def _is_number(value: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import csv
 import math
 import os
@@ -14,13 +15,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.driven.result import FrequencyResponse
 from eppanalysis.readable import with_unit
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.results import LimitCycle, Prediction, Trajectory
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -110,6 +114,24 @@ def trajectory_table(trajectory: Trajectory) -> Table:
     return Table({"time": trajectory.t, **trajectory.signals}, {"time": "s", **trajectory.units})
 
 
+def response_table(response: ForcedResponse | FrequencyResponse) -> Table:
+    """Responses to one sine, or the points of all branches, one a row; complex gains as size and phase [rad]."""
+    units: dict[str, str] = {"frequency": "Hz", "phase": "rad"}
+    if isinstance(response, FrequencyResponse):
+        units |= {"amplitude": response.units.get(response.input, "")}
+        units |= {"peak_to_peak": response.units.get(response.output, "")}
+        return Table.from_rows(response.to_frame().to_dict("records"), units)
+    rows = []
+    for one in response:
+        row: dict[str, Any] = {"multiple": one.multiple, "stable": one.stable}
+        for name, gain in one.responses.items():
+            row |= {f"gain {name}": abs(gain), f"phase {name}": cmath.phase(gain)}
+            row |= {f"peak_to_peak {name}": one.cycle.peak_to_peak[name]}
+            units |= {f"phase {name}": "rad", f"peak_to_peak {name}": one.cycle.units.get(name, "")}
+        rows.append(row)
+    return Table.from_rows(rows, units)
+
+
 def ladder_table(ladder: Ladder) -> Table:
     """The methods of a ladder, one a row, with the verdict beside each."""
     rows = [
@@ -159,9 +181,11 @@ def write_result(result: Any, to_table: Callable[[Any], Table], path: Path) -> N
         write_table(to_table(result), path)
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a picture; its format is the suffix of `path`."""
+def write_figure(picture: Figure | Axes, path: Path) -> None:
+    """Write a picture, or the whole one that axes stand in; its format is the suffix of `path`."""
     import matplotlib as mpl
+
+    from eppanalysis.plotting import figure_of
 
     # Text stays text in SVG and PDF, and equal results give equal files.
     with (
@@ -169,7 +193,7 @@ def write_figure(figure: Figure, path: Path) -> None:
         atomic(path) as part,
     ):
         stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower())
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
+        figure_of(picture).savefig(part, format=path.suffix[1:].lower(), dpi=200, metadata=stamp)
 
 
 def write_table(table: Table, path: Path) -> None:

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, shown
 from eppanalysis.methods.bounds.result import DesignBounds
+from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.comparison.ladder import Ladder
+from eppanalysis.methods.design.result import Design
+from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.results import LimitCycle, Trajectory
 from eppanalysis.results.provenance import Provenance
@@ -21,7 +24,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _SHORT = 28
-_LIKED = "a case, a ladder, a run, bounds, margins, provenance, limit cycles, disturbances, or cases with their ladders"
+_LIKED = (
+    "a case, a ladder, a run, bounds, a design, margins, provenance, limit cycles, disturbances, or cases with their "
+    "ladders"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +81,11 @@ def table(what: Any) -> ShownTable:
 
     Parameters
     ----------
-    what : Case, Ladder, Trajectory, Prediction, CycleSearch, DesignBounds, mapping, or sequence
+    what : Case, Ladder, Trajectory, Prediction, CycleSearch, DesignBounds, Design, mapping, or sequence
         Of a case its parameters with where they come from; of a ladder all methods side by side; of a run its cycle, or
-        where it rests; of a prediction or a search its limit cycles; of bounds one a row. A mapping is the margins of a
-        prediction, or the provenance of a case. A sequence holds limit cycles, disturbances, or pairs of a case and its
-        ladder.
+        where it rests; of a prediction or a search its limit cycles; of bounds one a row, of a design its optimum and
+        its front. A mapping is the margins of a prediction, or the provenance of a case. A sequence holds limit cycles,
+        disturbances, or pairs of a case and its ladder.
 
     Returns
     -------
@@ -142,11 +148,15 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (Ladder, console.ladder_table),
     (Trajectory, _run),
     (DesignBounds, console.bounds_table),
+    (Design, console.design_table),
     (Provenance, _made_by),
+    (Margins, lambda found: console.all_margins_table([found])),
+    (Certificate, console.certificate_table),
     (Mapping, _mapping),
 )
 _OF_SEQUENCES: tuple[tuple[type, Any], ...] = (
     (LimitCycle, console.cycles_table),
     (Trigger, console.triggers_table),
+    (Margins, console.all_margins_table),
     (tuple, _overview),
 )

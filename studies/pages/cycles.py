@@ -51,4 +51,6 @@ def elbow_basins() -> Figure:
 def elbow_branch() -> Figure:
     """The limit cycles of the elbow over its backlash: born in a fold."""
     case = epp.case("fig8a_original")
-    return epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", n_simulated=9).plot("theta")
+    return (
+        epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "0.6 deg", n_simulated=9).plot(signal="theta").figure
+    )

@@ -17,6 +17,7 @@ from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
 from studies import GENERATED, STORED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
+from studies.pages.driven import jump_resonance, three_responses
 from studies.pages.harmonic import harmonic_convergence
 
 Array = NDArray[np.float64]
@@ -105,6 +106,37 @@ def drawings() -> dict[str, Drawing]:
             4.0,
             names=("velocity [m/s]", "force [N]"),
         ),
+        "smooth_curves": Drawing(
+            {"tanh": epp.Tanh(level=1.0), "arctan": epp.Arctan(level=1.0), "drag": epp.Drag(scale=0.2)}, 3.0, 6.0
+        ),
+        "stribeck": Drawing(
+            {
+                "viscous and Coulomb": epp.ViscousCoulomb(coulomb=0.6, viscous=0.3),
+                "Stribeck": epp.StribeckFriction(coulomb=0.6, static=1.2, velocity=0.3, viscous=0.3),
+            },
+            1.5,
+            4.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
+        "bilinear_spring": Drawing(
+            {
+                "freeplay with a slope inside": epp.BilinearSpring(lower=-1.0, upper=1.0, outer=1.0, inner=0.2),
+                "from -0.5 to 1, preload 0.3": epp.BilinearSpring(lower=-0.5, upper=1.0, outer=1.0, preload=0.3),
+            },
+            2.0,
+            6.0,
+        ),
+        "quantisers": Drawing(
+            {"rounds down": epp.FloorQuantiser(1.0, 20), "step at zero": epp.MidRiseQuantiser(1.0, 20)}, 3.2, 6.0
+        ),
+        "rate_limiter": Drawing(
+            {
+                "rate limiter": epp.RateLimiter(rate=1.0),
+                "servo of 5 rad/s": epp.RateLimitedServo(bandwidth=5.0, rate=1.0),
+            },
+            1.5,
+            4.0,
+        ),
         "lock_pin": Drawing(
             {
                 "contact only pushes": epp.LockPin(**pin),
@@ -120,6 +152,8 @@ def drawings() -> dict[str, Drawing]:
 
 def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple[Array, Array]:
     """One steady period of input and (first) output, by stepping the element's own map along the sine."""
+    if element.inside is not None:
+        return _loop_of_states(element, drawing, n)
     phase = np.linspace(0.0, 4.0 * np.pi, 2 * n + 1)
     x = drawing.bias + drawing.amplitude * np.sin(phase)
     rate = drawing.amplitude * drawing.omega * np.cos(phase)
@@ -130,6 +164,17 @@ def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple
         value, memory = element.output(given, memory)
         y[i] = np.atleast_1d(value)[0]
     return x[n:], y[n:]
+
+
+def _loop_of_states(element: epp.Nonlinearity, drawing: Drawing, n: int) -> tuple[Array, Array]:
+    """The same of an element that is a system of its own, from a run: it has settled after a few periods."""
+    alone = epp.LureSystem.build(
+        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [element], D_input=[[1.0]], input_names=["x"]
+    )
+    period = 2.0 * np.pi / drawing.omega
+    times = period * (5.0 + np.linspace(0.0, 1.0, n + 1))
+    run = epp.simulate(alone, epp.inputs.Sine(drawing.amplitude, 1.0 / period), t_end=float(times[-1]), t_eval=times)
+    return drawing.amplitude * np.sin(drawing.omega * times), run.signals[alone.signals.names[1]]
 
 
 def draw_element(drawing: Drawing) -> Figure:
@@ -172,25 +217,25 @@ def _limit_poles(ax: Axes) -> None:
 
 def nyquist_play() -> Figure:
     """The servo of the quickstart."""
-    return epp.predict_limit_cycles(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))).plot()
+    return epp.predict_limit_cycles(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))).plot().figure
 
 
 def nyquist_relay_dead_zone() -> Figure:
     """The loop of the README."""
     loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
-    return epp.predict_limit_cycles(loop).plot()
+    return epp.predict_limit_cycles(loop).plot().figure
 
 
 def fig8a_original() -> Figure:
     """The picture of the README and of the quickstart."""
-    return epp.ladder(epp.case("fig8a_original")).plot()
+    return epp.ladder(epp.case("fig8a_original")).plot().figure
 
 
 def bounds_original() -> dict[str, Figure]:
     """The boundary and the tornado of the page on bounds."""
     case = epp.case("fig8a_original")
     found = epp.design_bounds(case, "bands.range", "lock_pin.backlash", start="2 lbf", stop="3 lbf", points=5)
-    return {"bounds_original": found.plot(), "bounds_tornado": found.plot_elasticities(2)}
+    return {"bounds_original": found.plot().figure, "bounds_tornado": found.plot_elasticities(cell=2).figure}
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -209,6 +254,8 @@ def make_all(folder: Path) -> None:
         first_order_errors,
         elbow_basins,
         elbow_branch,
+        jump_resonance,
+        three_responses,
     )
     for make in pictures:
         save(make(), folder / f"{make.__name__}.png")

@@ -15,7 +15,7 @@ def make_all(folder: Path) -> None:
     tests = {"tray": "weight_tray.csv", "backlash": "backlash_cycling.csv", "step": "step_response.csv"}
     found = epp.identify(epp.case("elbow"), **{test: measured / name for test, name in tests.items()})
     for test, fit in zip(tests, found.fits, strict=True):
-        fit.plot().savefig(folder / f"identify_{test}.png", dpi=150, metadata={"Software": None})
+        fit.plot().figure.savefig(folder / f"identify_{test}.png", dpi=150, metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import fixed_step, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
+from benchmarks import fixed_step, growth, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
 from benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
@@ -74,3 +74,10 @@ def test_exact_orbits_and_their_table() -> None:
     assert errors[job_orbit.OURS] < 1e-12
     assert errors[job_orbit.SHOOTING] < 1e-7 and errors[job_orbit.COLLOCATION] < 1e-6
     assert "under 20 ms" in report.job_orbit(found)
+
+
+def test_growth_with_levels_and_its_table() -> None:
+    """Levels that are not met change no event."""
+    found = growth.with_levels((40, 400), turns=1)
+    assert len({r["events"] for r in found["rows"]}) == 1 and found["rows"][0]["events"] > 50
+    assert "| 400" in report.levels(json.loads(json.dumps(found)))

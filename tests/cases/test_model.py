@@ -113,9 +113,9 @@ def refusal(path: Path) -> CaseError:
         ),
         ('[run]\ninput = { kind = "recorded", file = "../x.csv" }', "run.input.file", "../x.csv", "name"),
         ('[run]\ninput = { kind = "recorded", file = "x.csv" }', "run.input.file", "x.csv", "in the case's folder"),
-        ('[drive]\ninertia = { value = "1 kg*m^2", mark = "guess" }', "drive.inertia", "guess", "paper, derived"),
+        ('[drive]\ninertia = { value = "1 kg*m^2", mark = "guess" }', "drive.inertia.mark", "guess", "paper, derived"),
         ('[drive]\ninertia = { value = 1, colour = "red" }', "drive.inertia", None, "without 'colour'"),
-        ('[drive]\ninertia = { value = 1, tolerance = "-5 %" }', "drive.inertia", None, "not negative"),
+        ('[drive]\ninertia = { value = 1, tolerance = "-5 %" }', "drive.inertia.tolerance", "-5 %", "not negative"),
         ("[pulley]\nradius = 1e308", "", None, "ordinary magnitudes"),
         ('[expected]\noutcome = "explode"', "expected.outcome", "explode", "'oscillate' or 'settle'"),
     ],
@@ -325,7 +325,7 @@ def test_elbows_are_refused_in_the_words_of_the_user(changes: dict[str, object],
     with pytest.raises(CaseError) as caught:
         case("elbow").with_values(changes, "--set")
     error, section = caught.value, field.rpartition(".")
-    typed = changes[field] if field in changes else changes[section[0]][section[2]]  # type: ignore[index]
+    typed = changes[field] if field in changes else changes[section[0]][section[2]]
     assert (error.source, error.field, error.value) == ("--set", field, typed)
     assert str(error).startswith(f"--set: {field} is {typed!r}; expected ")
 
@@ -374,7 +374,7 @@ def test_shipped_case(name: str) -> None:
     assert system.A.shape == (n, n) and system.C.shape == (sum(e.n_inputs for e in system.elements), n)
     assert nw == sum(e.n_outputs for e in system.elements)
     assert system.name == found.name == name and found.title and found.t_end > 0
-    assert all(p.mark in ("paper", "derived", "assumed", "measured") for p in found.parameters.values())
+    assert all(p.mark in ("paper", "derived", "assumed", "measured", "tunable") for p in found.parameters.values())
     assert found.expected.source
     json.dumps(found.provenance())
 

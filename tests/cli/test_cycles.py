@@ -88,8 +88,8 @@ def test_a_branch_of_one_orbit_is_one_orbit() -> None:
 
 def test_picture_of_all_cycles() -> None:
     found = epp.find_limit_cycles(epp.case("relay_deadzone").to_system())
-    left, right = found.plot().axes
-    assert found.plot().get_suptitle() == "relay_deadzone: 1 stable and 1 unstable limit cycles"
+    left, right = found.plot().figure.axes
+    assert found.plot().figure.get_suptitle() == "relay_deadzone: 1 stable and 1 unstable limit cycles"
     assert [text.get_text() for text in left.get_legend().get_texts()] == ["unstable, 0.1211 Hz", "stable, 0.158 Hz"]
     # The waveform begins where its fundamental rises through zero; here it is odd, so it begins at zero.
     assert abs(left.lines[1].get_ydata()[0]) < 0.05 * found[1].peak_to_peak["x"]
@@ -100,4 +100,4 @@ def test_picture_of_all_cycles() -> None:
 
 def test_picture_of_no_cycle_says_so() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
-    assert epp.find_limit_cycles(loop).plot().get_suptitle() == "no limit cycle"
+    assert epp.find_limit_cycles(loop).plot().figure.get_suptitle() == "no limit cycle"

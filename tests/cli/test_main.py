@@ -94,6 +94,12 @@ def test_wrong_files_are_one_sentence(tmp_path, content, expected):
 ELBOW = 'base = "fig8a_original"\n'
 LOOP = 'kind = "loop"\ntitle = "x"\n[run]\nt_end = "9 s"\n[[loop.elements]]\nelement = "relay"\n[loop]\n'
 RECORDED = ELBOW + '[run.input]\nkind = "recorded"\nfile = "motion.csv"\n'
+INTEGRATOR = 'kind = "integrator"'
+DIAGRAM = (
+    'kind = "diagram"\ntitle = "x"\nconnect = ["demand - plant -> valve", "valve -> plant"]\n'
+    'inputs = { demand = "0 m" }\n[run]\nt_end = "9 s"\n[blocks]\nplant = { ' + INTEGRATOR + " }\n"
+    '[elements]\nvalve = { element = "saturation", lower = -1, upper = 1 }\n'
+)
 BAD = {
     "unknown field": (
         ELBOW + '[lock_pin]\nbacklsh = "2 deg"',
@@ -120,7 +126,7 @@ BAD = {
     ),
     "tolerance of a count": (
         ELBOW + '[sensor]\nbits = {value=12, tolerance="2"}',
-        "sensor.bits is '2'",
+        "sensor.bits.tolerance is '2'",
         "no tolerance",
     ),
     "nan": (ELBOW + "[lock_pin]\nbacklash = nan", "lock_pin.backlash is nan", "a finite number"),
@@ -129,6 +135,24 @@ BAD = {
     "not toml": ("a = = 1", "not TOML", "a TOML file"),
     "its own base": ('base = "bad"\ntitle = "x"', "base is 'bad'", "does not inherit from itself"),
     "improper": (LOOP + "num = [1, 2, 3]\nden = [1, 1]", "loop.num is [1, 2, 3]", "improper"),
+    "unknown port": (DIAGRAM.replace("-> valve", "-> valv"), "connect.0 is 'demand - plant -> valv'", "a part of"),
+    "driven twice": (DIAGRAM.replace('plant"]', 'plant", "demand -> plant"]'), "connect.2 is", "already: add the two"),
+    "two of one name": (DIAGRAM.replace("demand", "valve"), "inputs.valve is 'valve'", "a name of its own"),
+    "rows of unequal length": (
+        DIAGRAM.replace(INTEGRATOR, 'kind = "state_space", A = [[0, 1], [0]], B = [[1], [1]], C = [[1, 0]]'),
+        "blocks.plant.A is [[0, 1], [0]]",
+        "all of one length",
+    ),
+    "algebraic loop": (
+        DIAGRAM.replace(INTEGRATOR, 'kind = "gain", gain = -2'),
+        "connect is ['demand - plant -> valve', 'valve -> plant']",
+        "has no unique answer",
+    ),
+    "a controller without sample time": (
+        DIAGRAM.replace(INTEGRATOR, INTEGRATOR + ', computation_delay = "1 ms"'),
+        "blocks.plant.computation_delay is '1 ms'",
+        "no sample_time",
+    ),
     "hole in a recording": (RECORDED, "motion.csv: line 3, position is missing", "a recording has no holes"),
 }
 

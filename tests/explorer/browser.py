@@ -83,7 +83,7 @@ def running_explorer(
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=said, text=True, env=environment)
-        process.said = said  # type: ignore[attr-defined]
+        process.said = said
         try:
             assert process.stdout is not None
             line = process.stdout.readline()

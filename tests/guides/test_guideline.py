@@ -91,13 +91,13 @@ def test_a_cut_is_never_above_and_less_than_a_digit_below(value: float, digits: 
 
 
 def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
-    (axes,) = dataclasses.replace(guide, rows=guide.rows[:1]).plot().axes
+    (axes,) = dataclasses.replace(guide, rows=guide.rows[:1]).plot().figure.axes
     widths = [np.ptp(area.get_paths()[0].vertices[:, 0]) for area in axes.collections]
     assert len(widths) == 3 and min(widths) > 0.1
 
 
 def test_regions_are_told_apart_without_colour_and_named(guide: Guide) -> None:
-    figure = guide.plot()
+    figure = guide.plot().figure
     assert len({area.get_hatch() for area in figure.axes[0].collections}) == 3
     assert figure.get_suptitle() == "fig8a_original: backlash over gain"
     figure.draw_without_rendering()

@@ -23,11 +23,9 @@ FACTOR = st.floats(-1e3, 1e3)
 #: Compiles one small kernel, or loads it: prints where it is kept, and how often it was loaded.
 CODE = """
 import numpy as np
-from eppanalysis.kernels.orbits import _times
-one, product = np.eye(3), np.zeros((3, 3))
-_times(one, one, product, 3, 3)
-assert np.array_equal(product, one)
-print(_times.stats.cache_path, sum(_times.stats.cache_hits.values()))
+from eppanalysis.kernels.orbits import room
+assert room(np.zeros((1, 1, 2))).shape[0] >= 1
+print(room.stats.cache_path, sum(room.stats.cache_hits.values()))
 """
 
 

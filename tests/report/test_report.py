@@ -152,7 +152,7 @@ def test_a_full_report_has_the_guideline_at_several_gains():
         making.make_notebook([epp.case("fig8a_original")], full=full).cells[-3].source for full in (False, True)
     )
     assert "branch=branch" in short and "1.5 lbf" not in short
-    assert "['1.5 lbf', '2 lbf', '2.5 lbf', '3 lbf', '3.5 lbf']" in long and "guide.plot()" in long
+    assert "['1.5 lbf', '2 lbf', '2.5 lbf', '3 lbf', '3.5 lbf']" in long and "guide.plot().figure" in long
 
 
 def test_several_cases_have_an_overview(folder, monkeypatch):

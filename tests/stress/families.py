@@ -68,7 +68,7 @@ def _poles(rng: Rng, count: int, integrators: int = 0, resonant: bool = False, u
 def _plant(rng: Rng, order: int, degree: int, **kind: bool | int) -> Fraction:
     """Transfer function with so many more poles than zeros; gain one at the frequency in the middle."""
     behind = bool(kind.pop("nonminimum", False))
-    poles = _poles(rng, order, **kind)  # type: ignore[arg-type]
+    poles = _poles(rng, order, **kind)
     zeros = -np.exp(rng.uniform(np.log(0.3), np.log(8.0), order - degree))
     if behind and zeros.size:
         zeros[0] = -zeros[0] * 2.0
@@ -125,10 +125,10 @@ def _single(element: Callable[[Rng], Nonlinearity], degree: int = 2, **options: 
     ring = {k: options.pop(k) for k in ("bias", "delay", "step") if k in options}
 
     def make(rng: Rng) -> LureSystem:
-        integrators = int(options.get("integrators", 0))  # type: ignore[call-overload]
+        integrators = int(options.get("integrators", 0))
         order = int(rng.integers(max(degree, 2 + integrators), 9))
         extra: dict = {k: (v(rng) if callable(v) else v) for k, v in ring.items()}
-        return _ring(rng, [element(rng)], _plant(rng, order, degree, **options), **extra)  # type: ignore[arg-type]
+        return _ring(rng, [element(rng)], _plant(rng, order, degree, **options), **extra)
 
     return make
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -40,7 +41,12 @@ def disk(tmp_path) -> Iterator[tuple[Path, Remount]]:
         pytest.skip("mounting is not allowed here")
 
     def remount(options: str) -> None:
-        assert call("mount", "-o", f"remount,{options}", str(place))
+        """Another thread may be writing just then, which Linux refuses as busy."""
+        for _ in range(200):
+            if call("mount", "-o", f"remount,{options}", str(place)):
+                return
+            time.sleep(0.01)
+        raise AssertionError(f"the disk could not be mounted anew with {options}")
 
     yield place, remount
     assert call("umount", str(place))

@@ -52,6 +52,8 @@ LARGEST = 1e100
 OFF_GRID, EVENT_AHEAD, LONG_AHEAD = 0, 1, 2
 #: Steps without a switch before a long one (of as many) is tried.
 LONG_QUIET = 16
+#: A step that is so little of its mode's does not move the clock; so many in a row may die out, or grow beyond bounds.
+UNTIMED, MOST_UNTIMED = 1e-14, 2500
 
 
 @njit(**ENTRY)
@@ -125,10 +127,10 @@ def _begin(model, compiled, work, workspace, samples, now):
     n = model.S.shape[0]
     now.t, now.until, now.count, now.i_sample, now.n_samples = 0.0, now.t_end, 0, 0, samples.phases.size
     now.watched, now.i_breakpoint = now.watch, 0 if now.watch else model.breakpoint_time.size
-    now.origin, now.j_grid, now.last_t, now.same_instant, now.quiet = 0.0, 0, 0.0, 0, 0
+    now.origin, now.j_grid, now.last_t, now.same_instant, now.quiet, now.untimed = 0.0, 0, 0.0, 0, 0, 0
     now.armed = now.forced = now.entered = now.renewed = now.stepped = now.aside = False
     now.t_behind, now.i_behind, now.spent = 0.0, 0, 0.0
-    now.fast_steps = now.series_steps = now.forced_leaves = now.periods_repeated = 0
+    now.fast_steps = now.series_steps = now.refused_series = now.forced_leaves = now.periods_repeated = 0
     workspace.watch[0] = workspace.watch[2] = 0.0
     _forget(workspace, n)
     x = workspace.x
@@ -261,7 +263,7 @@ def _go_far(compiled, work, workspace, samples, now):
     level = min(now.quiet // 32, LONGS - 1)
     steps = 1 << (LONG_DOUBLINGS * (level + 1))
     t1 = now.origin + (now.j_grid + steps) * h
-    if not (t1 <= now.t_stop and (now.i_sample == now.n_samples or samples.times[now.i_sample] >= t1 - 1e-9 * h)):
+    if not (t1 <= now.t_stop and (now.i_sample == now.n_samples or samples.times[now.i_sample] >= t1 - _slack(t1, h))):
         return False
     while compiled.longs[q] <= level:
         compile_long(compiled, work, q)
@@ -373,9 +375,14 @@ def _expand(model, compiled, workspace, now):
         if now.last < 0:
             now.d, now.on_grid = 0.5 * now.d, False
             now.ahead = min(now.ahead, now.d)
-            if not now.d > 1e-14 * now.h:
+            now.refused_series += 1
+            now.spent += 1.0
+            if not now.d > 0.0:
                 now.code = STALLED
                 return
+    now.untimed = now.untimed + 1 if now.last >= 0 and now.d < UNTIMED * now.h else 0
+    if now.untimed > MOST_UNTIMED:
+        now.code = STALLED
     now.series_steps += now.last >= 0
 
 
@@ -414,8 +421,13 @@ def _look_ahead(model, compiled, workspace, samples, now):
             workspace.recent[i] = abs(X[0, i]) + workspace.spread[i]
     if now.best > 0.0:
         u1 = min(now.best, now.ahead / d)
-        first, reached = now.i_sample, t + u1 * d - 1e-9 * now.h * (now.which < 0)
-        while now.i_sample < now.n_samples and samples.times[now.i_sample] < reached:
+        # A sample at the end of a step is left to the next one, which may begin behind an input's step.
+        first, reached = now.i_sample, t + u1 * d
+        if now.which < 0:
+            reached -= _slack(reached, u1 * d)
+        while now.i_sample < now.n_samples and (
+            samples.times[now.i_sample] < reached or samples.times[now.i_sample] <= t
+        ):
             now.i_sample += 1
         if now.i_sample > first:
             _sample_series(
@@ -606,6 +618,15 @@ def _put_inputs(model, i, t, x):
 
 
 @njit(**INLINE)
+def _slack(t, step):
+    """How far from the end of a step, at time t, a sample counts as at its end: the rounding of times.
+
+    It is little of the step, too: smooth motion may be faster than the steps of its mode by any factor.
+    """
+    return min(16.0 * EPS * t, 1e-9 * step)
+
+
+@njit(**INLINE)
 def _too_large(x):
     """Whether a state is beyond all bounds, or no number."""
     for i in range(x.size):
@@ -670,7 +691,7 @@ def _fast_steps(
     next step would go beyond `t_stop` or a sample. LONG_AHEAD: so much has passed without a switch that a long step may
     be tried, or the state has grown too large. A row of ones is in `one`.
     """
-    wide, half, slack = x.size, g0.size, 1e-9 * h
+    wide, half, slack = x.size, g0.size, _slack(t_stop, h)
     after = 2 * wide + half
     while True:
         if i_sample < n_samples and times[i_sample] <= t + slack:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.engine.curves import SQUARE, curve_term, has_fallen
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 from eppanalysis.kernels.simd.vectors import (
     any_above,
@@ -59,7 +60,7 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
                 X[k + 1, i] += factor * S[i, j] * Sg[k, j]
         over = any_above(X[k + 1], 1.0, small)
         for j in range(n_s):
-            over = over or abs(Sg[k, j]) > 0.25 * EPS * abs(Sg[0, j])
+            over = over or not has_fallen(model.smooth_kind[j], j, k, 0.25 * EPS, Sg)
         below = 0 if over else below + 1
         if below == 2:
             for j in range(n_s):
@@ -104,6 +105,8 @@ def _smooth_term(model, j, k, X, H, Sg, arg, aux):
         for i in range(k + 1):
             cube += aux[i, j] * arg[k - i, j]
         Sg[k, j] = scale * cube
+    elif kind >= SQUARE:
+        curve_term(kind, j, k, scale, Sg, arg, aux)
     else:
         noise = 0.0
         for i in range(model.smooth_x.shape[1]):

@@ -11,14 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.simd.tuples import by_address
 from eppanalysis.kernels.simd.vectors import aligned, aligned_by_name, padded
 
 #: The engine's functions allocate nothing, so that reference counts (which cost more than the arithmetic) are left out.
-ENTRY = {"cache": True, "nogil": True, "_nrt": False}
-#: Those that only kernels call: no way in from Python is compiled.
-HOT = {**ENTRY, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+ENTRY = {**KERNEL, "_nrt": False}
+HOT = {**PART, "_nrt": False}
 #: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
 #: most of them compute.
 INLINE = {**HOT, "inline": "always"}

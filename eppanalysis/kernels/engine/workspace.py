@@ -106,9 +106,9 @@ PROGRESS = np.dtype(
         # Time, end of what is computed now, place on the grid of the mode (origin, steps), mode combination.
         ("t", "f8"), ("until", "f8"), ("origin", "f8"), ("j_grid", "i8"), ("q", "i8"),
         # Next sample and how many, next breakpoint of the inputs, steps without an event, time of the last one, and how
-        # many came at that time.
+        # many came at that time, steps too short for the clock.
         ("i_sample", "i8"), ("n_samples", "i8"), ("i_breakpoint", "i8"), ("quiet", "i8"), ("last_t", "f8"),
-        ("same_instant", "i8"),
+        ("same_instant", "i8"), ("untimed", "i8"),
         # Whether fast steps may be made, an instant is left by force, the constant parts are those of the mode, what
         # fast steps carry along is that of the state, the state comes from a series step, closing is watched for still.
         ("armed", "?"), ("forced", "?"), ("entered", "?"), ("renewed", "?"), ("stepped", "?"), ("watched", "?"),
@@ -120,7 +120,7 @@ PROGRESS = np.dtype(
         ("last", "i8"), ("which", "i8"), ("best", "f8"), ("guard", "i8"),
         # How it ended or that it paused, and what was counted.
         ("code", "i8"), ("paused", "?"), ("spent", "f8"), ("count", "i8"), ("fast_steps", "i8"), ("series_steps", "i8"),
-        ("forced_leaves", "i8"), ("periods_repeated", "i8"),
+        ("refused_series", "i8"), ("forced_leaves", "i8"), ("periods_repeated", "i8"),
     ],
     align=True,
 )  # fmt: skip

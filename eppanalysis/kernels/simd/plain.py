@@ -135,8 +135,8 @@ def size_sum(rows, last, out):
 
 
 def any_above(row, scale, limits):
-    """Whether the absolute value of any number of a row, times a positive scale, is above its limit."""
-    return bool(np.any(scale * np.abs(row) > limits[: row.size]))
+    """Whether the absolute value of any number of a row, times a positive scale, is above its limit, or is none."""
+    return not bool(np.all(scale * np.abs(row) <= limits[: row.size]))
 
 
 #: By the names of the compiled ones.

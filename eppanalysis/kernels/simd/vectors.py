@@ -139,7 +139,7 @@ class _Code:
         )
 
 
-def _write_row_sum(code, start, rows, weights, scale, out):  # type: ignore[no-untyped-def]
+def _write_row_sum(code, start, rows, weights, scale, out):
     """scale * (start + weights @ rows) into out; the arrays by the numbers of the arguments, `start` may be None."""
     builder = code.builder
     source, (_, width) = code.array(rows)
@@ -163,26 +163,26 @@ def _write_row_sum(code, start, rows, weights, scale, out):  # type: ignore[no-u
 
 
 @intrinsic
-def row_sum(typingctx, rows, weights, scale, out):  # type: ignore[no-untyped-def]  # numba reads no annotations
+def row_sum(typingctx, rows, weights, scale, out):  # numba reads no annotations
     """out = scale * weights @ rows, with as many columns as `out` has."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         return _write_row_sum(_Code(context, builder, signature, args), None, 0, 1, args[2], 3)
 
     return types.none(rows, weights, types.float64, out), write
 
 
 @intrinsic
-def row_sum_from(typingctx, start, rows, weights, scale, out):  # type: ignore[no-untyped-def]
+def row_sum_from(typingctx, start, rows, weights, scale, out):
     """out = scale * (start + weights @ rows)."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         return _write_row_sum(_Code(context, builder, signature, args), 0, 1, 2, args[3], 4)
 
     return types.none(start, rows, weights, types.float64, out), write
 
 
-def _write_each(code, rows, expression):  # type: ignore[no-untyped-def]
+def _write_each(code, rows, expression):
     """Set the row that is the first argument from its old values and those of the other rows, place by place."""
     addresses = [code.array(k)[0] for k in range(rows)]
     with code.blocks(code.array(0)[1][0]) as (place, _):
@@ -191,30 +191,30 @@ def _write_each(code, rows, expression):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def add(typingctx, out, a):  # type: ignore[no-untyped-def]
+def add(typingctx, out, a):
     """out += a."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         return _write_each(_Code(context, builder, signature, args), 2, builder.fadd)
 
     return types.none(out, a), write
 
 
 @intrinsic
-def take(typingctx, out, a):  # type: ignore[no-untyped-def]
+def take(typingctx, out, a):
     """out = a."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         return _write_each(_Code(context, builder, signature, args), 2, lambda _, a: a)
 
     return types.none(out, a), write
 
 
 @intrinsic
-def take_sizes(typingctx, out, a):  # type: ignore[no-untyped-def]
+def take_sizes(typingctx, out, a):
     """out = abs(a)."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         return _write_each(code, 2, lambda _, a: code.size(a))
 
@@ -222,10 +222,10 @@ def take_sizes(typingctx, out, a):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def add_sizes(typingctx, out, a, scale):  # type: ignore[no-untyped-def]
+def add_sizes(typingctx, out, a, scale):
     """out += scale * abs(a)."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         scale = code.spread(args[2])
         return _write_each(code, 2, lambda out, a: code.add_product(scale, code.size(a), out))
@@ -234,13 +234,13 @@ def add_sizes(typingctx, out, a, scale):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def take_larger(typingctx, out, a, b):  # type: ignore[no-untyped-def]
+def take_larger(typingctx, out, a, b):
     """out = max(abs(a), b)."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
 
-        def larger(_, a, b):  # type: ignore[no-untyped-def]
+        def larger(_, a, b):
             size = code.size(a)
             return builder.select(builder.fcmp_ordered(">", size, b), size, b)
 
@@ -249,27 +249,27 @@ def take_larger(typingctx, out, a, b):  # type: ignore[no-untyped-def]
     return types.none(out, a, b), write
 
 
-def _write_extreme(how, context, builder, signature, args):  # type: ignore[no-untyped-def]
-    def chosen(out, a):  # type: ignore[no-untyped-def]
+def _write_extreme(how, context, builder, signature, args):
+    def chosen(out, a):
         return builder.select(builder.fcmp_ordered(how, a, out), a, out)
 
     return _write_each(_Code(context, builder, signature, args), 2, chosen)
 
 
 @intrinsic
-def lower_to(typingctx, out, a):  # type: ignore[no-untyped-def]
+def lower_to(typingctx, out, a):
     """out = min(out, a)."""
     return types.none(out, a), partial(_write_extreme, "<")
 
 
 @intrinsic
-def raise_to(typingctx, out, a):  # type: ignore[no-untyped-def]
+def raise_to(typingctx, out, a):
     """out = max(out, a)."""
     return types.none(out, a), partial(_write_extreme, ">")
 
 
 @intrinsic
-def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, stray):  # type: ignore[no-untyped-def]
+def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, stray):
     """Whether all curves that stray from a cubic by so much at most stay below zero; not, where one is not a number.
 
     The cubics are known by value and rate at start and end (start + step), `third` is a third of the step's length, and
@@ -277,7 +277,7 @@ def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, str
     coefficients. A curve that starts within its noise of zero starts on zero.
     """
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         addresses = [code.array(k)[0] for k in (0, 1, 2, 3, 5, 6)]
         nothing, half, more, beyond = (ir.Constant(_VECTOR, [v] * VECTOR_SIZE) for v in (0.0, 0.5, 0.75, 8.0 / 3.0))
@@ -305,7 +305,7 @@ def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, str
     return types.boolean(start, start_rate, step, end_rate, types.float64, noise, stray), write
 
 
-def _write_sum(code, gather):  # type: ignore[no-untyped-def]
+def _write_sum(code, gather):
     """Sum over two rows, the first arguments; `gather` takes eight of each and the sums so far to the next sums."""
     left, (length,) = code.array(0)
     right, _ = code.array(1)
@@ -317,10 +317,10 @@ def _write_sum(code, gather):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def dot(typingctx, a, b):  # type: ignore[no-untyped-def]
+def dot(typingctx, a, b):
     """Sum of a * b."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         return _write_sum(code, code.add_product)
 
@@ -328,13 +328,13 @@ def dot(typingctx, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def rises(typingctx, a, b):  # type: ignore[no-untyped-def]
+def rises(typingctx, a, b):
     """Sum of the positive ones among the products a * b."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         nothing = ir.Constant(_VECTOR, [0.0] * VECTOR_SIZE)
 
-        def gather(a, b, total):  # type: ignore[no-untyped-def]
+        def gather(a, b, total):
             product = builder.fmul(a, b)
             positive = builder.select(builder.fcmp_ordered(">", product, nothing), product, nothing)
             return builder.fadd(total, positive)
@@ -345,10 +345,10 @@ def rises(typingctx, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def value_and_slope(typingctx, terms, u):  # type: ignore[no-untyped-def]
+def value_and_slope(typingctx, terms, u):
     """Sum of terms[k] * u**k, and of k * terms[k] * u**k."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         source, (length,) = code.array(0)
         u = args[1]
@@ -376,10 +376,10 @@ def value_and_slope(typingctx, terms, u):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def polynomial(typingctx, rows, last, u, out):  # type: ignore[no-untyped-def]
+def polynomial(typingctx, rows, last, u, out):
     """out = sum of rows[k] * u**k up to k = last (2 or more), its even and its odd terms beside each other."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         source, (_, width) = code.array(0)
         target, (length,) = code.array(3)
@@ -389,7 +389,7 @@ def polynomial(typingctx, rows, last, u, out):  # type: ignore[no-untyped-def]
         even = builder.icmp_signed("==", builder.and_(last, code.integer(1)), code.integer(0))
         with code.blocks(length) as (column, _):
 
-            def row(k, column=column):  # type: ignore[no-untyped-def]
+            def row(k, column=column):
                 return code.eight(source, builder.add(builder.mul(k, width), column))
 
             upper = cgutils.alloca_once(builder, _VECTOR)
@@ -412,10 +412,10 @@ def polynomial(typingctx, rows, last, u, out):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def size_sum(typingctx, rows, last, out):  # type: ignore[no-untyped-def]
+def size_sum(typingctx, rows, last, out):
     """out = sum of the absolute values of rows[1] to rows[last]."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         source, (_, width) = code.array(0)
         target, (length,) = code.array(2)
@@ -432,10 +432,10 @@ def size_sum(typingctx, rows, last, out):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def any_above(typingctx, row, scale, limits):  # type: ignore[no-untyped-def]
-    """Whether the absolute value of any number of a row, times a positive scale, is above its limit."""
+def any_above(typingctx, row, scale, limits):
+    """Whether the absolute value of any number of a row, times a positive scale, is above its limit, or is none."""
 
-    def write(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def write(context, builder, signature, args):
         code = _Code(context, builder, signature, args)
         values, (length,) = code.array(0)
         bounds, _ = code.array(2)
@@ -443,7 +443,7 @@ def any_above(typingctx, row, scale, limits):  # type: ignore[no-untyped-def]
         found = code.bits(0)
         with code.blocks(length) as (place, _):
             size = builder.fmul(scale, code.size(code.eight(values, place)))
-            above = builder.fcmp_ordered(">", size, code.eight(bounds, place))
+            above = builder.fcmp_unordered(">", size, code.eight(bounds, place))
             builder.store(builder.or_(builder.load(found), above), found)
         return code.compare("!=", found, 0)
 

@@ -1,9 +1,9 @@
 """Bounds of a design: how far one parameter may go at each value of another before any limit cycle exists.
 
 Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
-exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``bounds_harmonic`` (search
-and sweep), ``bounds_fold`` (the nonlinear programme), ``bounds_equations`` (its equations), ``bounds_exact``,
-``bounds_verify`` and ``bounds_elasticity``.
+exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``harmonic`` (search and
+sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
+Where a size of cycles is allowed, exact orbits alone are asked (``sized``).
 """
 
 from __future__ import annotations
@@ -12,19 +12,22 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities
+from eppanalysis.methods.bounds.allowed import Allowed
+from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.sized import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
-from eppanalysis.methods.continuation.branch import Branch
+from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
@@ -52,6 +55,7 @@ class Settings:
     margin: float = 0.01
     starts: int = 1000
     seed: int = _SEED
+    allowed: Allowed | None = None
 
 
 def design_bounds(
@@ -64,6 +68,7 @@ def design_bounds(
     points: int = 9,
     at: Sequence[object] | None = None,
     within: tuple[object, object] | None = None,
+    allow: str | None = None,
     exact: bool = True,
     verify: bool = True,
     margin: float = 0.01,
@@ -87,6 +92,9 @@ def design_bounds(
         The values of `over`, in place of `start`, `stop` and `points`.
     within : (quantity, quantity), optional
         Range of `limit` in which its bound is sought; 0.05 to 2 times the case's own value by default.
+    allow : str, optional
+        A limit cycle that is allowed: a signal and its size peak to peak, "theta 0.3 deg", or "theta 0.1 deg rms"
+        (about the mean; plain numbers are SI). The bound is then where the largest stable cycle becomes larger.
     exact : bool
         Correct every bound to the exact fold.
     verify : bool
@@ -109,7 +117,7 @@ def design_bounds(
     Raises
     ------
     EppError
-        If a parameter, a range or a setting is not valid.
+        If a parameter, a range or a setting is not valid, or the loop has no such signal or it another unit.
 
     Examples
     --------
@@ -118,8 +126,20 @@ def design_bounds(
     >>> found = epp.design_bounds(case, "play.gap", "loop.gain", at=[0.012], starts=100)
     >>> round(found[0].exact, 7), found[0].verified
     (0.8462572, True)
+
+    How large may the play of a servo be, if its output may move by 0.5?
+
+    >>> servo = epp.case("backlash_servo")
+    >>> found = epp.design_bounds(servo, "loop.gain", "play.gap", at=[1.0], allow="x 0.5", starts=100)
+    >>> round(found[0].exact, 7), found[0].kind.value, found[0].verified
+    (0.2551403, 'allowed size', True)
     """
     case = require_case(case, "design_bounds")
+    allowed = None if allow is None else Allowed.read(case.to_system(), allow)
+    if allowed is not None and not exact:
+        raise EppError(
+            f"design_bounds: allow is {allow!r} and exact is False; expected exact orbits, which have sizes."
+        )
     check_verification(margin, starts)
     least = {
         "points": (points, 1),
@@ -136,9 +156,10 @@ def design_bounds(
     low, high = range_within(case, limit, within)
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
-    settings = Settings(exact, verify and exact, margin, starts, seed)
-    cells = _cells(question, values, settings, workers, progress)
+    settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
+    cells = (_cells if allowed is None else _sized_cells)(question, values, settings, workers, progress)
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
+    facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}
     return DesignBounds(
         case=case.name,
@@ -150,6 +171,7 @@ def design_bounds(
         within=(low, high),
         cells=tuple(cells),
         margin=margin,
+        allowed=allowed,
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
@@ -261,6 +283,38 @@ def _cells(
     return [c for c in cells if c is not None]
 
 
+def _sized_cells(
+    question: Question, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
+) -> list[BoundCell]:
+    """All cells with a size that is allowed, as they come, on all workers."""
+    cells: list[BoundCell] = []
+    with worker_processes(workers) as pool:
+        for cell in (map if pool is None else pool.map)(partial(sized_cell, question, settings=settings), values):
+            cells.append(cell)
+            if progress is not None:
+                progress(len(cells), len(values), "")
+    return cells
+
+
+def sized_cell(question: Question, value: float, settings: Settings) -> BoundCell:
+    """The bound at one value of the parameter that runs, where a size is allowed; what fails is said in the cell."""
+    assert settings.allowed is not None
+    here = question.at(value)
+    found = scan(here, settings.allowed)
+    cell = BoundCell(value=value, finding=found.finding, sign=found.sign, message=found.note)
+    if found.finding is not Finding.BOUND:
+        return cell
+    cell = replace(cell, first_order=first_order_bound(here, settings.allowed, found))
+    try:
+        bound = bound_of_size(here, settings.allowed, found)
+        cell = _joined(cell, _tested(here, bound, found.sign, settings))
+    except (EppError, np.linalg.LinAlgError) as error:
+        cell = replace(cell, message=f"Not corrected: the exact orbits failed ({str(error).rstrip('.')}).")
+    message = " ".join(text for text in (found.note, cell.message) if text and text not in found.note)
+    size = float("nan") if cell.orbit is None else settings.allowed.of_cycle(cell.orbit)
+    return replace(cell, size=size, message=message or cell.message)
+
+
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -334,15 +388,30 @@ def _tested(question: Question, found: ExactBound, sign: float, settings: Settin
             margin=settings.margin,
             n_starts=settings.starts,
             seed=settings.seed,
+            allowed=settings.allowed,
         )
-        further = farthest_turn(question, tested.safe_value, tested.cycles, sign) if turns_left else None
+        further = _further(question, tested, sign, settings.allowed) if turns_left else None
         if further is None:
             break
         found = further
+    return _Checked(replace(found, point=None), tested, _elasticities(question, found, settings.allowed))
+
+
+def _further(question: Question, tested: Verification, sign: float, allowed: Allowed | None) -> ExactBound | None:
+    """The bound of the cycles that a test found on the safe side."""
+    if allowed is None:
+        return farthest_turn(question, tested.safe_value, tested.cycles, sign)
+    return farthest_passage(question, allowed, tested.safe_value, tested.cycles, sign)
+
+
+def _elasticities(question: Question, found: ExactBound, allowed: Allowed | None) -> dict[str, float]:
+    """Elasticities of an exact bound where its kind has some."""
     point = found.point
-    located = point is not None and (found.kind == Turn.FOLD or point.arc is not None)
-    known = exact_elasticities(question, point) if point is not None and located else {}
-    return _Checked(replace(found, point=None), tested, known)
+    if point is None:
+        return {}
+    if found.kind is Turn.SIZE and allowed is not None:
+        return size_elasticities(question, point, allowed)
+    return exact_elasticities(question, point) if found.kind is Turn.FOLD or point.arc is not None else {}
 
 
 def _from_harmonic(value: float, bound: HarmonicBound) -> BoundCell:

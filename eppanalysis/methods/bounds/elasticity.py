@@ -7,21 +7,26 @@ elasticity ``(q/p) dp/dq`` says by how many per cent the bound moves when the pa
 
 At an exact fold the equations of the orbit, r(u, p) = 0, are singular; with the row psi that annihilates their
 derivative by u, ``dp/dq = -(psi @ dr/dq) / (psi @ dr/dp)``, where both derivatives are taken along the exact arcs.
+
+Where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)`` along orbits that are closed at moved values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.fold import Fold, Programmes, anchored
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import gather
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import Point, evaluate_at
+from eppanalysis.methods.orbits.orbit import CONVERGED, solve
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 
@@ -127,3 +132,48 @@ def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
 
 def _changed(case: CaseLike, name: str) -> Callable[[float], HybridSystem]:
     return lambda value: steady_case(case.with_values({name: value}))
+
+
+def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dict[str, float]:
+    """Elasticity, by every parameter, of a bound at which an orbit reaches an allowed size, and by that size itself.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    point : Point
+        The orbit there.
+    allowed : Allowed
+
+    Returns
+    -------
+    dict of str to float
+        nan where a parameter changes the structure of the loop; the allowed size goes by the name "allowed".
+    """
+    at_bound, bound = question.case_at(point.value), point.value
+    by_limit = _growth(at_bound, question.limit, bound, point, allowed)
+    if by_limit is None or by_limit == 0.0:
+        return {}
+    out = {"allowed": 1.0 / by_limit}
+    for name in parameters_of(question):
+        grown = _growth(at_bound, name, question.case.value(name), point, allowed)
+        out[name] = float("nan") if grown is None else -grown / by_limit
+    return out
+
+
+def _growth(case: CaseLike, name: str, value: float, point: Point, allowed: Allowed) -> float | None:
+    """Relative growth of the size of an orbit for a relative growth of a parameter; None where it cannot be closed."""
+    sizes = []
+    for factor in (1.0 + _STEP, 1.0 - _STEP):
+        try:
+            changed = case.with_values({name: factor * value})
+            hybrid = steady_case(changed)
+            y = point.orbit.y.copy()
+            y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+            orbit = solve(hybrid, replace(point.orbit.guess, y=y))
+        except (EppError, IndexError, ValueError):
+            return None
+        if not orbit.residual < CONVERGED:
+            return None
+        sizes.append(allowed.of_orbit(changed.to_system(), orbit))
+    return float(np.log(sizes[0] / sizes[1]) / (2.0 * _STEP))

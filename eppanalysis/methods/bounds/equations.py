@@ -377,6 +377,12 @@ def _function(kind: str, x: Any, scale: Any) -> Any:
         return scale * x**3
     if kind == "reciprocal_abs":
         return scale / (1.0 + ca.fabs(x))
+    powers = {"square": 2, "fourth_power": 4, "fifth_power": 5}
+    if kind in powers:
+        return scale * x ** powers[kind]
+    others = {"tanh": ca.tanh, "arctan": ca.atan, "gaussian": lambda x: ca.exp(-(x**2))}
+    if kind in others:
+        return scale * others[kind](x)
     raise ModelError(f"The smooth function {kind!r} is unknown to harmonic balance.")
 
 

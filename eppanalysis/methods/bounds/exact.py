@@ -20,8 +20,9 @@ from eppanalysis.methods.bounds.fold import Cycle, balanced
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.methods.continuation.branch import Branch, SpecialPoint, continue_branch
+from eppanalysis.methods.continuation.branch import continue_branch
 from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.harmonic.balance import cycle_of
 from eppanalysis.methods.harmonic.elements import Unsettled

@@ -54,8 +54,7 @@ class Sequence:
         """
         steps, mode, last = [], regime.mode, -np.inf
         for s in regime.switches:
-            number = next(i for i, t in enumerate(element.mode_guards[mode]) if t is s.mode_guard)
-            steps.append((mode, number, s.mode, bool(s.phase == last)))
+            steps.append((mode, s.mode_guard.number, s.mode, bool(s.phase == last)))
             mode, last = s.mode, s.phase
         turned = [(tuple(steps[i:] + steps[:i]), i) for i, step in enumerate(steps) if not step[3]]
         if not turned:
@@ -131,8 +130,8 @@ def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
         raise ModelError(f"{element.name}: an element with a clock has no bound by harmonic balance.")
     modes = [step[2] for step in sequence.steps] or [sequence.mode]
     try:
-        mode_guards = [element.mode_guards[before][number] for before, number, _, _ in sequence.steps]
-        rows = [element.from_input[m] for m in modes]
+        mode_guards = [element.guard_of(before, number) for before, number, _, _ in sequence.steps]
+        on_free, on_rate = element.from_input(modes)
     except IndexError:
         raise ModelError(f"{element.name}: its modes change with the parameter.") from None
     n_memory = a.n_memory
@@ -144,14 +143,14 @@ def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
             reset[i, h] = [*_pair(row), t.guard.memory_constant[h], *t.guard.memory_from_memory[h]]
     smooth = [[*_pair(row), s.constant, s.scale] for s, row in element.smooth]
     return ElementNumbers(
-        np.array([[r.on_free[0] for r in group] for group in rows]),
-        np.array([[r.on_rate[0] for r in group] for group in rows]),
-        np.array([a.modes[m].from_memory for m in modes]),
-        np.array([a.modes[m].constant for m in modes]),
+        on_free[..., 0],
+        on_rate,
+        a.mode_columns["from_memory"][modes],
+        a.mode_columns["constant"][modes],
         guard,
         reset,
         np.array(smooth, float).reshape(len(smooth), 4),
-        np.array([a.modes[m].from_smooth for m in modes]),
+        a.mode_columns["from_smooth"][modes],
     )
 
 

@@ -6,20 +6,23 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
-from eppanalysis.readable import with_unit, words
+from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of
+from eppanalysis.readable import number, readable, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.methods.bounds.tolerance import ToleranceBound
 
 _MOST_BARS = 14
 _SMALLEST_BAR = 5e-4
 
 
-def plot_bounds(bounds: DesignBounds) -> Figure:
+def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     """The boundary over the parameter that runs: first order, harmonic balance, exact, and the simulated tests.
 
     Filled circles are places at which every run came to rest and the search found no cycle; diamonds are exact orbits
@@ -28,6 +31,8 @@ def plot_bounds(bounds: DesignBounds) -> Figure:
     Parameters
     ----------
     bounds : DesignBounds
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a figure of its own by default.
 
     Raises
     ------
@@ -38,13 +43,18 @@ def plot_bounds(bounds: DesignBounds) -> Figure:
         raise EppError(f"{bounds.case}: no bound on {bounds.limit} was found, so there is nothing to draw.")
     (x_unit, x_factor), (y_unit, y_factor) = (bounds.readable[n] for n in (bounds.over, bounds.limit))
     x = x_factor * bounds.array("value")
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    ax = figure.add_subplot()
+    figure, ax = place_of(ax, (6.4, 4.4))
     curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
     for name, text, colour, style, width in curves:
+        if bounds.allowed is not None and not np.any(np.isfinite(bounds.array(name))):
+            continue  # a higher harmonic balance is not asked for sizes
         ax.plot(x, y_factor * bounds.array(name), style, color=colour, linewidth=width, label=text)
     exact = y_factor * bounds.array("exact")
-    ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label="exact fold")
+    ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label="exact fold" if bounds.allowed is None else "exact")
+    if bounds.allowed is not None:
+        reached = np.array([c.kind is Turn.SIZE for c in bounds])
+        size: dict[str, Any] = {"linestyle": "none", "marker": "s", "markersize": 5, "color": BLUE}
+        ax.plot(x[reached], exact[reached], **size, label="of these: allowed size reached")
     verified = np.array([c.verified for c in bounds])
     safe, other = y_factor * bounds.array("safe_value"), y_factor * bounds.array("other_value")
     tested = np.isfinite(safe)
@@ -52,26 +62,56 @@ def plot_bounds(bounds: DesignBounds) -> Figure:
     circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": GREEN}
     if np.any(tested & verified):
         text = f"all {runs} runs come to rest, no orbit"
+        if bounds.allowed is not None:
+            text = f"all {runs} runs at rest or on cycles that are allowed"
         ax.plot(x[tested & verified], safe[tested & verified], **circle, markerfacecolor=GREEN, label=text)
     if np.any(tested & ~verified):
         ax.plot(x[tested & ~verified], safe[tested & ~verified], **circle, markerfacecolor="none", label="not verified")
     there = np.array([c.other_orbit is not None for c in bounds])
     if np.any(there):
         diamond: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 4, "color": VERMILLION}
-        ax.plot(x[there], other[there], **diamond, label="exact orbit")
+        ax.plot(
+            x[there],
+            other[there],
+            **diamond,
+            label="exact orbit" if bounds.allowed is None else "exact orbit, too large",
+        )
     sign = next(c.sign for c in bounds if np.isfinite(c.bound))
     best = y_factor * bounds.array("bound")
     edge = ax.get_ylim()[0 if sign > 0 else 1]
-    ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label="free of limit cycles")
+    free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
+    ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
     ax.set_xlabel(with_unit(words(bounds.over), x_unit))
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7, framealpha=0.9)
-    ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}", fontsize=10)
+    allowed = "" if bounds.allowed is None else f", {bounds.allowed} allowed"
+    ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}{allowed}", fontsize=10)
     return figure
 
 
-def plot_tornado(bounds: DesignBounds, cell: int = 0) -> Figure:
+def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:
+    """The bounds of all draws as a histogram, with the nominal bound and the worst case."""
+    figure, ax = place_of(ax, (5.6, 3.6))
+    unit, factor = readable(bound.unit)
+    draws = factor * bound.draws[np.isfinite(bound.draws)]
+    if draws.size:
+        ax.hist(draws, bins="auto", color=SKY, alpha=0.7, label=f"{draws.size} draws")
+    lines = (("nominal", bound.nominal, BLUE, "-"), ("worst case", bound.worst_case, VERMILLION, "--"))
+    for text, value, colour, style in lines:
+        if np.isfinite(value):
+            text = f"{text}: {number(factor * value)} {unit}".rstrip()
+            ax.axvline(factor * value, color=colour, linestyle=style, linewidth=1.6, label=text)
+    ax.set_xlabel(with_unit(f"bound on {words(bound.limit)}", unit))
+    ax.set_ylabel("draws" if draws.size else "")
+    if not draws.size:
+        ax.set_yticks([])
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(fontsize=7, framealpha=0.9)
+    return figure
+
+
+def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) -> Figure:
     """Elasticities of one bound, largest first: by how many per cent it moves for one per cent of each parameter.
 
     Parameters
@@ -79,6 +119,8 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0) -> Figure:
     bounds : DesignBounds
     cell : int
         Which one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a figure of its own by default.
 
     Raises
     ------
@@ -90,11 +132,11 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0) -> Figure:
     if not known:
         raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
     unit, factor = bounds.readable[bounds.over]
-    where = f"{words(bounds.over)} {factor * chosen.value:.3g} {unit}"
-    return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where)
+    where = f"{words(bounds.over)} {number(factor * chosen.value)} {unit}"
+    return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where, ax)
 
 
-def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: str) -> Figure:
+def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: str, ax: Axes | None = None) -> Figure:
     """Bars of elasticities by method.
 
     Parameters
@@ -105,12 +147,13 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
         The parameter that is bounded.
     where : str
         Operating point, in words.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a figure of its own by default.
     """
     first, *_ = elasticities.values()
     names = [n for n, v in first.items() if np.isfinite(v) and abs(v) > _SMALLEST_BAR]
     names = sorted(names, key=lambda n: abs(first[n]))[-_MOST_BARS:]
-    figure = Figure(figsize=(6.4, 0.9 + 0.32 * len(names)), layout="constrained")
-    ax = figure.add_subplot()
+    figure, ax = place_of(ax, (6.4, 0.9 + 0.32 * len(names)))
     height = 0.8 / len(elasticities)
     for (method, values), colour, i in zip(elasticities.items(), (BLUE, SKY, ORANGE), range(3), strict=False):
         places = np.arange(len(names)) + (0.5 * (len(elasticities) - 1) - i) * height

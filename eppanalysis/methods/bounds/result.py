@@ -1,4 +1,4 @@
-"""What design bounds return: a cell for every value of the parameter that runs, in SI units, with its tests."""
+"""What bounds return: a cell for every value of the parameter that runs with its tests, bounds under tolerances."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked
+from eppanalysis.methods.bounds.allowed import Allowed
+from eppanalysis.readable import count, listed, number, quantity, span, with_unit, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
@@ -77,6 +82,10 @@ class Turn(StrEnum):
     UNKNOWN = ""
     FOLD = "fold"
     CORNER = "border collision"
+    #: The stable cycle goes on, and is larger than allowed from here on.
+    SIZE = "allowed size"
+    #: The cycle goes on, and is stable from here on.
+    STABILITY = "change of stability"
     #: Cycles exist up to the end of the range.
     END = "end"
 
@@ -100,13 +109,17 @@ class BoundCell(Brief):
     error_estimate : float
         Largest relative difference of the harmonic bound from those of the orders from half of it on.
     kind : Turn
-        Fold or border collision of the branch of exact orbits.
+        Fold or border collision of the branch of exact orbits; where a size is allowed also that the cycle reaches it,
+        or becomes stable.
+    size : float
+        Of the orbit at the bound, where a size is allowed [SI, in its measure].
     frequency : float
         Of the cycle at the bound [Hz].
     safe_value, other_value : float
         Where the tests were made [SI].
     n_runs, n_settled, n_cycles : int
-        Runs on the safe side, those that came to rest, and limit cycles that the search or the runs found there.
+        Runs on the safe side, those that came to rest (or to a cycle that is allowed), and limit cycles (that are not)
+        which the search or the runs found there.
     verified : bool
         No limit cycle on the safe side, an exact orbit on the other.
     orbit, other_orbit : LimitCycle or None
@@ -138,9 +151,10 @@ class BoundCell(Brief):
     elasticities: dict[str, float] = field(default_factory=dict)
     harmonic_elasticities: dict[str, float] = field(default_factory=dict)
     message: str = ""
+    size: float = _NAN
 
     in_json = (
-        "value finding sign first_order harmonic order error_estimate exact kind frequency bound "
+        "value finding sign first_order harmonic order error_estimate exact kind size frequency bound "
         "first_order_error harmonic_error first_order_unsafe safe_value other_value n_runs n_settled n_cycles "
         "verified elasticities harmonic_elasticities message orbit=_orbit "
         "other_orbit=_other_orbit"
@@ -204,6 +218,8 @@ class DesignBounds(Result):
     cells : tuple of BoundCell
     margin : float
         How far from each bound it was tested, relative to it.
+    allowed : Allowed or None
+        The largest stable cycle that is allowed; None where no cycle is.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
@@ -217,8 +233,9 @@ class DesignBounds(Result):
     within: tuple[float, float]
     cells: tuple[BoundCell, ...]
     margin: float = _NAN
+    allowed: Allowed | None = None
 
-    in_json = "over limit units within status cells operating_point provenance"
+    in_json = "over limit units within allowed status cells operating_point provenance"
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -234,6 +251,18 @@ class DesignBounds(Result):
         """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
         good = all(c.verified or c.finding.answers for c in self.cells)
         return Status.CONVERGED if good else Status.UNDECIDED
+
+    def active(self, cell: BoundCell) -> str:
+        """Which of the two bounds a cell where a size is allowed: the size, or the birth of the cycle; a sentence."""
+        if self.allowed is None or cell.orbit is None:
+            return ""
+        size = self.allowed.text(cell.size)
+        if cell.kind is Turn.SIZE:
+            return (
+                f"There the stable cycle reaches what is allowed ({self.allowed}); nearer it is smaller or not there."
+            )
+        born = "becomes stable" if cell.kind is Turn.STABILITY else "is born"
+        return f"There the cycle {born} with {self.allowed.signal} {size}, more than is allowed ({self.allowed})."
 
     def array(self, name: str) -> Array:
         """A number of every cell."""
@@ -276,10 +305,163 @@ class DesignBounds(Result):
             },
         )
 
-    def plot(self) -> Figure:
-        """The boundary: first order, harmonic balance, exact, and where runs confirmed it."""
-        return self.drawn("plot_bounds")
+    def __str__(self) -> str:
+        """The bounds from the smallest to the largest, how many were verified, and what is missing."""
+        found = [c for c in self.cells if c.finding is Finding.BOUND]
+        at = f"{words(self.over)} {self._span(self.over, [c.value for c in self.cells])}"
+        if not found:
+            why = " ".join(dict.fromkeys(c.message or c.finding.sentence for c in self.cells))
+            return f"No bound on {words(self.limit)} for {at}. {why}".rstrip()
+        side = "below" if found[0].sign > 0 else "above"
+        tested = f"{sum(c.verified for c in found)} of {count(len(found), 'bound')} verified by runs and orbits"
+        none = f"; no bound at {len(self) - len(found)} of {len(self)} values" if len(found) < len(self) else ""
+        return (
+            f"Free of limit cycles {side} a {words(self.limit)} that runs "
+            f"{self._span(self.limit, [c.bound for c in found])}, for {at}; {tested}{none}."
+        )
 
-    def plot_elasticities(self, cell: int = 0) -> Figure:
+    def _span(self, name: str, values: list[float]) -> str:
+        """From where to where values of a parameter run, in the unit that people use for it."""
+        return span(values, self.units[name], self.readable[name])
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The bounds, one a row [SI]."""
+        names = ("first_order", "harmonic", "exact", "bound")
+        rows = [
+            {
+                self.over: c.value,
+                **{name: getattr(c, name) for name in names},
+                "frequency": c.frequency,
+                "verified": c.verified,
+                "finding": c.finding.value,
+            }
+            for c in self.cells
+        ]
+        limit = dict.fromkeys(names, self.units[self.limit])
+        return frame_of(rows, {self.over: self.units[self.over], **limit, "frequency": "Hz"})
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The bounds in the units that people use for both parameters."""
+        (x_unit, x), (y_unit, y) = self.readable[self.over], self.readable[self.limit]
+        first, best = (with_unit(text, y_unit) for text in ("first order", f"bound on {words(self.limit)}"))
+        rows = [
+            {
+                with_unit(words(self.over), x_unit): x * c.value,
+                first: y * c.first_order,
+                best: y * c.bound,
+                "verified": c.verified if c.finding is Finding.BOUND else None,
+            }
+            for c in self.cells
+        ]
+        return frame_of(rows)
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The boundary: first order, harmonic balance, exact, and where runs confirmed it."""
+        return self.drawn("plot_bounds", ax)
+
+    @checked
+    def plot_elasticities(self, ax: Axes | None = None, cell: int = 0) -> Axes:
         """Tornado of the elasticities in one cell."""
-        return self.drawn("plot_tornado", cell)
+        return self.drawn("plot_tornado", ax, cell)
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """The bound that holds with a probability.
+
+    Attributes
+    ----------
+    probability : float
+    value : float
+        [SI]; nan where there are too few draws.
+    low, high : float
+        Its 95 % confidence interval.
+    """
+
+    probability: float
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToleranceBound(Result):
+    """The bound of a case whose parameters carry tolerances.
+
+    Attributes
+    ----------
+    limit, unit : str
+    sign : float
+        1: free below the bound.
+    half_widths : dict of str to float
+        Of the parameters [SI].
+    nominal, worst_case : float
+        Exact bounds with the parameters at their values, and anywhere in their box [SI].
+    worst_values : dict of str to float
+        Parameters in the worst case [SI].
+    n_corners : int
+        Corners checked besides.
+    quantiles : tuple of Quantile
+    draws : array, shape (samples,)
+        Bounds of the draws [SI].
+    engine_offset : float
+        Relative difference of the nominal bound as runs see it from the exact one.
+    message : str
+        What is missing; empty where nothing is.
+    """
+
+    limit: str
+    unit: str
+    sign: float
+    half_widths: dict[str, float]
+    nominal: float
+    worst_case: float
+    worst_values: dict[str, float]
+    n_corners: int
+    quantiles: tuple[Quantile, ...]
+    draws: Array
+    engine_offset: float
+    message: str = ""
+
+    in_json = (
+        "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
+        "engine_offset message provenance"
+    )
+
+    def __str__(self) -> str:
+        """The bound in the worst case, beside the nominal one and those that hold with a probability."""
+        side = "below" if self.sign > 0 else "above"
+        worst, nominal = (quantity(value, self.unit) for value in (self.worst_case, self.nominal))
+        shares = [
+            f"{side} {quantity(q.value, self.unit)} in {number(100 * q.probability)} %"
+            for q in self.quantiles
+            if np.isfinite(q.value)
+        ]
+        rest = f"; of all designs, {listed(shares)}" if shares else ""
+        return (
+            f"Free of limit cycles {side} a {words(self.limit)} of {worst} wherever the tolerances lie, against "
+            f"{nominal} at the nominal values{rest}.{' ' + self.message if self.message else ''}"
+        )
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The bounds, one a row [SI], with the ends of the 95 % intervals of those that hold with a probability."""
+        rows: list[dict[str, object]] = [
+            {"holds": "at the nominal values", "bound": self.nominal},
+            {"holds": "in the worst case", "bound": self.worst_case},
+        ]
+        rows += [
+            {"holds": f"in {number(100 * q.probability)} %", "bound": q.value, "low": q.low, "high": q.high}
+            for q in self.quantiles
+        ]
+        return frame_of(rows, dict.fromkeys(("bound", "low", "high"), self.unit))
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The bounds of the draws, with the nominal one and the worst case."""
+        return self.drawn("plot_tolerance", ax)
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED where nothing is missing."""
+        return Status.UNDECIDED if self.message else Status.CONVERGED

@@ -26,13 +26,13 @@ from eppanalysis.methods.bounds.elasticity import exact_elasticities, parameters
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
-from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.bounds.result import Finding, Quantile, ToleranceBound
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
-from eppanalysis.results import LimitCycle, Result, Status
+from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -44,75 +44,6 @@ _SIZES, _POINTS = (1.0, 1.3, 1.8, 2.5), 2
 _BRACKET, _HALVINGS = 0.08, 5
 _PERIODS = 40.0
 _CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Quantile:
-    """The bound that holds with a probability.
-
-    Attributes
-    ----------
-    probability : float
-    value : float
-        [SI]; nan where there are too few draws.
-    low, high : float
-        Its 95 % confidence interval.
-    """
-
-    probability: float
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ToleranceBound(Result):
-    """The bound of a case whose parameters carry tolerances.
-
-    Attributes
-    ----------
-    limit, unit : str
-    sign : float
-        1: free below the bound.
-    half_widths : dict of str to float
-        Of the parameters [SI].
-    nominal, worst_case : float
-        Exact bounds with the parameters at their values, and anywhere in their box [SI].
-    worst_values : dict of str to float
-        Parameters in the worst case [SI].
-    n_corners : int
-        Corners checked besides.
-    quantiles : tuple of Quantile
-    draws : array, shape (samples,)
-        Bounds of the draws [SI].
-    engine_offset : float
-        Relative difference of the nominal bound as runs see it from the exact one.
-    message : str
-        What is missing; empty where nothing is.
-    """
-
-    limit: str
-    unit: str
-    sign: float
-    half_widths: dict[str, float]
-    nominal: float
-    worst_case: float
-    worst_values: dict[str, float]
-    n_corners: int
-    quantiles: tuple[Quantile, ...]
-    draws: Array
-    engine_offset: float
-    message: str = ""
-
-    in_json = (
-        "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
-        "engine_offset message provenance"
-    )
-
-    @property
-    def status(self) -> Status:
-        """CONVERGED where nothing is missing."""
-        return Status.UNDECIDED if self.message else Status.CONVERGED
 
 
 def half_widths_of(case: CaseLike, given: Mapping[str, object] | None) -> dict[str, float]:

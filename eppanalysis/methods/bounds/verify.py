@@ -4,17 +4,21 @@ On the safe side, a margin away from the bound, the search for all exact orbits 
 at least a thousand seeded starts (states all round the orbit that exists at the bound, and steps of the inputs) must
 all come to rest. On the other side, the same margin away, the exact orbit is shown. Cycles that the search or a run
 does find on the safe side are handed on, for they lead to the true bound.
+
+Where a size is allowed, cycles up to it are as good as rest: the search must find no stable one that is larger, each
+run must come to rest or end on one that is not, and on the other side a stable orbit is shown that is larger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.allowed import Allowed, Measure
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
@@ -23,8 +27,9 @@ from eppanalysis.methods.orbits.shooting import orbit_of, orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import Judge
-from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle, Status
 
@@ -36,6 +41,8 @@ _STEPS, _REACH = 0.25, 4.0
 _PERIODS, _ENOUGH = 40.0, 50
 #: So many orbits of the cloud are closed at most; relative difference of periods within which one is known already.
 _MOST_ORBITS, _SAME_PERIOD = 4, 1e-6
+#: Relative difference of period and size within which the cycle of a run of a cloud is one that the search found.
+_SAME_SIZE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +54,19 @@ class Verification:
     safe_value, other_value : float
         Where the tests were made, on the safe side and on the other one [SI].
     n_runs, n_settled : int
-        Runs of the cloud, and those of which it is known that they came to rest.
+        Runs of the cloud, and those of which it is known that they came to rest, or to a cycle that is allowed.
     search : CycleSearch
         On the safe side.
     cycles : tuple of LimitCycle
-        Exact ones on the safe side, found by the search or by the runs.
+        Exact ones on the safe side, found by the search or by the runs, and not allowed.
     orbit : LimitCycle or None
         The exact orbit on the other side.
     message : str
         What is missing; empty where nothing is.
+    slow : array, shape (k, states)
+        Starts of runs without a known end: neither at rest, nor on a cycle that could be closed, nor far away.
+    grows : bool
+        Whether a run grew without bound on the safe side.
     """
 
     safe_value: float
@@ -66,11 +77,39 @@ class Verification:
     cycles: tuple[LimitCycle, ...]
     orbit: LimitCycle | None
     message: str
+    slow: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    grows: bool = False
 
     @property
     def verified(self) -> bool:
         """Whether no cycle was found on the safe side and one on the other."""
         return not self.message
+
+
+@dataclass(frozen=True, eq=False)
+class _MayBe:
+    """The cycles that may be on the safe side: what is allowed, and the stable ones that the search found within it."""
+
+    allowed: Allowed | None
+    known: Sequence[LimitCycle]
+
+    def ends(self, result: BatchResult) -> NDArray[np.bool_]:
+        """Which runs are at rest, or on a cycle that may be: small enough for sure, or a known one."""
+        good = np.array([s is Status.SETTLED for s in result.status])
+        if self.allowed is None:
+            return good
+        cycling = np.array([s is Status.LIMIT_CYCLE for s in result.status])
+        size = result.peak_to_peak[self.allowed.signal]
+        # The rms about the mean is half the peak to peak at most.
+        fits = size <= (1.0 if self.allowed.measure is Measure.PEAK_TO_PEAK else 2.0) * self.allowed.size
+        for cycle in self.known:
+            same = np.abs(size / cycle.peak_to_peak[self.allowed.signal] - 1.0) < _SAME_SIZE
+            fits |= same & (np.abs(result.period / cycle.period - 1.0) < _SAME_SIZE)
+        return good | (cycling & fits)
+
+    def orbit(self, system: LureSystem, orbit: Orbit) -> bool:
+        """Whether an orbit may be."""
+        return self.allowed is not None and self.allowed.of_orbit(system, orbit) <= self.allowed.size
 
 
 def verify(
@@ -83,6 +122,7 @@ def verify(
     n_starts: int,
     seed: int,
     threads: int = 1,
+    allowed: Allowed | None = None,
 ) -> Verification:
     """Test a bound on both sides.
 
@@ -104,6 +144,8 @@ def verify(
         Of the cloud.
     threads : int
         For the runs; the result does not depend on it.
+    allowed : Allowed, optional
+        The stable cycles that may be there.
     """
     safe, other = value * (1.0 - sign * margin), value * (1.0 + sign * margin)
     missing = []
@@ -111,38 +153,57 @@ def verify(
     system = case.to_system()
     # The predicted cycles' balances have just been followed to the bound itself.
     search = find_limit_cycles(case, by_balance=False)
-    if len(search):
-        missing.append(f"the search finds {len(search)} limit cycle(s) on the safe side")
+    bad = [c for c in search if allowed is None or allowed.exceeded_by(c)]
+    larger = "" if allowed is None else " larger than allowed"
+    if bad:
+        missing.append(f"the search finds {len(bad)} limit cycle(s){larger} on the safe side")
     elif search.left_open:
         missing.append("the search left a run undecided on the safe side")
-    n_settled, n_moving, met = _settling(case, orbit, n_starts, seed, threads) if n_starts else (0, 0, [])
+    may_be = _MayBe(allowed, [c for c in search if c.stable and c not in bad])
+    fates = _settling(case, orbit, n_starts, seed, threads, may_be) if n_starts else _Fates()
+    n_settled, n_moving, met = fates.n_settled, fates.n_moving, fates.orbits
     if n_moving:
-        missing.append(f"{n_moving} of {n_settled + n_moving} runs did not come to rest on the safe side")
+        fate = "come to rest" if allowed is None else "come to rest, or to a cycle that is allowed,"
+        missing.append(f"{n_moving} of {n_settled + n_moving} runs did not {fate} on the safe side")
     if n_settled + n_moving < n_starts:
         missing.append(f"{n_starts - n_settled - n_moving} slow runs were not looked at to their end after these")
     further = [o for o in met if not _known(o, [c.period for c in search])]
-    cycles = (*search, *(to_limit_cycle(system, o) for o in further))
-    found = _orbit_at(question, other, orbit)
+    cycles = (*bad, *(to_limit_cycle(system, o) for o in further))
+    found = _orbit_at(question, other, orbit, allowed)
     if found is None:
-        missing.append("no exact orbit was found on the other side")
-    return Verification(safe, other, n_starts, n_settled, search, cycles, found, "; ".join(missing))
+        missing.append(
+            f"no exact {'orbit' if allowed is None else f'stable orbit{larger}'} was found on the other side"
+        )
+    slow = np.array(fates.slow)
+    return Verification(safe, other, n_starts, n_settled, search, cycles, found, "; ".join(missing), slow, fates.grows)
 
 
-def _orbit_at(question: Question, value: float, near: LimitCycle) -> LimitCycle | None:
-    """An exact orbit at a value: near a known one, else any that the search finds."""
+@dataclass
+class _Fates:
+    """How the runs of a cloud end; lives for one test."""
+
+    n_settled: int = 0
+    n_moving: int = 0
+    orbits: list[Orbit] = field(default_factory=list)
+    slow: list[Array] = field(default_factory=list)
+    grows: bool = False
+
+
+def _orbit_at(question: Question, value: float, near: LimitCycle, allowed: Allowed | None) -> LimitCycle | None:
+    """An exact orbit at a value that is not allowed: near a known one, else any that the search finds."""
     case = question.case_at(value)
     system = case.to_system()
     hybrid = steady_hybrid(system, case.operating_point)
     if near.state.size == system.A.shape[0]:
         for orbit in orbits_near(hybrid, *start_of(hybrid, near), near.period):
-            return to_limit_cycle(system, orbit)
-    return next(iter(find_limit_cycles(case)), None)
+            cycle = to_limit_cycle(system, orbit)
+            if allowed is None or (cycle.stable and allowed.exceeded_by(cycle)):
+                return cycle
+    return next((c for c in find_limit_cycles(case) if allowed is None or (c.stable and allowed.exceeded_by(c))), None)
 
 
-def _settling(
-    case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int
-) -> tuple[int, int, list[Orbit]]:
-    """How many runs of a cloud come to rest, how many do not, and the orbits on which these end.
+def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threads: int, may_be: _MayBe) -> _Fates:
+    """How the runs of a cloud end: at rest (or within what is allowed), on which orbits, or undecided.
 
     Near its bound a cycle that has vanished slows down whatever passes its ghost, so that many runs are undecided at
     the end of the horizon: each is looked at for longer. Only where many of these keep moving is the rest left alone.
@@ -154,18 +215,24 @@ def _settling(
     rest = _rest(hybrid, to)
     starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
     result = simulate_batch(_stack(hybrid, starts, system.signals.names), to.horizon, threads=threads)
-    undecided = [i for i, s in enumerate(result.status) if s is not Status.SETTLED]
-    n_settled, n_moving, found = n_starts - len(undecided), 0, list[Orbit]()
-    for i in undecided:
-        if n_moving == _ENOUGH:
+    good = may_be.ends(result)
+    undecided = [i for i in range(n_starts) if not good[i]]
+    fates = _Fates(n_starts - len(undecided))
+    for k, i in enumerate(undecided):
+        if fates.n_moving == _ENOUGH:
+            fates.slow += [starts[j] for j in undecided[k:]]
             break
         status, run = to.ends(replace(hybrid, x0=starts[i]))
-        n_settled += status is Status.SETTLED
-        n_moving += status is not Status.SETTLED
-        closed = orbit_of(hybrid, run) if status is Status.LIMIT_CYCLE and len(found) < _MOST_ORBITS else None
-        if closed is not None and not _known(closed, [known.period for known in found]):
-            found.append(closed)
-    return n_settled, n_moving, found
+        on_cycle = status is Status.LIMIT_CYCLE and (may_be.allowed is not None or len(fates.orbits) < _MOST_ORBITS)
+        closed = orbit_of(hybrid, run) if on_cycle else None
+        within = closed is not None and may_be.orbit(system, closed)
+        fates.n_settled += status is Status.SETTLED or within
+        fates.n_moving += not (status is Status.SETTLED or within)
+        fates.slow += [starts[i]] if status is Status.UNDECIDED else []
+        fates.grows |= status is Status.DIVERGED
+        if closed is not None and not within and not _known(closed, [known.period for known in fates.orbits]):
+            fates.orbits.append(closed)
+    return fates
 
 
 def _known(orbit: Orbit, periods: Sequence[float]) -> bool:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.rungs import (
     FACTOR,
@@ -33,12 +34,14 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, require_case
-from eppanalysis.readable import count
-from eppanalysis.results import LimitCycle, Outcome, Prediction, Result, Status, Trajectory
+from eppanalysis.readable import count, signed_percent, words
+from eppanalysis.results import LimitCycle, Outcome, Prediction, Result, Status, Trajectory, counted
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas
+    from matplotlib.axes import Axes
 
 
 class Agreement(Enum):
@@ -162,9 +165,42 @@ class Ladder(Result):
         found = (r.cycle for r in self.rows if r.method.startswith("harmonic balance") and r.exact == here)
         return next(found, None) if here is not None else None
 
-    def plot(self) -> Figure:
+    def __str__(self) -> str:
+        """What the run does, what exact cycles there are, and what first order says of them."""
+        cycle = self.run.limit_cycle
+        run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
+        exact = [] if self.search is None else [f"The exact search finds {counted(self.search.cycles, self.signal)}."]
+        first = [*_error_sentences(self.errors, self.signal), *_missed_sentences(self.missed, self.search)]
+        return " ".join([run, *exact, self.agreement.value, *first])
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The methods, one a row: the cycle of each, how far it is off, and how long it took [s]."""
+        rows = [
+            {
+                "exact cycle": None if row.exact is None else str(row.exact + 1),
+                "method": row.method,
+                "frequency": row.quantities["frequency"],
+                **{f"{self.signal} {words(name)}": row.quantities[name] for name in ("peak-to-peak", "mean")},
+                **{f"error of {words(name)}": row.errors.get(name) for name in ("period", "peak-to-peak")},
+                "seconds": row.seconds,
+            }
+            for row in self.rows
+        ]
+        unit = self.run.units.get(self.signal, "")
+        sizes = dict.fromkeys((f"{self.signal} peak to peak", f"{self.signal} mean"), unit)
+        return frame_of(rows, {"frequency": "Hz", "seconds": "s", **sizes})
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The methods with their size, speed and errors in per cent."""
+        frame = self.to_frame().drop(columns=["seconds", f"{self.signal} mean"])
+        for name in ("error of period", "error of peak to peak"):
+            frame[name] = [signed_percent(value) for value in frame[name].tolist()]
+        return frame
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
         """The run, its cycle beside the predicted one, and the verdict."""
-        return self.drawn("plot_ladder")
+        return self.drawn("plot_ladder", ax)
 
 
 class _Expected(Protocol):
@@ -224,6 +260,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     agreement = _agreement(prediction, run, matched, stays, found) if at.stands else Agreement.DRIVEN
     reasons = [why_not] if why_not and at.stands else []
     sentences = [agreement.value, *reasons, *_cycle_sentences(run.limit_cycle, errors, signal)]
+    missed = _missed_sentences(found.missed, found.search)
     return Ladder(
         signal=signal,
         prediction=prediction,
@@ -235,7 +272,7 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
         probe_seconds=probe_seconds,
         agreement=agreement,
         missed=found.missed,
-        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence, *_missed_sentences(found)]),
+        verdict=" ".join([*sentences, *_probe_sentences(probes, cycles), found.sentence, *missed]),
         rows=found.rows,
         search=found.search,
         search_seconds=found.search_seconds,
@@ -334,11 +371,11 @@ def _by_search(predicted: bool, found: Climb) -> Agreement:
     return Agreement.CONFIRMED if agrees else Agreement.UNDECIDED
 
 
-def _missed_sentences(found: Climb) -> list[str]:
+def _missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> list[str]:
     """How many of the stable exact cycles first order does not predict."""
-    if not found.missed or found.search is None:
+    if not missed or search is None:
         return []
-    return [f"First order misses {len(found.missed)} of {count(len(found.search.stable), 'stable limit cycle')}."]
+    return [f"First order misses {len(missed)} of {count(len(search.stable), 'stable limit cycle')}."]
 
 
 def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
@@ -349,10 +386,15 @@ def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, flo
             f"The run repeats itself only after {oscillations} oscillations of {signal} ({reached.period:.4g} s); "
             "its frequency is compared oscillation by oscillation."
         )
-    if errors:
-        f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
-        out.append(f"First order is off by {100 * f:+.1f} % in frequency and {100 * a:+.1f} % in the size of {signal}.")
-    return out
+    return [*out, *_error_sentences(errors, signal)]
+
+
+def _error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[str]:
+    """How far first order is off on the matched cycle."""
+    if not errors:
+        return []
+    f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
+    return [f"First order is off by {100 * f:+.1f} % in frequency and {100 * a:+.1f} % in the size of {signal}."]
 
 
 def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) -> list[str]:

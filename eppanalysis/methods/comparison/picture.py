@@ -13,14 +13,14 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.methods.comparison.ladder import Ladder
-from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, VERMILLION, label_of, label_time, with_name
+from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, VERMILLION, label_of, label_time, root_figure, with_name
 from eppanalysis.results import LimitCycle, Prediction
 from eppanalysis.results.picture import one_period, plot_nyquist
 
 Array = NDArray[np.float64]
 
 
-def plot_ladder(ladder: Ladder) -> Figure:
+def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     """The run in time, its steady motion with the predicted cycle over it, and the picture of the prediction.
 
     Two signals are drawn: the ladder's own, and the force that the controller reads (or the next signal that there is).
@@ -28,7 +28,16 @@ def plot_ladder(ladder: Ladder) -> Figure:
     Parameters
     ----------
     ladder : Ladder
+    given : matplotlib.axes.Axes, optional
+        Where to draw the steady motion of the ladder's own signal alone; all of it on a figure of its own by default.
     """
+    draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
+    if given is not None:
+        draw(given, ladder, ladder.signal)
+        given.set_xlabel("time [s]")
+        given.legend(fontsize=7)
+        given.spines[["top", "right"]].set_visible(False)
+        return root_figure(given)
     others = [name for name in ladder.run.signals if name != ladder.signal]
     second = "sensor_force" if "sensor_force" in others else others[0] if others else None
     names = [ladder.signal] if second is None else [ladder.signal, second]
@@ -41,7 +50,6 @@ def plot_ladder(ladder: Ladder) -> Figure:
         label, factor = label_of(name, ladder.run.units)
         ax.plot(ladder.run.t, factor * ladder.run.signals[name], color=BLUE, linewidth=0.7)
         ax.set_ylabel(label)
-    draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
     for name, ax in zip(names, close, strict=True):
         draw(ax, ladder, name)
     for panels, text in ((runs, "time [s]"), (close, "time [s]")):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change, crossing, difference
+from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.steps import (
     LEAST_STEP,
     Point,
@@ -43,98 +43,12 @@ from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
-from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 #: What is added to the reason of a gap in which other cycles were searched for.
 _SOUGHT = "an exact search in this part found no cycle that leads on through it"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SpecialPoint(Brief):
-    """A point of a branch where something changes.
-
-    Attributes
-    ----------
-    kind : Change
-    value : float
-        The parameter [SI].
-    note : str
-        What changes, in words.
-    cycle : LimitCycle
-        The orbit there.
-    index : int
-        Number of the branch's point after it.
-    point : Point
-        The orbit and the branch's direction, from which others may go on.
-    """
-
-    kind: Change
-    value: float
-    note: str
-    cycle: LimitCycle
-    index: int
-    point: Point = field(repr=False)
-
-    in_json = "kind value note index cycle"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Branch(Result):
-    """Exact orbits along a branch, in its own order.
-
-    Attributes
-    ----------
-    parameter, unit : str
-    points : dict of str to array
-        "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
-        "<signal>" for the peak-to-peak of every signal.
-    special : tuple of SpecialPoint
-    status : Status
-    message : str
-        How the branch ended, at both ends.
-    simulated : dict of str to array
-        Points of runs for comparison, where asked for.
-    ends : (str, str)
-        How it ends at its first and at its last point.
-    missing : tuple of Gap
-        Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
-    others : tuple of Branch
-        Branches of other cycles, followed where this one leaves a part of the range without having turned back.
-    operating_point : OperatingPoint or None
-        Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
-    """
-
-    parameter: str
-    unit: str
-    points: dict[str, Array]
-    special: tuple[SpecialPoint, ...]
-    status: Status
-    message: str
-    signals: tuple[str, ...] = ()
-    units: dict[str, str] = field(default_factory=dict)
-    simulated: dict[str, Array] = field(default_factory=dict)
-    ends: tuple[str, str] = ("", "")
-    missing: tuple[Gap, ...] = ()
-    others: tuple[Branch, ...] = ()
-
-    in_json = "parameter unit status message points special simulated missing others operating_point provenance"
-
-    def __len__(self) -> int:
-        return int(self.points["value"].size)
-
-    @property
-    def folds(self) -> tuple[SpecialPoint, ...]:
-        """Where the branch turns back: a stable and an unstable cycle meet."""
-        return tuple(s for s in self.special if s.kind is Change.FOLD)
-
-    def plot(self, signal: str | None = None, at: float | None = None) -> Figure:
-        """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
-        return self.drawn("plot_branch", signal, at)
 
 
 def continue_branch(
@@ -305,7 +219,10 @@ def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) 
 
 @dataclass
 class Walk:
-    """One branch under way; lives for one call."""
+    """One branch under way; lives for one call.
+
+    `passes`, where given, is a function of its points of which every zero is located and noted, too.
+    """
 
     case: CaseLike
     parameter: str
@@ -314,6 +231,7 @@ class Walk:
     n_points: int
     max_step: float
     special: list[tuple[Change, Point, str, int]] = field(default_factory=list)
+    passes: Callable[[Point], float] | None = None
 
     def run(self, seed: tuple[float, Orbit]) -> Branch:
         """Both directions from the seed."""
@@ -406,6 +324,10 @@ class Walk:
 
     def _watch(self, old: Point, new: Point, index: int) -> bool:
         """Folds and changes of stability between two points of one sequence; whether the branch ends there."""
+        if self.passes is not None and self.passes(old) * self.passes(new) < 0:
+            found = locate(old, new, self.passes, 1e-12)
+            if found is not None:
+                self._note(Change.PASSAGE, found, "the function that is watched passes zero", index)
         if old.turn * new.turn < 0:
             found = locate(old, new, lambda p: p.turn, 1e-11)
             if found is not None and half_alike(found.orbit):

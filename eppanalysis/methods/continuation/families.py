@@ -115,7 +115,8 @@ def _array(hybrid: HybridSystem, name: str) -> Array:
 
 
 def _same_structure(one: HybridSystem, other: HybridSystem) -> bool:
-    if one.element_names != other.element_names or one.mode_names != other.mode_names:
+    kinds = ([type(e) for e in h.elements] for h in (one, other))
+    if one.element_names != other.element_names or next(kinds) != next(kinds):
         return False
     for name in one.model._fields:
         a, b = getattr(one.model, name), getattr(other.model, name)

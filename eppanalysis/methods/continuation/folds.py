@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.arguments import check_counts
+from eppanalysis.arguments import check_counts, checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.branch import Walk, continue_branch, steady_case
 from eppanalysis.methods.continuation.families import Family
@@ -16,8 +17,14 @@ from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.readable import count, span, words
 from eppanalysis.results import LimitCycle, Result, Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -45,6 +52,8 @@ class FoldCurve(Result):
     status : Status
     message : str
         How the curve ended.
+    units : dict of str to str
+        SI units of both parameters.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs, as for a :class:`Branch`.
     """
@@ -55,8 +64,31 @@ class FoldCurve(Result):
     multiplier: Array
     status: Status
     message: str
+    units: dict[str, str] = field(default_factory=dict)
 
     in_json = "parameters values period multiplier status message operating_point provenance"
+
+    def __str__(self) -> str:
+        """Over which values the fold is known, and how the curve ended."""
+        (folds, over), (fold, value) = self.parameters, self.values.T
+        folds = f"{words(folds)} {span(fold, self.units.get(folds, ''))}"
+        runs = f"{words(over)} {span(value, self.units.get(over, ''))}"
+        return f"{count(len(self.values), 'fold')}: {folds}, for {runs}. {self.message}"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The folds, one a row: both parameters, period [s], largest Floquet multiplier."""
+        rows = [
+            {**dict(zip(self.parameters, pair, strict=True)), "period": period, "multiplier": multiplier}
+            for pair, period, multiplier in zip(
+                self.values.tolist(), self.period.tolist(), self.multiplier.tolist(), strict=True
+            )
+        ]
+        return frame_of(rows, {**self.units, "period": "s"})
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The curve of folds in the plane of the two parameters."""
+        return self.drawn("plot_folds", ax)
 
 
 def continue_folds(
@@ -119,6 +151,7 @@ def continue_folds(
         multiplier=np.array([float(np.max(np.abs(p.multipliers))) for p in found]),
         status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
         message=message,
+        units={name: case.unit(name)[0] for name in (parameter, other)},
         provenance=Provenance("fold curve", {"limits": (low, high), "over": rows.tolist()}, case=facts_of(case)),
         operating_point=case.operating_point,
     )

@@ -23,6 +23,8 @@ class Change(StrEnum):
     SEQUENCE = "change of sequence"
     TURNING = "turning change of sequence"
     END = "end"
+    #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
+    PASSAGE = "passage"
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
@@ -55,7 +57,7 @@ def difference(old: Orbit, new: Orbit | None) -> str:
     def names(orbit: Orbit) -> list[str]:
         model, it = orbit.hybrid.model, orbit.arcs.event_sequence
         return [
-            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_names[g]}"
+            f"{orbit.hybrid.element_names[int(model.guard_element[g])]} {orbit.hybrid.guard_name(int(g))}"
             + (" at once" if at_once == 1 else "")
             for g, at_once in zip(it.guards, it.at_once, strict=True)
             if g >= 0

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eppanalysis.methods.continuation.branch import Branch
+from eppanalysis.methods.continuation.folds import FoldCurve
 from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.plotting import (
     BLUE,
     GREEN,
@@ -21,7 +22,8 @@ from eppanalysis.plotting import (
     VERMILLION,
     chosen,
     label_of,
-    panels_of,
+    place_of,
+    places_of,
     show_constant,
     with_name,
 )
@@ -30,7 +32,9 @@ from eppanalysis.readable import readable, with_unit, words
 Array = NDArray[np.float64]
 
 
-def plot_branch(branch: Branch, signal: str | None = None, at: float | None = None) -> Figure:
+def plot_branch(
+    branch: Branch, signal: str | None = None, at: float | None = None, given: Axes | None = None
+) -> Figure:
     """Bifurcation diagram: amplitude and frequency over the parameter; stable solid, unstable dashed.
 
     Folds are filled diamonds, period doublings triangles, other special points open squares, simulated runs crosses on
@@ -44,6 +48,8 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
         Whose peak-to-peak is drawn; the first by default.
     at : float, optional
         Value of the parameter that a dotted line marks [SI].
+    given : matplotlib.axes.Axes, optional
+        Where to draw the amplitude; it and the frequency on a figure of its own by default.
 
     Raises
     ------
@@ -53,9 +59,10 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
     name = chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
     x_unit, x_factor = readable(branch.unit)
     label, factor = label_of(name, branch.units)
-    figure, panels = panels_of(2, height=2.4)
-    figure.suptitle(with_name("", branch.provenance.subject), fontsize=10)
-    for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=True):
+    figure, panels = places_of(given, 2, height=2.4)
+    if given is None:
+        figure.suptitle(with_name("", branch.provenance.subject), fontsize=10)
+    for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
             _draw_branch(ax, one, name, key, x_factor, scale)
@@ -74,6 +81,18 @@ def plot_branch(branch: Branch, signal: str | None = None, at: float | None = No
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
     panels[0].legend(handles.values(), [textwrap.fill(text, 48) for text in handles], fontsize=8)
+    return figure
+
+
+def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
+    """The folds in the plane of the two parameters."""
+    figure, ax = place_of(ax, (5.2, 3.6))
+    (y_label, up), (x_label, across) = (label_of(name, curve.units) for name in curve.parameters)
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(y_label)
+    ax.plot(across * curve.values[:, 1], up * curve.values[:, 0], "D-", color=ORANGE, markersize=4, linewidth=1.3)
+    ax.set_title(with_name("folds of limit cycles", curve.provenance.subject), fontsize=10)
+    ax.spines[["top", "right"]].set_visible(False)
     return figure
 
 

@@ -37,14 +37,16 @@ def blind_spots(
     balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found
 ) -> tuple[str, ...]:
     """Sentences about cycles that the loop may have beside the predicted ones; empty for most loops."""
+    without_rest = [] if any(stability(balance, p)[0] for p in points) else _no_rest(balance)
+    return tuple([*made_by_harmonics(balance, points, estimates, found), *_stick_slip(balance), *without_rest])
+
+
+def made_by_harmonics(
+    balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found
+) -> Iterator[str]:
+    """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
     places = _near_misses(balance, points, found)
     known = [m for e in estimates for m in e.oscillations]
-    without_rest = [] if any(stability(balance, p)[0] for p in points) else _no_rest(balance)
-    return tuple([*_made_by_harmonics(balance, places, known), *_stick_slip(balance), *without_rest])
-
-
-def _made_by_harmonics(balance: Balance, places: list[Array], known: list[BalancedOscillation]) -> Iterator[str]:
-    """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
     if not places:
         return
     try:
@@ -90,7 +92,8 @@ def _refined(start: BalancedOscillation) -> BalancedOscillation | None:
 
 def _near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list[Array]:
     """Vectors of unknowns at which the loop gain comes nearest to one without reaching it, nearest first."""
-    if balance.m == 1 and balance.owner.size == 1 and balance.system.elements[0].n_inputs == 1:
+    element = balance.system.elements[0]
+    if balance.m == 1 and balance.owner.size == 1 and element.n_inputs == 1 and not element.of_frequency:
         places = _misses_of_one(balance)
     else:
         places = [x for curve in found.curves for x in _extrema(curve)]

@@ -221,8 +221,9 @@ def _jumps_freely(loop: Loop) -> list[bool]:
         float(np.sum(system.C[row] @ system.B[:, out]))
         for row, out in zip(loop.rows, system.output_slices, strict=True)
     ]
-    jumps = [[mode.jump for mode in e.automaton.modes if mode.sticking] for e in loop.elements]
-    return [bool(own) and all(s * jump >= 0 for jump in own) for s, own in zip(straight, jumps, strict=True)]
+    modes = [e.automaton.mode_columns for e in loop.elements]
+    jumps = [own["jump"][own["sticking"]] for own in modes]
+    return [own.size > 0 and bool(np.all(s * own >= 0)) for s, own in zip(straight, jumps, strict=True)]
 
 
 def _refined(first: BalancedOscillation) -> list[BalancedOscillation]:

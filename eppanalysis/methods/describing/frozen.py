@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eppanalysis.arguments import checked
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, describe, newton
 from eppanalysis.methods.describing.search import frequency_scales
@@ -21,11 +22,14 @@ from eppanalysis.methods.harmonic.loop import Loop, inputs_of
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.readable import number, percent, words
 from eppanalysis.results import LimitCycle, Result
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas
+    from matplotlib.axes import Axes
 
 _POINTS = 400
 _ITERATIONS = 15
@@ -56,9 +60,30 @@ class FrozenLoop(Result):
     locus: ComplexArray
     point: complex | None
 
-    def plot(self) -> Figure:
+    @property
+    def nearest(self) -> int | None:
+        """Number of the frequency at which the response comes nearest to the point of the motion; None at rest."""
+        return None if self.point is None else int(np.argmin(np.abs(self.response - self.point)))
+
+    def __str__(self) -> str:
+        """Where the loop is cut, and how near the response comes to -1/N of the motion."""
+        cut = f"The loop cut at {words(self.element)}, the other elements frozen"
+        if self.nearest is None or self.point is None:
+            return f"{cut}, at rest: G(jω) on {self.omega.size} frequencies."
+        apart = abs(self.response[self.nearest] - self.point) / abs(self.point)
+        near, place = percent(max(apart, 1e-4)), number(self.omega[self.nearest])
+        return f"{cut}: G(jω) meets -1/N of the motion within {near}, at {place} rad/s."
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The response over the frequency [rad/s]."""
+        parts = zip(self.omega.tolist(), self.response.tolist(), strict=True)
+        rows = [{"omega": w, "real_part": g.real, "imaginary_part": g.imag} for w, g in parts]
+        return frame_of(rows, {"omega": "rad/s"})
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
         """G(j omega) and -1/N of the element at the cut; a circle where the motion has -1/N."""
-        return self.drawn("plot_frozen")
+        return self.drawn("plot_frozen", ax)
 
 
 def with_element_inputs(system: LureSystem, keep: tuple[str, ...]) -> LureSystem:

@@ -18,6 +18,7 @@ from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found, frequency_nodes
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.results import LimitCycle
 
 #: The picture shows loop gains within this factor of one.
@@ -54,7 +55,9 @@ def nyquist_curves(balance: Balance, points: list[Point], cycles: tuple[LimitCyc
     bias = float(points[0].bias[0]) if points else 0.0
     gain = balance.evaluate(amplitude[:, None], np.full((len(amplitude), 1), bias), np.ones(len(amplitude)))[1][:, 0]
     used = np.abs(gain) > 0
+    measured = -system.feedback * system.data.value if isinstance(system, DataSystem) else None
     return {
+        "measured": measured,
         "kind": "nyquist",
         "omega": omega,
         "response": -balance.linear(omega)[:, 0, 0],

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import GREEN, draw_nyquist
+from eppanalysis.plotting import GREEN, draw_nyquist, place_of
 from eppanalysis.readable import words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.describing.frozen import FrozenLoop
 
 
-def plot_frozen(loop: FrozenLoop) -> Figure:
+def plot_frozen(loop: FrozenLoop, ax: Axes | None = None) -> Figure:
     """G(j omega) of the rest of the loop, -1/N of the element at the cut, and the motion that the rest is frozen at."""
-    figure = Figure(figsize=(5.6, 4.4), layout="constrained")
-    ax = figure.add_subplot()
+    figure, ax = place_of(ax, (5.6, 4.4))
     meets = [] if loop.point is None else [loop.point]
     draw_nyquist(ax, loop.response, loop.locus, meets)
     mark: dict[str, Any] = {"mfc": "none", "mec": GREEN, "mew": 1.8, "markersize": 9, "linestyle": "none"}

@@ -7,7 +7,8 @@ picture needs in ``describing_picture``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,21 +16,22 @@ import numpy as np
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance
-from eppanalysis.methods.describing.blind import blind_spots
+from eppanalysis.methods.describing.blind import blind_spots, made_by_harmonics
 from eppanalysis.methods.describing.error import Estimate, error_estimate
-from eppanalysis.methods.describing.margins import linear_margins
+from eppanalysis.methods.describing.measured import above_the_data, cautions, of_data, stability_of_data
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import search_one
+from eppanalysis.methods.margins.margins import margins
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
+from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import LimitCycle, Prediction, Status
 from eppanalysis.results.provenance import Provenance
-
-__all__ = ["linear_margins", "predict_limit_cycles"]
 
 #: Relative residual of the balance up to which a cycle is one.
 _RESIDUAL = 1e-9
@@ -39,7 +41,7 @@ _METHOD = "describing function"
 class Deferred(Mapping[str, Any]):
     """Values by name that are computed when they are first asked for.
 
-    Most predictions are never drawn and their margins never read, and the margins alone load all of python-control.
+    Most predictions are never drawn and their margins never read.
     """
 
     def __init__(self, make: Callable[[], Mapping[str, Any]]) -> None:
@@ -63,12 +65,16 @@ class Deferred(Mapping[str, Any]):
         return repr(self._values)
 
 
-def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: PointLike | None = None) -> Prediction:
+def predict_limit_cycles(
+    system: LureSystem | CaseLike | MeasuredLoop, operating_point: PointLike | None = None
+) -> Prediction:
     """All limit cycles of first-order harmonic balance with bias: stable and unstable, symmetric and biased.
 
     Parameters
     ----------
-    system : LureSystem or Case
+    system : LureSystem, Case or MeasuredLoop
+        Of a measured loop all cycles between the lowest and the highest frequency of the data, each a
+        :class:`~eppanalysis.results.measured.MeasuredCycle`.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
@@ -80,8 +86,8 @@ def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: PointLi
     Raises
     ------
     ModelError
-        If an element has no describing function, an input is unknown, or the static balance does not determine the
-        means.
+        If an element has no describing function, an input is unknown, the static balance does not determine the
+        means, or measured data end below harmonics that matter to a cycle.
     EppError
         If an input does not stand still.
 
@@ -95,18 +101,31 @@ def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: PointLi
     """
     system, at = standing(system, operating_point, "predict_limit_cycles")
     value = at.vector(system)
+    own, system = system, averaged(system)
     system, coordinates = system.with_integrators_apart
     with np.errstate(all="ignore"):
         if not system.elements:
             raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
-        single = len(system.elements) == 1 and system.elements[0].n_inputs == 1 and system.elements[0].n_outputs == 1
+        first = system.elements[0]
+        single = len(system.elements) == first.n_inputs == first.n_outputs == 1 and not first.of_frequency
         balance = Balance.of(system, 0 if single else choose_pivot(system), value)
         found = search_one(balance) if single else search_several(balance)
         points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
         points = [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
         estimates = [error_estimate(balance, p) for p in points]
-        cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
-        warnings = blind_spots(balance, points, estimates, found)
+        cycles: tuple[LimitCycle, ...] = tuple(
+            _cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True)
+        )
+        if isinstance(system, DataSystem):
+            told, seen = of_data(system, balance, points, estimates, cycles)
+            warnings = (*cautions(system, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
+            excluded = len(seen) == len(cycles) and (bool(seen) or not above_the_data(system, balance, seen))
+            points, cycles, found = told, seen, replace(found, complete=found.complete and excluded)
+        else:
+            warnings = blind_spots(balance, points, estimates, found)
+        if isinstance(system, AveragedSystem):
+            cycles = tuple(_of_samples(system, c) for c in cycles)
+            warnings = (*warnings, _left_out(system, cycles))
         if single:
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
@@ -117,10 +136,33 @@ def predict_limit_cycles(system: LureSystem | CaseLike, operating_point: PointLi
         search=found.search,
         warnings=warnings,
         curves=curves,
-        margins=Deferred(partial(linear_margins, system)),
-        provenance=_made_by(system, at),
+        margins={} if isinstance(own, DataSystem) else Deferred(lambda: margins(own).summary()),
+        provenance=_made_by(own, at),
         operating_point=at,
     )
+
+
+def _of_samples(system: AveragedSystem, cycle: LimitCycle) -> LimitCycle:
+    """A predicted cycle with the state of the loop whose controllers are sampled.
+
+    It may lock to the samples a whole one to either side, which no mean over their phases tells.
+    """
+    state, memory = system.started(cycle.state, cycle.memory)
+    slowest = max(c.sample_time for c in system.layout.controllers)
+    error = max(cycle.error_estimate, 2.0 * slowest / cycle.period)
+    mean_state = system.started(cycle.mean_state, ())[0]
+    return replace(cycle, state=state, memory=memory, mean_state=mean_state, error_estimate=error)
+
+
+def _left_out(system: AveragedSystem, cycles: Sequence[LimitCycle]) -> str:
+    """What the mean over the phases of the samples does not tell."""
+    slowest = max(c.sample_time for c in system.layout.controllers)
+    text = (
+        "sampled controllers stand as their mean over all phases of the samples, hold and delay included; what the "
+        "samples fold back from beyond half their rate, and locking to them, is left out"
+    )
+    turns = sorted(c.period / slowest for c in cycles)
+    return f"{text}: the fastest cycle has {turns[0]:.3g} samples a turn" if turns else text
 
 
 def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:
@@ -133,7 +175,10 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
     c1 = -1j * (system.signal_response(np.array([p.omega]))[0] @ W)
     x = mean_state(system, value, p.bias, p.mean)
     c0 = signals.C @ x + signals.D @ p.mean + signals.D_input @ value + signals.constant
-    stable, criterion = stability(balance, p)
+    if isinstance(system, DataSystem):
+        stable, criterion = stability_of_data(system, balance, p)
+    else:
+        stable, criterion = stability(balance, p)
     period = 2.0 * np.pi / p.omega
     time = np.linspace(0.0, period, 129)
     wave = np.exp(1j * p.omega * time)

@@ -104,8 +104,8 @@ def _perturbation_sign(balance: Balance, p: Point, mu: float) -> float:
     top = np.hstack([in_a, in_phase, in_bias * p.amplitude])
     static = np.hstack([means[0] / p.amplitude[:, None], np.zeros((m, m)), _scaled(means[1], p.amplitude) - np.eye(m)])
     sign = np.linalg.slogdet(np.vstack([top.real, top.imag, static]))[0]
-    A = (np.exp(mu * system.time_step) if system.time_step else mu) * np.eye(system.A.shape[0]) - system.A
-    return float(sign * np.linalg.slogdet(A)[0]) if A.size else float(sign)
+    poles = system.characteristic_matrix(mu).real
+    return float(sign * np.linalg.slogdet(poles)[0]) if poles.size else float(sign)
 
 
 def _scaled(matrix: Array, amplitude: Array) -> Array:
@@ -115,10 +115,7 @@ def _scaled(matrix: Array, amplitude: Array) -> Array:
 
 def _linear_at(balance: Balance, s: complex) -> ComplexArray:
     """Response from all outputs to the first inputs at any complex s, shape (m, nw)."""
-    system = balance.system
-    point_ = np.exp(s * system.time_step) if system.time_step else s
-    x = np.linalg.solve(point_ * np.eye(system.A.shape[0]) - system.A, system.B + 0j) * np.exp(-s * system.delays)
-    return system.C[balance.rows] @ x + system.D[balance.rows]
+    return balance.system.response_at(s)[balance.rows]
 
 
 def stability(balance: Balance, p: Point) -> tuple[bool, str]:

@@ -27,6 +27,7 @@ from eppanalysis.methods.describing.curves import (
 )
 from eppanalysis.models.systems.linear import poles, zeros
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import DataSystem
 
 _MOST_NODES = 4000
 #: Share of a pole's or zero's imaginary part in its size from which it may resonate.
@@ -94,8 +95,11 @@ def frequency_nodes(system: LureSystem, per_decade: int, lowest_gain: float = 0.
 
     With dead time, or a sample time, phase keeps turning: nodes are then also evenly spaced, up to where the gain has
     fallen below `lowest_gain` for good (or to half the sampling frequency). Without such a bound a loop with dead time
-    has infinitely many modes; those whose period is shorter than the dead time are left out.
+    has infinitely many modes; those whose period is shorter than the dead time are left out. Measured loops have nodes
+    between the lowest and the highest frequency of their data.
     """
+    if isinstance(system, DataSystem):
+        return system.frequency_nodes()
     scales = frequency_scales(system)
     if system.time_step:
         top = np.pi / system.time_step
@@ -208,8 +212,11 @@ def _thresholds(balance: Balance) -> Array:
 
 def _crossing_gains(system: LureSystem) -> Array:
     """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and beside them."""
-    scales = frequency_scales(system)
-    low, high = (scales.min() / 10, scales.max() * 10) if scales.size else (1e-12, 1e12)
+    if isinstance(system, DataSystem):
+        low, high = system.band
+    else:
+        scales = frequency_scales(system)
+        low, high = (scales.min() / 10, scales.max() * 10) if scales.size else (1e-12, 1e12)
     n = 10 * int(np.ceil(np.log10(high / low)))
     # In the middle of an even number of intervals, so that no point is on the pole of a single resonance.
     omega = low * (high / low) ** ((np.arange(2 * (n // 2)) + 0.5) / (2 * (n // 2)))

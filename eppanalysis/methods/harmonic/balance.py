@@ -23,6 +23,7 @@ from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extre
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
+from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import Event, LimitCycle, Status
@@ -45,11 +46,12 @@ _FINE, _MOST_COMPARED = 1e-6, 65
 #: Of a distance between orders, and of the estimate at the higher one, what is added for what is beyond it: where the
 #: harmonics fall slowly, the estimate is up to three times too small.
 _MARGIN, _REST = 0.1, 3.0
+_NONE = np.zeros(0)
 _TRUSTED = 0.05  # estimated error below which a balance of the highest order counts as the cycle's
 
 
 def harmonic_balance(
-    system: LureSystem | CaseLike,
+    system: LureSystem | CaseLike | MeasuredLoop,
     guess: LimitCycle,
     order: int | None = None,
     operating_point: PointLike | None = None,
@@ -58,8 +60,9 @@ def harmonic_balance(
 
     Parameters
     ----------
-    system : LureSystem or Case
-        With any elements, memory included.
+    system : LureSystem, Case or MeasuredLoop
+        With any elements, memory included. Measured data must reach the harmonics of the order, and have a static gain
+        where the cycle has a mean.
     guess : LimitCycle
         From :func:`~eppanalysis.methods.describing.predict.predict_limit_cycles`, a simulation or another balance;
         period and harmonics of its named signals are used.
@@ -101,14 +104,16 @@ def harmonic_balance(
         loop, start = _begin(system, guess, at)
         if order is not None and order > loop.highest(guess.omega):
             most = loop.highest(guess.omega)
-            raise EppError(f"harmonic_balance: order is {order}; expected at most {most} (half the sample rate).")
+            ends = "the end of the data" if isinstance(system, DataSystem) else "half the sample rate"
+            raise EppError(f"harmonic_balance: order is {order}; expected at most {most} ({ends}).")
         found, log = _fixed(loop, start, int(order)) if order is not None else _automatic(loop, start)
         if found.converged:
             found = _compared(loop, found)
         if order is None:
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
-            return replace(_cycle(system, loop, found, log), operating_point=at)
+            cycle = replace(_cycle(system, loop, found, log), operating_point=at)
+            return replace(cycle, state=_NONE, mean_state=_NONE) if isinstance(system, DataSystem) else cycle
         except Unsettled:
             return replace(
                 guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED, operating_point=at

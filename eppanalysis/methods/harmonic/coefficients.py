@@ -12,6 +12,7 @@ integrated by Gauss-Legendre quadrature between the switches.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -94,12 +95,9 @@ class _Coefficients:
         self.edges = np.concatenate([[regime.start], self.phases, [regime.start + TURN]])
         self.modes = [regime.mode, *(s.mode for s in regime.switches)]
         self.memory = np.array([regime.memory, *(s.memory for s in regime.switches)])
-        a = owner.automaton
-        rows = [owner.from_input[m] for m in self.modes]
-        self.on_free = np.array([[r.on_free for r in group] for group in rows])
-        self.on_rate = np.array([[r.on_rate[0] for r in group] for group in rows])
-        self.from_memory = np.array([a.modes[m].from_memory for m in self.modes])
-        self.constant = np.array([a.modes[m].constant for m in self.modes])
+        modes = owner.automaton.mode_columns
+        self.on_free, self.on_rate = owner.from_input(self.modes)
+        self.from_memory, self.constant = modes["from_memory"][self.modes], modes["constant"][self.modes]
         self.level = self.constant + (self.from_memory @ self.memory[:, :, None])[..., 0]
         # Mean over one period of exp(-j q phi), q = 0..2 n, on each piece.
         q = orders(2 * self.n)
@@ -111,8 +109,8 @@ class _Coefficients:
 
     def answer(self, slopes: bool) -> Answer:
         n, x = self.n, stacked(self.Z)
-        S = np.einsum("pof,pq->ofq", self.on_free, self.pieces)
-        R = self.on_rate.T @ self.pieces
+        S: ComplexArray = np.asarray(np.einsum("pof,pq->ofq", self.on_free, self.pieces), complex)
+        R: ComplexArray = np.asarray(self.on_rate.T @ self.pieces, complex)
         products = product_matrix(S)
         W = np.einsum("ofkx,fx->ok", products, x)
         constants = 2.0 * (self.level.T @ self.pieces[:, : n + 1])
@@ -258,6 +256,17 @@ class _Coefficients:
         )
 
 
+#: Value and slope of further smooth functions.
+_CURVES: dict[str, Callable[[Array], tuple[Array, Array]]] = {
+    "square": lambda x: (x**2, 2.0 * x),
+    "fourth_power": lambda x: (x**4, 4.0 * x**3),
+    "fifth_power": lambda x: (x**5, 5.0 * x**4),
+    "tanh": lambda x: (np.tanh(x), 1.0 - np.tanh(x) ** 2),
+    "arctan": lambda x: (np.arctan(x), 1.0 / (1.0 + x**2)),
+    "gaussian": lambda x: (np.exp(-(x**2)), -2.0 * x * np.exp(-(x**2))),
+}
+
+
 def smooth_values(smooth: Smooth, argument: Array) -> tuple[Array, Array]:
     """A smooth function and its derivative by its argument ``on_input @ z`` (the constant is added here)."""
     x = argument + smooth.constant
@@ -268,6 +277,9 @@ def smooth_values(smooth: Smooth, argument: Array) -> tuple[Array, Array]:
     if smooth.kind == "reciprocal_abs":
         y = smooth.scale / (1.0 + np.abs(x))
         return y, -y * np.sign(x) / (1.0 + np.abs(x))
+    if smooth.kind in _CURVES:
+        y, slope = _CURVES[smooth.kind](x)
+        return smooth.scale * y, smooth.scale * slope
     raise ModelError(f"The smooth function {smooth.kind!r} is unknown to harmonic balance.")
 
 

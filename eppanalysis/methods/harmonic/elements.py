@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled, workspaces
@@ -21,6 +22,8 @@ from eppanalysis.models.elements.base import Nonlinearity
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.periodic import Table
+
+IntArray = NDArray[np.int64]
 
 _MOST_PERIODS = 6
 _EXCURSION = 4.0
@@ -48,16 +51,15 @@ class Row:
 class ModeGuard:
     """A guard in its mode, with the output inserted: ``row @ inputs + on_memory @ h + constant``.
 
-    `series` numbers the series that all guards are multiples of (`factor`), -1 for none.
+    `number` is its own among those of the mode.
     """
 
     guard: Guard
+    number: int
     target: int
     row: Row
     on_memory: Array
     constant: float
-    series: int
-    factor: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,105 +110,115 @@ class PeriodicElement:
 
         Loops are built by the hundred that differ in one element or in none.
         """
-        return _made(element, roles) if _hashable(element) else cls(element, roles)
+        return _shared(element, roles) if _hashable(element) else cls(element, roles)
 
     def __init__(self, element: Nonlinearity, roles: Sequence[str]) -> None:
         self.element, self.roles = element, tuple(roles)
         self.automaton: Automaton = element.automaton()
         self.name = type(element).__name__
-        self.free = [i for i, role in enumerate(roles) if role == "free"]
-        self.n_free = len(self.free)
-        self.series: list[Row] = []
+        self.n_free = self.roles.count("free")
         if self.n_free > 1:
             raise ModelError(
                 f"{self.name}: a state of the loop that stops at the edge of a gap is no Fourier series of low order; "
                 "use LockPin for a harmonic balance."
             )
         a = self.automaton
-        self.from_input = [self._rows(m.from_input) for m in a.modes]
         self.smooth = [(s, self.row(s.on_input)) for s in a.smooth]
-        self.mode_guards = [self._mode_guards(i) for i in range(len(a.modes))]
-        self.clocked = any(t.row.on_clock for group in self.mode_guards for t in group)
-        for rows in self.from_input:
-            if any(row.on_clock for row in rows):
-                raise ModelError(f"{self.name}: an output that grows with time has no Fourier series.")
-        moving = [i for i, m in enumerate(a.modes) if not m.sticking]
-        self.start_mode = a.start_mode if a.start_mode in moving else moving[0]
-        self.every_mode_guard = [t for group in self.mode_guards for t in group]
-        self.on_free = np.array([[s.on_free[0]] for s in self.series]).reshape(-1, 1)
-        self.on_rate = np.array([[s.on_rate[0]] for s in self.series]).reshape(-1, 1)
+        if np.any(self._by_role(a.mode_columns["from_input"])[2]):
+            raise ModelError(f"{self.name}: an output that grows with time has no Fourier series.")
+        sticking = a.mode_columns["sticking"]
+        #: Numbers of the guards of all modes that do not stick, by mode.
+        self.guards = a.by_mode[~sticking[a.guard_columns["mode"][a.by_mode]]]
+        self.start_mode = int(np.argmin(sticking)) if sticking[a.start_mode] else a.start_mode
+        self.on_free, self.on_rate, self.table = self._table()
+        self._made: dict[int, ModeGuard] = {}
+        self.clocked = bool(np.any(self.table.on_clock))
 
-    @cached_property
-    def table(self) -> Table:
-        """The mode guards as the compiled run takes them."""
+    def mode_guard(self, number: int) -> ModeGuard:
+        """Mode guard in a row of the table; it is made once."""
+        if number not in self._made:
+            t, guard = self.table, self.automaton.guards[int(self.guards[number])]
+            row = self.row(guard.on_input + guard.on_output @ self.automaton.modes[guard.mode].from_input)
+            row = Row(row.on_free, row.on_rate + self.row(guard.on_rate).on_free, row.on_clock)
+            of_mode = number - int(t.first[guard.mode])
+            constant, target = float(t.constant[number]), int(t.target[number])
+            self._made[number] = ModeGuard(guard, of_mode, target, row, t.on_memory[number], constant)
+        return self._made[number]
+
+    def guard_of(self, mode: int, number: int) -> ModeGuard:
+        """Mode guard of a mode by its own number there.
+
+        Raises
+        ------
+        IndexError
+            If there is none.
+        """
+        first = self.table.first
+        if not (0 <= mode < first.size - 1 and 0 <= number < first[mode + 1] - first[mode]):
+            raise IndexError(number)
+        return self.mode_guard(int(first[mode]) + number)
+
+    def from_input(self, modes: Sequence[int]) -> tuple[Array, Array]:
+        """What outputs in modes (m,) are of the free inputs, (m, outputs, n_free), and of the rate, (m, outputs)."""
+        free, rate, _ = self._by_role(self.automaton.mode_columns["from_input"][np.asarray(modes, np.int64)])
+        return free[..., None], rate
+
+    def _table(self) -> tuple[Array, Array, Table]:
+        """The mode guards as the compiled run takes them, the outputs of their modes inserted.
+
+        Before them what their series, shape (S, 1) each, are of the free input and of its rate.
+        """
         from eppanalysis.kernels.periodic import Table
 
-        every, a = self.every_mode_guard, self.automaton
-        counts = [len(group) for group in self.mode_guards]
-        n, h = len(every), a.n_memory
-        return Table(
-            roles=np.array([("free", "rate", "clock").index(role) for role in self.roles], np.int64),
-            first=np.cumsum([0, *counts], dtype=np.int64),
-            series=np.array([t.series for t in every], np.int64),
-            factor=np.array([t.factor for t in every], float),
-            constant=np.array([t.constant for t in every], float),
-            on_memory=np.array([t.on_memory for t in every], float).reshape(n, h),
-            on_clock=np.array([t.row.on_clock for t in every], float),
-            target=np.array([t.target for t in every], np.int64),
-            from_input=np.array([t.guard.memory_from_input for t in every], float).reshape(n, h, len(self.roles)),
-            from_memory=np.array([t.guard.memory_from_memory for t in every], float).reshape(n, h, h),
-            memory_constant=np.array([t.guard.memory_constant for t in every], float).reshape(n, h),
+        a = self.automaton
+        of = {name: column[self.guards] for name, column in a.guard_columns.items()}
+        modes = {name: column[of["mode"]] for name, column in a.mode_columns.items()}
+
+        def of_output(part: str) -> Array:
+            return np.asarray(np.einsum("go,go...->g...", of["on_output"], modes[part]))
+
+        free, rate, clock = self._by_role(of["on_input"] + of_output("from_input"))
+        by_rate = self._by_role(of["on_rate"])
+        rate = rate + by_rate[0]
+        sticks = a.mode_columns["sticking"][of["target"]]
+        target = np.where(sticks, of["bypass"], of["target"])
+        self._refuse(target < 0, "leads to sticking only, which needs the loop's states")
+        self._refuse(np.any(of_output("from_smooth") != 0.0, axis=1), "depends on a smooth output")
+        self._refuse((by_rate[1] != 0.0) | (by_rate[2] != 0.0), "depends on the rate of a rate or of a clock")
+        self._refuse((clock != 0.0) & ((free != 0.0) | (rate != 0.0)), "depends on a clock and an input at once")
+        on_free, on_rate, series, factor = _series_of(free, rate)
+        return (
+            on_free,
+            on_rate,
+            Table(
+                roles=np.array([("free", "rate", "clock").index(role) for role in self.roles], np.int64),
+                first=np.concatenate([[0], np.cumsum(np.bincount(of["mode"], minlength=len(a.modes)))]),
+                series=series,
+                factor=factor,
+                constant=of["constant"] + of_output("constant"),
+                on_memory=of["on_memory"] + of_output("from_memory"),
+                on_clock=clock,
+                target=target,
+                from_input=of["memory_from_input"],
+                from_memory=of["memory_from_memory"],
+                memory_constant=of["memory_constant"],
+            ),
         )
+
+    def _refuse(self, wrong: NDArray[np.bool_], why: str) -> None:
+        for number in self.guards[wrong][:1]:
+            raise ModelError(f"{self.name}: {self.automaton.guards[int(number)].name!r} {why}.")
+
+    def _by_role(self, on_input: Array) -> tuple[Array, Array, Array]:
+        """From weights on all inputs, the last axis, to those on the free one, on its rate and on the clock."""
+        roles = np.array(self.roles)
+        free, rate, clock = (on_input[..., roles == role].sum(axis=-1) for role in ("free", "rate", "clock"))
+        return free, rate, clock
 
     def row(self, on_input: Array) -> Row:
         """Inputs by their roles."""
-        on_rate, clock = np.zeros(self.n_free), 0.0
-        for i, role in enumerate(self.roles):
-            if role == "rate":
-                on_rate[0] += on_input[i]
-            elif role == "clock":
-                clock += float(on_input[i])
-        return Row(np.array([on_input[i] for i in self.free], float), on_rate, clock)
-
-    def _rows(self, matrix: Array) -> list[Row]:
-        return [self.row(line) for line in matrix]
-
-    def _mode_guards(self, mode: int) -> list[ModeGuard]:
-        a, m = self.automaton, self.automaton.modes[mode]
-        if m.sticking:
-            return []
-        out = []
-        for guard in (g for g in a.guards if g.mode == mode):
-            target = guard.bypass if a.modes[guard.target].sticking else guard.target
-            if target < 0:
-                raise ModelError(f"{self.name}: {guard.name!r} leads to sticking only, which needs the loop's states.")
-            if np.any(guard.on_output @ m.from_smooth):
-                raise ModelError(f"{self.name}: {guard.name!r} depends on a smooth output.")
-            row = self.row(guard.on_input + guard.on_output @ m.from_input)
-            rate = self.row(guard.on_rate)
-            if np.any(rate.on_rate) or rate.on_clock:
-                raise ModelError(f"{self.name}: {guard.name!r} depends on the rate of a rate or of a clock.")
-            row = Row(row.on_free, row.on_rate + rate.on_free, row.on_clock)
-            if row.on_clock and not row.empty:
-                raise ModelError(f"{self.name}: {guard.name!r} depends on a clock and an input at once.")
-            memory = guard.on_memory + guard.on_output @ m.from_memory
-            constant = guard.constant + float(guard.on_output @ m.constant)
-            number, factor = self._series_of(row)
-            out.append(ModeGuard(guard, target, row, memory, constant, number, factor))
-        return out
-
-    def _series_of(self, row: Row) -> tuple[int, float]:
-        """Number of the series that a row is a multiple of, and the factor; guards share few series."""
-        if row.empty:
-            return -1, 0.0
-        weights = np.concatenate([row.on_free, row.on_rate])
-        factor = float(weights[int(np.argmax(np.abs(weights)))])
-        shape = weights / factor
-        for number, known in enumerate(self.series):
-            if np.allclose(np.concatenate([known.on_free, known.on_rate]), shape, rtol=1e-15, atol=0.0):
-                return number, factor
-        self.series.append(Row(shape[: self.n_free], shape[self.n_free :], 0.0))
-        return len(self.series) - 1, factor
+        free, rate, clock = self._by_role(on_input)
+        return Row(np.array([free]), np.array([rate]), float(clock))
 
     def regime(self, Z: ComplexArray, omega: float) -> Regime:
         """Periodic regime under the free inputs Z, shape (n_free, n + 1), at `omega` [rad/s].
@@ -219,8 +231,37 @@ class PeriodicElement:
         return _Run(self, Z, omega).settle()
 
 
+def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]:
+    """The few series that guards are multiples of.
+
+    Parameters
+    ----------
+    free, rate : arrays, shape (g,)
+        What each guard is of the free series and of its rate.
+
+    Returns
+    -------
+    on_free, on_rate : arrays, shape (S, 1)
+        The same of the series.
+    number : int array, shape (g,)
+        Of the series of each guard, -1 for a guard without.
+    factor : array, shape (g,)
+    """
+    weights = np.column_stack([free, rate])
+    factor = weights[np.arange(free.size), np.argmax(np.abs(weights), axis=1)]
+    shape = weights / np.where(factor == 0.0, 1.0, factor)[:, None]
+    number = np.full(free.size, -1)
+    series: list[Array] = []
+    while np.any(left := (number < 0) & (factor != 0.0)):
+        series.append(shape[np.argmax(left)])
+        same = np.all(np.isclose(series[-1], shape, rtol=1e-15, atol=0.0), axis=1)
+        number[left & same] = len(series) - 1
+    known = np.array(series).reshape(-1, 2)
+    return known[:, :1], known[:, 1:], number, factor
+
+
 @lru_cache(maxsize=256)
-def _made(element: Nonlinearity, roles: tuple[str, ...]) -> PeriodicElement:
+def _shared(element: Nonlinearity, roles: tuple[str, ...]) -> PeriodicElement:
     return PeriodicElement(element, roles)
 
 
@@ -240,7 +281,7 @@ class _Run:
         self.series = owner.on_free * Z[0] + owner.on_rate * (1j * omega * orders(Z.shape[1] - 1) * Z[0])
         self.phase, self.value, self.counts = workspaces(self.series)
         # No wave of order n passes a level more than 2 n times in a period.
-        most = 200 + 2 * Z.shape[1] * max(20, len(owner.every_mode_guard))
+        most = 200 + 2 * Z.shape[1] * max(20, len(owner.guards))
         self.at, self.fired = np.empty(most), np.empty(most, np.int64)
         self.holds = np.empty((most, owner.automaton.n_memory))
 
@@ -302,8 +343,8 @@ class _Run:
         if count < 0:
             raise Unsettled(f"{self.owner.name} switches without end.")
         found = zip(self.at[:count].tolist(), self.fired[:count].tolist(), self.holds[:count].copy(), strict=True)
-        every = self.owner.every_mode_guard
-        return mode, memory, [Switch(at, every[i], every[i].target, h) for at, i, h in found]
+        of = self.owner.mode_guard
+        return mode, memory, [Switch(at, of(i), of(i).target, h) for at, i, h in found]
 
 
 def rest_value(element: Nonlinearity, Z: ComplexArray, omega: float) -> float | None:

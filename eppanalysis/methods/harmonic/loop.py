@@ -19,6 +19,7 @@ from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
 from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_balance
+from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.results import LimitCycle
 
 
@@ -69,12 +70,8 @@ class Loop:
         return cls(system, elements, *static, given)
 
     def highest(self, omega: float) -> int:
-        """Highest order: unlimited but for a discrete-time loop, where a harmonic must be below half the sample rate.
-
-        Beyond it harmonics fold back, and those that fold to near zero resonate with an integrator.
-        """
-        step = self.system.time_step
-        return max(1, int(0.999 * np.pi / (omega * step))) if step else 10**6
+        """Highest order: unlimited but for a discrete-time loop and for one that is measured."""
+        return self.system.highest_harmonic(omega)
 
     def linear(self, omega: float, n: int) -> ComplexArray:
         """Response from outputs to free inputs at the harmonics 1..n, shape (n, F, nw)."""
@@ -209,6 +206,10 @@ def inputs_of(loop: Loop, cycle: LimitCycle) -> ComplexArray:
         If the named signals of the cycle do not determine the inputs of the elements.
     """
     system, s, v = loop.system, loop.system.signals, loop.value
+    if isinstance(system, DataSystem):
+        if "x" not in cycle.harmonics or len(cycle.harmonics["x"]) < 2:
+            raise ModelError(f"{system.name}: the guess has no fundamental of the signal x.")
+        return np.asarray(cycle.harmonics["x"], complex)[None].copy()
     given = [i for i, name in enumerate(s.names) if name in cycle.harmonics]
     count = min((len(cycle.harmonics[s.names[i]]) for i in given), default=0)
     if count < 2:

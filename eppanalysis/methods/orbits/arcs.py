@@ -94,6 +94,8 @@ class Arcs:
         Places of y that must repeat: states other than clocks and inputs, and memory values that an event renews.
     shift : array, shape (N,)
         What each place of y advances per unit of time beyond repeating (clocks, and what is measured by them).
+    duration : float or None
+        Of a motion driven by a periodic input: how long all arcs together last [s]. The last arc has no guard then.
     """
 
     event_sequence: EventSequence
@@ -111,6 +113,7 @@ class Arcs:
     n_timers: int
     free: IntArray
     shift: Array
+    duration: float | None = None
 
     @property
     def n_arcs(self) -> int:
@@ -265,9 +268,12 @@ def _clock_shift(hybrid: HybridSystem) -> Array:
     )
     if not clock.any():
         return shift
-    for guard, e in enumerate(model.guard_element):
-        z0, h0 = model.first[e, :2][0], model.first[e, 2]
-        n_z, n_h = model.first[e + 1, 0] - z0, model.first[e + 1, 2] - h0
-        on_clock = model.reset_z[guard, :n_h, :n_z] @ model.C[z0 : z0 + n_z] @ np.where(clock, model.K[:, -1], 0.0)
-        shift[h0 : h0 + n_h] = np.where(on_clock != 0, on_clock, shift[h0 : h0 + n_h])
+    passes = np.where(clock, model.K[:, -1], 0.0)
+    for e, first in enumerate(model.first[:-1]):
+        own = model.guard_element == e
+        n_z, n_h = (int(k) for k in (model.first[e + 1] - first)[[0, 2]])
+        z0, h0 = int(first[0]), int(first[2])
+        on_clock = model.reset_z[own, :n_h, :n_z] @ (model.C[z0 : z0 + n_z] @ passes)
+        for guard in on_clock[np.any(on_clock != 0.0, axis=1)]:
+            shift[h0 : h0 + n_h] = np.where(guard != 0, guard, shift[h0 : h0 + n_h])
     return shift

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import close_orbit
-from eppanalysis.methods.simulation.simulate import Run, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]

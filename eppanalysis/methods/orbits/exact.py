@@ -17,14 +17,17 @@ from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
-from eppanalysis.methods.orbits.sampled import sampled_orbit
+from eppanalysis.methods.orbits.samples.locked import locked_orbit
+from eppanalysis.methods.orbits.samples.sampled import sampled_orbit
 from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.effort import Spent, allotted
-from eppanalysis.methods.simulation.simulate import Run, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import LimitCycle, Status
 
@@ -73,7 +76,7 @@ def exact_orbit(
     Parameters
     ----------
     system : LureSystem or Case
-        In discrete time the orbit closes after a whole number of samples.
+        In discrete time, and with sampled controllers, the orbit closes after a whole number of samples.
     start : LimitCycle
         With state and period.
     operating_point : OperatingPoint or mapping of str to float, optional
@@ -96,6 +99,8 @@ def exact_orbit(
     hybrid = steady_hybrid(system, at)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    if (strobe := Strobe.of(hybrid)) is not None:
+        return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)
     found: list[Found] = []
     with suppress(Spent), allotted(_MOST_WORK):
         found.extend(orbits_of(system, hybrid, start, at))

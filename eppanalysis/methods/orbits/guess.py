@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import LETS_GO, Arcs, EventSequence
 from eppanalysis.methods.simulation.effort import spend
-from eppanalysis.methods.simulation.simulate import Run
+from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
     """
     if guards.size > MOST_ARCS:
         return None
-    it = EventSequence(modes, guards, np.full((guards.size, 3), -1), _brought_about(hybrid.model, guards, tau))
+    it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(hybrid.model, guards, tau))
     if np.any(hybrid.model.smooth_kind == DELAY_LINE):
         try:
             return _delayed_guess(hybrid, it, starts[0], tau)
@@ -116,10 +116,10 @@ def make_guess(hybrid: HybridSystem, modes: IntArray, guards: IntArray, starts: 
         arcs = Arcs.build(hybrid, it)
     except ModelError:
         return None
-    return Guess(_marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))
+    return Guess(marked(arcs, starts, tau), starts[0].copy(), tau, (hybrid.model, arcs))
 
 
-def _brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
+def brought_about(model: Model, guards: IntArray, tau: Array) -> IntArray:
     """Marks, shape (p,), of the events by which an element lets go because the next event makes its input jump."""
     marks = np.zeros(guards.size, np.int64)
     element, lets_go = model.guard_element[guards], np.any(model.guard_rate[guards], axis=1)
@@ -148,18 +148,18 @@ def make_half(hybrid: HybridSystem, image: Array, run: Run, first: int, last: in
         return None
     guards = np.append(run.guard[order[1:]], -1)
     tau = np.diff(run.time[order])
-    marks = np.append(_brought_about(hybrid.model, guards[:p], tau), 0)
+    marks = np.append(brought_about(hybrid.model, guards[:p], tau), 0)
     it = EventSequence(run.modes[order], guards, np.full((p + 1, 3), -1), marks)
     try:
         arcs = Arcs.build(hybrid, it).halved(hybrid, image)
     except ModelError:
         return None
     starts = np.hstack([run.state[order[:-1]], run.memory_values[order[:-1]]])
-    arcs = replace(arcs, event_sequence=_marked(arcs, starts, tau))
+    arcs = replace(arcs, event_sequence=marked(arcs, starts, tau))
     return Guess(arcs.event_sequence, starts[0].copy(), tau), arcs
 
 
-def _marked(arcs: Arcs, starts: Array, tau: Array) -> EventSequence:
+def marked(arcs: Arcs, starts: Array, tau: Array) -> EventSequence:
     """Mark the arcs that begin on the guard that ends them, and those that end at once as it is already above zero.
 
     Those behind an event that the next one brings about end at once, too.

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from eppanalysis.methods.orbits.guess import make_half, one_turn
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, solve
 from eppanalysis.methods.orbits.shooting import close_orbit, moves, restarted
-from eppanalysis.methods.simulation.simulate import Run, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed import DelayedMotion
 from eppanalysis.methods.orbits.guess import Guess, with_history
-from eppanalysis.methods.simulation.effort import spend
+from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
 
@@ -36,8 +36,8 @@ _NEARLY, _BESIDE = 1e-7, 0.01
 #: A solution this many times larger than its right-hand side is rounding.
 _STRAY = 1e9
 #: Steps of the engine that one sweep with its linear equations is worth: all at once, each arc, each entry of the
-#: equations, and with smooth channels each time constant that is passed through.
-_SWEEP, _ARC, _ENTRY, _TIME = 200.0, 5.0, 0.1, 100.0
+#: equations, and each series of smooth motion with its derivative.
+_SWEEP, _ARC, _ENTRY, _SERIES = 200.0, 5.0, 0.1, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,10 @@ class Orbit:
         if self.motion is not None:
             return self.motion.scale
         both = np.concatenate([self.starts, self.ends])
-        if np.any(self.arcs.smooth) and np.all(np.isfinite(both)):
-            # F holds no contribution of smooth channels.
-            both = np.concatenate([both, [middle(self, int(a)) for a in np.flatnonzero(self.arcs.smooth)]])
+        # F holds no contribution of smooth channels; what is driven may have no event but its begin.
+        inner = np.flatnonzero(np.full(self.tau.size, self.arcs.duration is not None) | (self.arcs.smooth != 0))
+        if inner.size and np.all(np.isfinite(both)):
+            both = np.concatenate([both, [middle(self, int(a)) for a in inner]])
         span = np.ptp(both, axis=0)
         n = self.arcs.F.shape[1]
         for y in (self.starts[:-1], self.ends):
@@ -99,6 +100,10 @@ class Orbit:
             span[:n] = np.maximum(span[:n], 0.1 * travel.max(axis=0))
         size = np.abs(both).max(axis=0)
         return np.where(span > 1e-9 * size, span, np.where(size > 0, size, 1.0))
+
+    def grazes(self, share: float) -> NDArray[np.bool_]:
+        """Which guards are crossed more slowly than this share of the movement across them in a period, shape (p,)."""
+        return np.abs(self.speed) * self.period < share * (np.abs(self.arcs.g) @ self.scale)
 
     @cached_property
     def row_scale(self) -> Array:
@@ -129,7 +134,9 @@ class Orbit:
         """Floquet multipliers, largest first; the largest of infinitely many where what is delayed moves."""
         if self.motion is not None:
             return self.motion.multipliers
-        n_wanted = max(int(np.sum(self.hybrid.compared)) - 1, 0) + self.arcs.n_timers
+        # Along an orbit whose period is given, by an input that drives it, a shift is a disturbance like any other.
+        along = 1 if self.arcs.duration is None else 0
+        n_wanted = max(int(np.sum(self.hybrid.compared)) - along, 0) + self.arcs.n_timers
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
 
     @cached_property
@@ -204,18 +211,20 @@ class Orbit:
 
 def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     """Run along the arcs once."""
-    from eppanalysis.kernels.orbits import sweep
+    from eppanalysis.kernels.orbits import MOST_SERIES, sweep
 
     p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
-    slow = float(np.abs(tau[arcs.smooth != 0]).sum()) / hybrid.time_scale
-    spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2 + _TIME * slow)
+    spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2)
+    most = int(min(MOST_SERIES, 1.0 + left() / _SERIES))
     starts, ends = np.empty((p + 1, N)), np.empty((p, N))
     A, r, speed = np.empty((m + p, m + p)), np.empty(m + p), np.empty(p)
-    sweep(
+    made = sweep(
         arcs.channels, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, y, tau,
-        arcs.free,
-        arcs.shift, starts, ends, A, r, speed,
+        arcs.free, arcs.shift, most, starts, ends, A, r, speed,
     )  # fmt: skip
+    spend(_SERIES * made)
+    if arcs.duration is not None:  # the last arc ends when the time is over
+        A[-1, m:], r[-1] = 1.0, tau.sum() - arcs.duration
     return Orbit(hybrid, arcs, y, tau, starts, ends, A, r, speed)
 
 

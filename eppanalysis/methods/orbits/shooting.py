@@ -17,7 +17,8 @@ from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, solve
-from eppanalysis.methods.simulation.simulate import Run, is_rounding, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import is_rounding, run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 Array = NDArray[np.float64]
@@ -128,8 +129,8 @@ def crosses(orbit: Orbit) -> bool:
 
 def _only_touches(orbit: Orbit) -> bool:
     """Whether a guard is crossed no faster than rounding: what ends there after ever so long is no orbit."""
-    slow = np.abs(orbit.speed) * orbit.period < _TOUCHES * (np.abs(orbit.arcs.g) @ orbit.scale)
-    return bool(np.any(slow & (orbit.arcs.event_sequence.guards >= 0) & (orbit.arcs.event_sequence.at_once == 0)))
+    events = orbit.arcs.event_sequence
+    return bool(np.any(orbit.grazes(_TOUCHES) & (events.guards >= 0) & (events.at_once == 0)))
 
 
 def _finished(orbit: Orbit) -> Orbit:
@@ -294,9 +295,17 @@ def orbits_near(hybrid: HybridSystem, x: Array, memory: Array, period: float) ->
 
 
 def same_orbit(one: Orbit, other: Orbit) -> bool:
-    """Whether two orbits are the same motion: equal periods, and a state of one found on the other."""
+    """Whether two orbits are the same motion: equal periods, and a state of either found on the other.
+
+    One of them may have switches that the other lacks: a guard that it meets by rounding and leaves at once.
+    """
     if abs(one.period / other.period - 1.0) > 1e-6:
         return False
+    return _passes(one, other) or _passes(other, one)
+
+
+def _passes(one: Orbit, other: Orbit) -> bool:
+    """Whether an orbit passes the begin of another one, behind the same switch."""
     n, compared = one.hybrid.x0.size, one.hybrid.compared
     at = np.flatnonzero(one.arcs.event_sequence.guards == other.arcs.event_sequence.guards[-1])
     if at.size == 0:

@@ -6,10 +6,12 @@ A witness against a search that misses cycles: every run must end on something k
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.result import CycleSearch
@@ -19,12 +21,24 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.readable import count, listed
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
 REST, UNDECIDED, LEAVES, UNKNOWN = -1, -2, -3, -4
+_ENDS = {
+    REST: "settled at rest",
+    UNDECIDED: "undecided",
+    LEAVES: "growing without bound",
+    UNKNOWN: "on a cycle that is not known",
+}
 #: Relative differences of the period, and of mean and peak-to-peak, within which a run's cycle is a known one. A batch
 #: takes extrema from 512 samples, which see a corner of a signal to within a per cent.
 _SAME_PERIOD, _SAME_SIZE = 1e-4, 2e-2
@@ -47,6 +61,31 @@ class Basin(Result):
 
     starts: Array
     ends: NDArray[np.int64]
+
+    def __str__(self) -> str:
+        """How many starts end where."""
+        parts = [f"{self.count(end)} {text}" for end, text in self.ends_in_words().items()]
+        return f"{count(len(self.ends), 'start')}: {listed(parts)}." if parts else "No start was run (0 starts)."
+
+    def ends_in_words(self) -> dict[int, str]:
+        """What the numbers mean that are there, cycles first and counted from 1."""
+        known = sorted({int(end) for end in self.ends}, key=lambda end: (end < 0, abs(end)))
+        return {end: _ENDS.get(end, f"on cycle {end + 1}") for end in known}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The starts, one a row: the states, and where the run from there ends."""
+        said = self.ends_in_words()
+        states = [{f"state {i + 1}": value for i, value in enumerate(start)} for start in self.starts.tolist()]
+        return frame_of([{**x, "end": said[int(end)]} for x, end in zip(states, self.ends, strict=True)])
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The ends, one a row."""
+        return frame_of([{"starts": self.count(end), "end": text} for end, text in self.ends_in_words().items()])
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The starts by where they end."""
+        return self.drawn("plot_basin", ax)
 
     def count(self, end: int) -> int:
         """How many starts end so."""

@@ -15,7 +15,8 @@ from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
-from eppanalysis.methods.simulation.simulate import Run, cycle_of_run, judge, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
@@ -76,15 +77,15 @@ class Reached:
     corners: tuple[IntArray, Array, Array]
 
     @classmethod
-    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> Reached:
-        """From the end of a run, and what the verdict says of it."""
+    def of(cls, system: LureSystem, start: HybridSystem, run: Run, facts: Array) -> Reached | None:
+        """From the end of a run, and what the verdict says of it; None where its period cannot be computed again."""
         events, period = run.order[-int(facts[0]) - 1 : -1], float(facts[1])
         states = run.state[events]
         size = np.ptp(states, axis=0) + np.abs(run.rate[events]).max(axis=0) * period / (2.0 * np.pi)
         size = np.where(size > 0, size, np.inf)
         told = Provenance("event-exact simulation", {"system": system.name, "t_end": float(run.stats[0])})
         cycle = cycle_of_run(system, start, run, facts, told)
-        return cls(cycle, (run.guard[events], states, size))
+        return None if cycle is None else cls(cycle, (run.guard[events], states, size))
 
 
 @dataclass
@@ -273,7 +274,8 @@ class Ends:
             if status is not Status.LIMIT_CYCLE:
                 return
             if facts[3] < _REACHED:
-                self.reached.append(Reached.of(self.system, start, run, facts))
+                reached = Reached.of(self.system, start, run, facts)
+                self.reached += [] if reached is None else [reached]
                 return
 
     def _run(self, start: HybridSystem, t: float) -> Run:
@@ -351,8 +353,7 @@ def on_rim(known: Orbit, orbit: Orbit) -> bool:
     """Whether an orbit only grazes a guard and is the outermost of a continuum without that switch."""
     if not has_period_of(known, orbit.period):
         return False
-    slow = np.abs(orbit.speed) * orbit.period < _GRAZING * (np.abs(orbit.arcs.g) @ orbit.scale)
-    return bool(np.any(slow & (orbit.arcs.event_sequence.at_once != 1)))
+    return bool(np.any(orbit.grazes(_GRAZING) & (orbit.arcs.event_sequence.at_once != 1)))
 
 
 def has_period_of(known: Orbit, period: float) -> bool:

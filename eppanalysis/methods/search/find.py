@@ -22,9 +22,10 @@ from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
-from eppanalysis.methods.orbits.sampled import search_sampled
+from eppanalysis.methods.orbits.samples.sampled import search_sampled
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, UNCLOSED, Ends
+from eppanalysis.methods.search.locked import search_locked
 from eppanalysis.methods.search.result import CycleSearch, exists, named, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.simulate import run_hybrid
@@ -33,6 +34,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
@@ -64,7 +66,9 @@ def find_limit_cycles(
     Parameters
     ----------
     system : LureSystem or Case
-        In discrete time orbits are sought that close after a whole number of samples.
+        In discrete time, and with sampled controllers, orbits are sought that close after a whole number of samples;
+        stable motions that stay and do not close so are listed as long runs have them (method "simulation", or
+        "iteration" in discrete time), and their `note` says so.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
     by_balance : bool
@@ -102,6 +106,8 @@ def find_limit_cycles(
     seeds = _predictions(system, at) if predicted is None else predicted
     for cycle in seeds:
         cycle.require_state(hybrid.n_plant)
+    if (strobe := Strobe.of(hybrid)) is not None:
+        return search_locked(system, hybrid, strobe, at, seeds)
     if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)

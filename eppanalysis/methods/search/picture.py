@@ -1,19 +1,23 @@
-"""All limit cycles of a loop in one picture: waveforms and phase portrait. Computes nothing."""
+"""What a search found in pictures: waveforms and phase portrait, disturbances, where starts end. Computes nothing."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, with_name
-from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of, root_figure, with_name
+from eppanalysis.readable import number, readable, with_unit, words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from eppanalysis.methods.search.basin import Basin
     from eppanalysis.methods.search.result import CycleSearch
+    from eppanalysis.methods.search.trigger import Trigger
     from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
@@ -23,7 +27,7 @@ _STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
 _MOST = 12
 
 
-def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
+def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | None = None) -> Figure:
     """Every cycle's waveform over its own period, and the signal's rate over the signal; stable solid, unstable dashed.
 
     Waveforms begin where their fundamental rises through zero.
@@ -33,20 +37,21 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
     search : CycleSearch
     signal : str, optional
         The first one by default.
+    given : matplotlib.axes.Axes, optional
+        Where to draw the waveforms; they and the rates on a figure of their own by default.
 
     Raises
     ------
     EppError
         If there is no such signal.
     """
-    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    figure.suptitle(with_name(_title(search), search.provenance.subject), fontsize=10)
-    for ax in (left, right):
+    figure, panels = _places(search, given)
+    for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
     if not len(search):
-        for ax in (left, right):
+        for ax in panels:
             ax.set_axis_off()
+            ax.text(0.5, 0.5, "no limit cycle", transform=ax.transAxes, ha="center", color=GREY)
         return figure
     name = _chosen(search, signal)
     unit, factor = readable(search[0].units.get(name, ""))
@@ -54,21 +59,68 @@ def plot_cycles(search: CycleSearch, signal: str | None = None) -> Figure:
     for cycle in search.cycles[:_MOST]:
         stable = bool(cycle.stable)
         colours = _STABLE if stable else _UNSTABLE
-        style = {"color": colours[used[stable] % 3], "linestyle": "-" if stable else "--", "linewidth": 1.3}
+        style: dict[str, Any] = {
+            "color": colours[used[stable] % 3],
+            "linestyle": "-" if stable else "--",
+            "linewidth": 1.3,
+        }
         used[stable] += 1
         time, wave = _turned(cycle, name)
-        left.plot(
-            time / cycle.period,
-            factor * wave,
-            label=f"{'stable' if stable else 'unstable'}, {cycle.frequency:.4g} Hz",
-            **style,
-        )
-        right.plot(factor * wave, factor * np.gradient(wave, time), **style)
-    left.set_xlabel("time over period")
-    left.set_ylabel(with_unit(words(name), unit))
-    right.set_xlabel(with_unit(words(name), unit))
-    right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
-    left.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+        text = f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
+        panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
+        for right in panels[1:]:
+            right.plot(factor * wave, factor * np.gradient(wave, time), **style)
+    panels[0].set_xlabel("time over period")
+    panels[0].set_ylabel(with_unit(words(name), unit))
+    for right in panels[1:]:
+        right.set_xlabel(with_unit(words(name), unit))
+        right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
+    panels[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    return figure
+
+
+def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]]:
+    if given is not None:
+        return root_figure(given), [given]
+    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
+    figure.suptitle(with_name(_title(search), search.provenance.subject), fontsize=10)
+    return figure, list(figure.subplots(1, 2))
+
+
+def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
+    """Sizes of the disturbance on a line: how far none of those tried starts a cycle, and the one that just does."""
+    figure, ax = place_of(ax, (5.2, 1.8))
+    unit, factor = readable(trigger.unit)
+    none = np.isnan(trigger.size)
+    edge, end = factor * (trigger.tried if none else trigger.size), factor * trigger.tried
+    ax.barh([0.0], [edge], color=GREEN, alpha=0.5, label="no size tried starts a cycle")
+    if not none:
+        text = f"starts a cycle: {number(edge)} {unit}".rstrip()
+        ax.axvline(edge, color=VERMILLION, linewidth=1.6, label=text)
+    far = 1.3 * (end if none else edge)
+    ax.set_xlim(min(0.0, far), max(0.0, far))
+    ax.set_yticks([])
+    ax.set_xlabel(with_unit(words(trigger.name), unit))
+    ax.spines[["top", "right", "left"]].set_visible(False)
+    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    return figure
+
+
+def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
+    """The starts in the plane of the first two states (over their number where there is one), by where they end."""
+    figure, ax = place_of(ax, (5.2, 4.0))
+    plane = basin.starts.shape[1] > 1
+    x = basin.starts[:, 0] if plane else np.arange(len(basin.starts))
+    y = basin.starts[:, 1 if plane else 0]
+    colours = (BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY)
+    for i, (end, text) in enumerate(basin.ends_in_words().items()):
+        here = basin.ends == end
+        ax.plot(x[here], y[here], ".", color=colours[i % len(colours)], label=text)
+    ax.set_xlabel("first state" if plane else "number of the start")
+    ax.set_ylabel("second state" if plane else "state")
+    ax.spines[["top", "right"]].set_visible(False)
+    if len(basin.ends):
+        ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure
 
 

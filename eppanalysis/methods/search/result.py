@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.results import LimitCycle, Result, Status
+from eppanalysis.arguments import checked
+from eppanalysis.readable import count, listed
+from eppanalysis.results import LimitCycle, Result, Status, brief_cycles, counted, cycles_frame
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -25,7 +28,8 @@ class CycleSearch(Result):
     ----------
     cycles : tuple of LimitCycle
         Exact orbits; and where runs are on cycles whose orbits could not be closed, those as the runs have them (method
-        "simulation", with an error estimate below 1e-9).
+        "simulation", with an error estimate below 1e-9). In discrete time, motions too that are not locked to the
+        samples, with the difference between their turns as an error estimate (their `note` says so).
     status : Status
         CONVERGED, or UNDECIDED when something is left open: no orbit was found for a predicted cycle whose estimate
         says that it exists, some run neither settled nor repeated itself nor left, or is on a cycle that could not be
@@ -90,9 +94,33 @@ class CycleSearch(Result):
         """The unstable cycles: what separates one outcome from another."""
         return tuple(c for c in self.cycles if not c.stable)
 
-    def plot(self, signal: str | None = None) -> Figure:
+    def __str__(self) -> str:
+        """Whether the loop oscillates, the largest cycle, and what the search leaves open."""
+        open_ends = "" if self.status.ok and not self.unclosed else f" {self.message}"
+        if not self.cycles:
+            none = "No limit cycle was found" + (f" by {count(self.n_runs, 'run')}" if self.n_runs else "")
+            ends = ["some starts settle at rest"] * self.settles + ["some grow without bound"] * self.diverges
+            return f"{none}{': ' * bool(ends)}{listed(ends) if ends else ''}.{open_ends}"
+        # Rest and a cycle may both be there: which of them a motion comes to is for its start to say.
+        begin = "Can oscillate" if self.settles else "Oscillates"
+        if not self.stable:
+            unknown = any(cycle.stable is None for cycle in self.cycles)
+            begin = "Limit cycles of unknown stability exist" if unknown else "No stable limit cycle was found"
+        rest = " Other starts settle at rest." * self.settles + " Some starts grow without bound." * self.diverges
+        return f"{begin}: {counted(self.cycles)}.{rest}{open_ends}"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The cycles, one a row."""
+        return cycles_frame(self.cycles)
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The cycles, one a row, by their first signal."""
+        return brief_cycles(self.cycles)
+
+    @checked
+    def plot(self, ax: Axes | None = None, signal: str | None = None) -> Axes:
         """Waveform of every cycle, and the rate of the signal over it."""
-        return self.drawn("plot_cycles", signal)
+        return self.drawn("plot_cycles", ax, signal)
 
 
 def undecided(count: int) -> str:

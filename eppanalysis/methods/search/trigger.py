@@ -6,22 +6,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.methods.simulation.simulate import Run, judge, run_hybrid
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
+from eppanalysis.readable import quantity, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -32,13 +41,15 @@ _DIGITS = 1e-7
 _ROUNDING = 1e-9
 #: Where an elbow is disturbed: at the forearm.
 _FOREARM = ("theta", "theta_dot")
+#: SI units of what an elbow is disturbed at; the inputs and states of other loops have none.
+_UNITS = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 
 class NoRest(EppError):
     """The loop has no resting state that its start leads to, so there is nothing to disturb."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trigger(Result):
     """A disturbance of the resting loop that just starts a limit cycle.
 
@@ -61,6 +72,29 @@ class Trigger(Result):
     settles: float
     starts: float
     tried: float
+
+    @property
+    def unit(self) -> str:
+        """SI unit of what is disturbed; of loops that are no elbow none is known."""
+        return _UNITS.get(self.name, "")
+
+    def __str__(self) -> str:
+        """From which size on it starts a cycle, or up to which it starts none."""
+        if np.isnan(self.size):
+            tried = quantity(self.tried, self.unit)
+            return f"No disturbance of {words(self.name)} starts a limit cycle; the largest tried is {tried}."
+        return f"A disturbance of {words(self.name)} by {quantity(self.size, self.unit)} just starts a limit cycle."
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row: what is disturbed, the threshold, and the sizes on both sides of it."""
+        sizes = ("size", "settles", "starts", "tried")
+        row = {"disturbed": words(self.name), **{name: getattr(self, name) for name in sizes}}
+        return frame_of([row], dict.fromkeys(sizes, self.unit))
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Which sizes settle and which start a cycle."""
+        return self.drawn("plot_trigger", ax)
 
     in_json = "name size settles starts tried operating_point provenance"
 

@@ -9,16 +9,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.workspaces import announce_compilation
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.sampled.strobe import refuse_samples
+from eppanalysis.readable import count, listed, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -32,6 +40,15 @@ _EARLY = {
     4: Status.EVENT_LIMIT,
     5: Status.EVENT_LIMIT,
     6: Status.EVENT_LIMIT,
+}
+#: How runs end, in words that follow their number.
+_ENDS = {
+    Status.SETTLED: "settled at rest",
+    Status.LIMIT_CYCLE: "on a limit cycle",
+    Status.UNDECIDED: "undecided",
+    Status.DIVERGED: "growing without bound",
+    Status.EVENT_LIMIT: "stopped early at too many events",
+    Status.NOT_CONVERGED: "failed",
 }
 _VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE)
 
@@ -72,10 +89,11 @@ class HybridStack:
         Raises
         ------
         EppError
-            If there are none, or their structures differ.
+            If there are none, their structures differ, or they have sampled controllers.
         """
         if not systems:
             raise EppError("A batch needs at least one system.")
+        refuse_samples(systems[0].elements, "A batch")
         shapes = {tuple(a.shape for a in s.model) for s in systems}
         if len(shapes) > 1:
             raise EppError(
@@ -119,6 +137,27 @@ class BatchResult(Result):
     events: IntArray
     last_event: Array
     change: Array
+
+    def __str__(self) -> str:
+        """How many cells end how."""
+        counts = {status: self.status.count(status) for status in _ENDS}
+        parts = [f"{n} {_ENDS[status]}" for status, n in counts.items() if n]
+        return f"{count(len(self.status), 'run')}: {listed(parts)}." if parts else "No cell was run (0 cells)."
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The cells, one a row: status, period [s], and the peak-to-peak and mean of every signal."""
+        rows = []
+        for i, status in enumerate(self.status):
+            row: dict[str, Any] = {"status": words(status.name.lower()), "period": float(self.period[i])}
+            for name, values in self.peak_to_peak.items():
+                row |= {f"{name}.peak_to_peak": float(values[i]), f"{name}.mean": float(self.mean[name][i])}
+            rows.append(row)
+        return frame_of(rows, {"period": "s"})
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Peak-to-peak of the first signal and period of the cells that end on a cycle."""
+        return self.drawn("plot_batch", ax)
 
 
 def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_events: int = 100_000) -> BatchResult:

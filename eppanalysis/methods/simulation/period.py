@@ -14,6 +14,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from eppanalysis.errors import EppError
+
 Array = NDArray[np.float64]
 
 N_NODES = 16
@@ -35,6 +37,8 @@ class PeriodShape:
     harmonics: dict[str, NDArray[np.complex128]]
     time: Array
     waveform: dict[str, Array]
+    #: Root of the mean square about the mean, by quadrature on the pieces.
+    rms: dict[str, float]
 
 
 def analyse_period(
@@ -54,18 +58,38 @@ def analyse_period(
         Of the signals.
     sample : callable
         From increasing times, shape (nt,), to signals, shape (nt, len(names)).
+
+    Raises
+    ------
+    EppError
+        If the period has no length, or the signals end before it does.
     """
     corners = _corners(marks, delays)
     period = float(marks[-1] - marks[0])
+    if corners.size < 2:
+        raise EppError(
+            f"A period from {marks[0]:.17g} to {marks[-1]:.17g} s has no length; expected one beyond rounding."
+        )
     pieces, before = _Pieces.cut(corners, max(time_scale, 1e-5 * period), period / _FEWEST), None
-    values = sample(pieces.times)
+    values = _whole(sample, pieces.times)
     for _ in range(_ROUNDS):
         coarse, before = pieces.unresolved(values, before)
         if not np.any(coarse) or pieces.size.size + np.sum(coarse) > _MOST:
             break
         pieces, before = pieces.halved(coarse, before)
-        values = sample(pieces.times)
+        values = _whole(sample, pieces.times)
     return pieces.analyse(dict(zip(names, values.T, strict=True)))
+
+
+def _whole(sample: Callable[[Array], Array], times: Array) -> Array:
+    """Signals at all times: a run that is made once more may end before the one that was on the cycle did."""
+    values = sample(times)
+    if len(values) < times.size:
+        raise EppError(
+            f"The motion of a period of {times[-1] - times[0]:.6g} s could not be computed once more: "
+            f"{len(values)} of {times.size} samples."
+        )
+    return values
 
 
 def _corners(marks: Array, delays: Array) -> Array:
@@ -150,7 +174,8 @@ class _Pieces:
         harmonics = dict(zip(samples, series, strict=True))
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
         waveform = {name: y[:, :-1:4].ravel() for name, y in zip(samples, fine, strict=True)}
-        return PeriodShape(mean, peak, harmonics, fine_t, waveform)
+        rms = dict(zip(samples, np.sqrt(w @ (values - series[:, 0].real) ** 2).tolist(), strict=True))
+        return PeriodShape(mean, peak, harmonics, fine_t, waveform, rms)
 
 
 @cache

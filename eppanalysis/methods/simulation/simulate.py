@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,12 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
+from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
+from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.starts import remembered
 from eppanalysis.models.systems.subject import CaseLike, system_of
 from eppanalysis.results import Event, LimitCycle, Status, Trajectory
@@ -30,7 +33,7 @@ IntArray = NDArray[np.int64]
 #: Codes of the kernel that end a run before its time.
 _EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT, 6: Status.EVENT_LIMIT}
 _VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
-_KEPT_EVENTS = 20_000
+_KEPT_EVENTS, _KEPT_SAMPLES = 20_000, 200_000
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
 #: What a run has counted, as the kernel names it and as its statistics do.
@@ -53,36 +56,6 @@ _ROUNDING = 1e-13
 _BREAKPOINTS = ("breakpoint_time", "breakpoint_state", "breakpoint_value", "breakpoint_memory", "breakpoint_slope")
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What one call of the kernel left: signals, event buffer, least and greatest values of the states, end."""
-
-    code: int
-    samples: Array
-    count: int
-    time: Array
-    guard: NDArray[np.int64]
-    state: Array
-    rate: Array
-    memory_values: Array
-    modes: NDArray[np.int64]
-    low: Array
-    high: Array
-    x_end: Array
-    rate_end: Array
-    stats: Array
-
-    @property
-    def n_kept(self) -> int:
-        """Events that the event buffer still holds."""
-        return min(self.count, self.time.size)
-
-    @cached_property
-    def order(self) -> NDArray[np.int64]:
-        """Places of the kept events in the buffer, oldest first."""
-        return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)
 
 
 def simulate(
@@ -109,7 +82,7 @@ def simulate(
     t_eval : array_like, shape (nt,), optional
         Increasing times at which signals are wanted [s]; 6001 even ones by default. Even spacing from 0 is fastest.
     max_events : int
-        A run with more stops there and says so (accumulating switches).
+        A run with more stops there and says so (accumulating switches); samples of controllers do not count.
     max_steps : int
         And so with one of more steps (sixteen count as one where they are proven free of events): a loop with motions
         far faster than its run is long.
@@ -148,13 +121,17 @@ def simulate(
         return _with_point(iterated, OperatingPoint.of(system, input, t_end))
     hybrid = HybridSystem.from_lure(system, input_signals_by_name(system.input_names, input))
     base = step or _base_step(times, t_eval is None, hybrid)
-    run = run_hybrid(hybrid, t_end, times, base, max_events, _KEPT_EVENTS, max_steps)
+    samples = 0 if (strobe := Strobe.of(hybrid)) is None else strobe.samples_in(t_end)
+    keep = _KEPT_EVENTS + min(samples, _KEPT_SAMPLES)
+    run = run_hybrid(hybrid, t_end, times, base, max_events + samples, keep, max_steps)
     status, found = judge(hybrid, run, t_end)
     n_written = int(run.stats[2])
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
     facts = Provenance("event-exact simulation", settings, statistics=_statistics(run))
     cycle = cycle_of_run(system, hybrid, run, found, facts) if status is Status.LIMIT_CYCLE else None
+    if status is Status.LIMIT_CYCLE and cycle is None:
+        status = Status.UNDECIDED
     settled = status is Status.SETTLED
     trajectory = Trajectory(
         t=times[:n_written],
@@ -176,9 +153,9 @@ def _asked(
 ) -> tuple[LureSystem, InputSignal | Mapping[str, InputSignal] | None, float]:
     """The system, its motions and the end of the run, what is not given being that of the case."""
     system = system_of(loop, "simulate")
-    if isinstance(loop, LureSystem):
-        return system, input, _USUAL_END if t_end is None else t_end
-    return system, loop.input if input is None else input, loop.t_end if t_end is None else t_end
+    # A loop, or the diagram of one, has neither motions nor an end of its own.
+    given = getattr(loop, "input", None) if input is None else input
+    return system, given, getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end
 
 
 def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
@@ -222,7 +199,8 @@ def run_hybrid(
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    spend(cost * (most if code == STEP_LIMIT else float(now.series_steps + now.fast_steps / _FAST_STEPS)))
+    made = float(now.series_steps + now.refused_series + now.fast_steps / _FAST_STEPS)
+    spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         raise EppError(
             "simulate: the loop has no unique solution in one combination of modes "
@@ -249,6 +227,9 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     if run.code in _EARLY:
         beyond = not np.all(np.abs(run.x_end) < _LARGEST_STATE)
         return (Status.DIVERGED if beyond else _EARLY[run.code]), found
+    strobe = Strobe.of(hybrid)
+    if strobe is not None:
+        return judge_samples(strobe, run, t_end)
     code = verdict(
         run.time,
         run.guard,
@@ -333,15 +314,19 @@ def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0)
 def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
     """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
     elements = hybrid.model.guard_element[guards]
-    listed = np.array([name != "observer" for name in hybrid.element_names])[elements]
+    of_note = [name != "observer" for name in hybrid.element_names]
+    for e, element in enumerate(hybrid.elements):
+        of_note[e] = not isinstance(element, SampledController)
+    listed = np.array(of_note)[elements]
     times, guards, modes, elements = times[listed], guards[listed], modes[listed], elements[listed]
-    after = modes[np.arange(guards.size), elements].tolist()
-    switches = zip(elements.tolist(), after, strict=True)
+    switches = list(zip(elements.tolist(), modes[np.arange(guards.size), elements].tolist(), strict=True))
+    names = {g: hybrid.guard_name(g) for g in set(guards.tolist())}
+    behind = {(e, mode): hybrid.mode_name(e, mode) for e, mode in set(switches)}
     columns = (
         times.tolist(),
-        [hybrid.element_names[e] for e in elements.tolist()],
-        [hybrid.guard_names[g] for g in guards.tolist()],
-        [hybrid.mode_names[e][mode] for e, mode in switches],
+        [hybrid.element_names[e] for e, _ in switches],
+        [names[g] for g in guards.tolist()],
+        [behind[switch] for switch in switches],
     )
     return tuple(map(Event._make, zip(*columns, strict=True)))
 
@@ -350,6 +335,9 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     """Time of the last switch before rest, or the begin of the first period that already repeats to a thousandth."""
     if run.count == 0:
         return 0.0
+    strobe = Strobe.of(hybrid)
+    if strobe is not None and not (found[0] and found[5] == 0.0):
+        return rests_since(strobe, run, found)
     last = run.order[-1]
     if found[0] == 0:
         return float(run.time[last])
@@ -379,8 +367,10 @@ def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSyste
     return replace(hybrid, model=model, x0=x, H0=memory, modes0=modes), begin
 
 
-def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance) -> LimitCycle:
-    """The last period of a run, sampled once more on the arcs between its events.
+def cycle_of_run(
+    system: LureSystem, hybrid: HybridSystem, run: Run, found: Array, facts: Provenance
+) -> LimitCycle | None:
+    """The last period of a run, sampled once more on the arcs between its events; None where that cannot be done.
 
     Parameters
     ----------
@@ -405,10 +395,15 @@ def cycle_of_run(system: LureSystem, hybrid: HybridSystem, run: Run, found: Arra
         )
         return again.samples[: int(again.stats[2])]
 
-    shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
+    try:
+        shape = analyse_period(marks, system.delays, hybrid.time_scale, system.signals.names, sample)
+    except EppError:
+        return None
+    strobe = Strobe.of(hybrid)
     return LimitCycle(
         method="simulation",
         status=Status.CONVERGED,
+        note="" if strobe is None else locked_or_not(strobe, found),
         period=period,
         mean=shape.mean,
         peak_to_peak=shape.peak_to_peak,

@@ -6,12 +6,14 @@ What a case file may hold, what is refused in which words and what the documenta
 from __future__ import annotations
 
 import inspect
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields
 from enum import Enum
 from typing import Any, ClassVar
 
+import numpy as np
+
+from eppanalysis.arguments import is_number
 from eppanalysis.errors import ModelError
 from eppanalysis.readable import quantity as written
 
@@ -24,6 +26,11 @@ class Form(Enum):
     QUANTITY = "a number"
     COUNT = "a whole number"
     FLAG = "true or false"
+    NUMBERS = "a list of numbers"
+    MATRIX = "a list of rows of numbers, all of one length"
+    ROOTS = "a list of numbers, and of pairs [real part, imaginary part]"
+    NAMES = "a list of names"
+    CHOICE = "one of several words"
 
 
 #: Lower limits, one outside and one inside of the range, and the upper limit, which is inside; None is no limit.
@@ -55,6 +62,8 @@ class Declared:
     optional : bool
         Whether a case file may leave it out.
     form : Form
+    choices : tuple of str
+        Words that a choice is made of.
     """
 
     about: str
@@ -65,6 +74,7 @@ class Declared:
     at_most: float | None = None
     optional: bool = False
     form: Form = Form.QUANTITY
+    choices: tuple[str, ...] = ()
 
     @property
     def limits(self) -> Limits:
@@ -73,12 +83,16 @@ class Declared:
 
     def refusal(self, value: Any) -> str:
         """What is expected in place of a value; empty for one that is right."""
-        if self.form is Form.FLAG:
+        if self.form in (Form.FLAG, Form.NAMES):
             return ""
+        if self.form is Form.CHOICE:
+            return "" if value in self.choices else " or ".join(repr(choice) for choice in self.choices)
+        if self.form in (Form.NUMBERS, Form.MATRIX, Form.ROOTS):
+            return _unlike(value, self.form)
         if self.form is Form.COUNT:
             whole = isinstance(value, int) and not unmet(value, self.limits, str)
             return "" if whole else f"a whole number from {self.at_least} to {self.at_most}"
-        if not math.isfinite(value):
+        if not is_number(value):
             return "a finite number"
         return unmet(value, self.limits, lambda limit: written(limit, self.unit))
 
@@ -95,6 +109,55 @@ def quantity(default: float | None, about: str, unit: str = "", friendly: str = 
     """
     declared = Declared(about, unit, friendly, **{"optional": default is None, **limits})
     return field(default=default, metadata={_KEY: declared})
+
+
+def required(about: str, unit: str = "", friendly: str = "", **limits: Any) -> Any:
+    """A field of a device that is a number and has no default; the parameters are those of :func:`quantity`."""
+    return field(metadata={_KEY: Declared(about, unit, friendly, **limits)})
+
+
+_NO_DEFAULT = object()
+
+
+def numbers(about: str, default: Any = _NO_DEFAULT, form: Form = Form.NUMBERS) -> Any:
+    """A field of a device that is a list of numbers, or of what `form` says."""
+    metadata = {_KEY: Declared(about, optional=default is not _NO_DEFAULT, form=form)}
+    return field(metadata=metadata) if default is _NO_DEFAULT else field(default=default, metadata=metadata)
+
+
+def names(about: str) -> Any:
+    """A field of a device that is a list of names, or None."""
+    return field(default=None, metadata={_KEY: Declared(about, optional=True, form=Form.NAMES)})
+
+
+def choice(about: str, choices: tuple[str, ...]) -> Any:
+    """A field of a device that is one of several words, by default the first."""
+    return field(default=choices[0], metadata={_KEY: Declared(about, optional=True, form=Form.CHOICE, choices=choices)})
+
+
+def _unlike(values: Any, form: Form) -> str:
+    """What is expected in place of lists of numbers; empty for those of the right depth and of equal rows."""
+    if form is Form.ROOTS:
+        pairs = isinstance(values, Sequence | np.ndarray) and all(_depth(root, (0, 1), (1, 2)) for root in values)
+        return (_not_finite(np.array([0.0, *map(np.sum, values)]))) if pairs else form.value
+    # A matrix of one row may be written as a list of numbers.
+    if not _depth(values, (1,) if form is Form.NUMBERS else (1, 2)):
+        return form.value
+    return _not_finite(np.asarray(values, float))
+
+
+def _depth(values: Any, depths: tuple[int, ...], lengths: tuple[int, ...] = ()) -> bool:
+    """Whether values are numbers in lists that lie so deep in one another, all of one length."""
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        return False
+    numbers = not found.size or found.dtype.kind in "iuf"
+    return numbers and found.ndim in depths and (not lengths or found.size in lengths)
+
+
+def _not_finite(values: Any) -> str:
+    return "" if np.all(np.isfinite(values)) else "finite numbers"
 
 
 def whole_number(about: str, at_least: int, at_most: int) -> Any:

@@ -2,6 +2,12 @@
 
 from eppanalysis.models.elements.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.elements.contact import LockPin, NordinShaft
+from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuantiser, MidRiseQuantiser
+from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
+from eppanalysis.models.elements.curves.smooth import Arctan, Drag, Polynomial, Tanh
+from eppanalysis.models.elements.curves.table import LookupTable
+from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
+from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
 from eppanalysis.models.elements.memory import JumpAndFollow, Play, Slip, StictionPulley
@@ -23,31 +29,45 @@ from eppanalysis.models.elements.static import (
 )
 
 __all__ = [
-    "ELEMENTS",
+    "Arctan",
     "AutomatonElement",
+    "ControllerMemory",
+    "BilinearSpring",
     "Coulomb",
     "Cube",
     "DeadZone",
     "DeadZoneSaturation",
+    "Drag",
+    "ELEMENTS",
     "FiveBandLaw",
+    "FloorQuantiser",
     "Friction",
     "HysteresisRelay",
     "HysteresisRelayDeadZone",
     "JumpAndFollow",
     "LockPin",
+    "LookupTable",
+    "MidRiseQuantiser",
     "Nonlinearity",
     "NordinShaft",
     "OwnStates",
     "ParkingBandLaw",
     "PiecewiseLinear",
     "Play",
+    "Polynomial",
     "Preload",
     "Quantiser",
+    "RateLimitedServo",
+    "RateLimiter",
     "Relay",
     "RelayDeadZone",
+    "SampledController",
     "SampledLaw",
     "Saturation",
     "Sine",
     "Slip",
     "StictionPulley",
+    "StribeckFriction",
+    "Tanh",
+    "ViscousCoulomb",
 ]

@@ -7,31 +7,92 @@ h).
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from functools import partial
+from typing import Any
 
-from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Guard, Mode, Smooth
+from eppanalysis.models.elements.columns import ByName, Columns
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 def static_map(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike) -> Automaton:
-    """Piecewise-linear map; at a jump there is also a mode that slides along it."""
+    """Piecewise-linear map; at a jump there is also a mode that slides along it.
+
+    The modes are the pieces, then the slides; as columns, for a map may have thousands of which a run visits a few.
+    """
     x, a, b = (np.atleast_1d(np.asarray(v, float)) for v in (breakpoints, slopes, intercepts))
-    build = AutomatonBuilder()
-    for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
-        build.mode(f"piece {i}", from_input=slope, constant=intercept)
-    for i, edge in enumerate(x):
-        left, right = a[i] * edge + b[i], a[i + 1] * edge + b[i + 1]
-        jump = right - left
-        slide = -1
-        if abs(jump) > 1e-12 * max(abs(left), abs(right)):
-            up = 1.0 if jump > 0 else -1.0
-            slide = build.mode(f"slides at {i}", sticking=True, level=float(edge), jump=float(jump))
-            build.guard(f"leaves {i} upward", slide, i + 1, on_output=up, constant=float(-up * right))
-            build.guard(f"leaves {i} downward", slide, i, on_output=-up, constant=float(up * left))
-        over, under = (i + 1, i) if slide < 0 else (slide, slide)
-        build.guard(f"rises through {i}", i, over, on_input=1.0, constant=float(-edge), bypass=i + 1)
-        build.guard(f"falls through {i}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=i)
-    return build.build(start_mode=len(a) // 2)
+    left, right = a[:-1] * x + b[:-1], a[1:] * x + b[1:]
+    jumps = np.abs(right - left) > 1e-12 * np.maximum(np.abs(left), np.abs(right))
+    at, zero = np.flatnonzero(jumps), np.zeros(np.count_nonzero(jumps))
+    n = a.size + at.size
+    modes = {
+        "from_input": np.concatenate([a, zero])[:, None, None],
+        "from_memory": np.zeros((n, 1, 0)),
+        "from_smooth": np.zeros((n, 1, 0)),
+        "constant": np.concatenate([b, zero])[:, None],
+        "sticking": np.arange(n) >= a.size,
+        "level": np.concatenate([np.zeros(a.size), x[at]]),
+        "jump": np.concatenate([np.ones(a.size), (right - left)[at]]),
+    }
+    guards, numbers = _crossings(x, left, right, np.where(jumps, a.size + np.cumsum(jumps) - 1, -1))
+    return Automaton(
+        n_inputs=1,
+        n_outputs=1,
+        n_memory=0,
+        modes=Columns(Mode, partial(_name_of_piece, a.size, at), modes),
+        guards=Columns(Guard, partial(_name_of_crossing, numbers), guards),
+        start_mode=a.size // 2,
+    )
+
+
+def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[ByName, IntArray]:
+    """Guards of a static map in columns, with their numbers among four for each breakpoint.
+
+    The four: the slide along it is left upward and downward, the input rises and falls through it.
+
+    Parameters
+    ----------
+    x, left, right : arrays, shape (k,)
+        Breakpoints, and the output on both sides of each.
+    slide : int array, shape (k,)
+        Mode that slides along the jump there, -1 where there is none.
+    """
+    below, jumps = np.arange(x.size), slide >= 0
+    above, up, zero, one = below + 1, np.where(right > left, 1.0, -1.0), np.zeros(x.size), np.ones(x.size)
+    numbers = np.flatnonzero(np.column_stack([jumps, jumps, one > 0, one > 0]))
+    n, none = numbers.size, np.full(x.size, -1)
+
+    def column(*of_four: NDArray[Any]) -> NDArray[Any]:
+        """A column from its values for each of the four."""
+        return np.column_stack(of_four).ravel()[numbers]
+
+    return {
+        "mode": column(slide, slide, below, above),
+        "target": column(above, below, np.where(jumps, slide, above), np.where(jumps, slide, below)),
+        "on_input": column(zero, zero, one, -one)[:, None],
+        "on_rate": np.zeros((n, 1)),
+        "on_memory": np.zeros((n, 0)),
+        "on_output": column(up, -up, zero, zero)[:, None],
+        "constant": column(-up * right, up * left, -x, x),
+        "memory_from_input": np.zeros((n, 0, 1)),
+        "memory_from_memory": np.zeros((n, 0, 0)),
+        "memory_constant": np.zeros((n, 0)),
+        "bypass": column(none, none, above, below),
+    }, numbers
+
+
+def _name_of_piece(n_pieces: int, at: IntArray, i: int) -> str:
+    return f"piece {i}" if i < n_pieces else f"slides at {at[i - n_pieces]}"
+
+
+def _name_of_crossing(numbers: IntArray, i: int) -> str:
+    at, way = divmod(int(numbers[i]), 4)
+    return (f"leaves {at} upward", f"leaves {at} downward", f"rises through {at}", f"falls through {at}")[way]
 
 
 def smooth(kind: str, scale: float) -> Automaton:

@@ -13,19 +13,44 @@ piecewise affine.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.columns import ByName, Columns, in_columns
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Smooth functions an element may use, by the code that the kernels know.
-SMOOTH_KINDS = {"sine": 0, "cube": 1, "reciprocal_abs": 2}
+SMOOTH_KINDS = {
+    "sine": 0,
+    "cube": 1,
+    "reciprocal_abs": 2,
+    "square": 3,
+    "fourth_power": 4,
+    "fifth_power": 5,
+    "tanh": 6,
+    "arctan": 7,
+    "gaussian": 8,
+}
+#: Those functions, of numbers or arrays.
+SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
+    "sine": np.sin,
+    "cube": lambda u: u**3,
+    "reciprocal_abs": lambda u: 1.0 / (1.0 + abs(u)),
+    "square": lambda u: u**2,
+    "fourth_power": lambda u: u**4,
+    "fifth_power": lambda u: u**5,
+    "tanh": np.tanh,
+    "arctan": np.arctan,
+    "gaussian": lambda u: np.exp(-(u**2)),
+}
 
 
 def _vector(values: ArrayLike, size: int) -> Array:
@@ -99,8 +124,8 @@ class Automaton:
     ----------
     n_inputs, n_outputs, n_memory : int
         Numbers of its inputs z, outputs w and memory values h.
-    modes : tuple of Mode
-    guards : tuple of Guard
+    modes : sequence of Mode
+    guards : sequence of Guard
         Of all modes; each names its own by its number.
     start_mode : int
         The first mode of a run.
@@ -136,49 +161,93 @@ class Automaton:
     n_inputs: int
     n_outputs: int
     n_memory: int
-    modes: tuple[Mode, ...]
-    guards: tuple[Guard, ...]
+    modes: Sequence[Mode]
+    guards: Sequence[Guard]
     start_mode: int = 0
     start_memory: Array = field(default_factory=lambda: np.zeros(0))
     smooth: tuple[Smooth, ...] = ()
 
     def __post_init__(self) -> None:
-        z, w, h, s = self.n_inputs, self.n_outputs, self.n_memory, len(self.smooth)
-        shapes: dict[str, tuple[int, ...]] = {
-            "from_input": (w, z), "from_memory": (w, h), "from_smooth": (w, s), "constant": (w,),
-            "on_input": (z,), "on_rate": (z,), "on_memory": (h,), "on_output": (w,),
-            "memory_from_input": (h, z), "memory_from_memory": (h, h), "memory_constant": (h,),
-        }  # fmt: skip
-        _require_shapes(self.modes, ("from_input", "from_memory", "from_smooth", "constant"), shapes)
-        _require_shapes(self.guards, tuple(shapes)[4:], shapes | {"constant": ()})
-        _require_shapes(self.smooth, ("on_input",), shapes)
-        if np.shape(self.start_memory) != (h,):
-            raise ModelError(f"Automaton: start_memory has shape {np.shape(self.start_memory)}; expected {(h,)}.")
-        expected = f"the number of a mode, 0 to {len(self.modes) - 1}"
-        places = [("start_mode", self.start_mode)]
-        places += [
-            (f"{end} of the guard {g.name!r}", getattr(g, end)) for g in self.guards for end in ("mode", "target")
-        ]
-        for name, place in places:
-            if not 0 <= place < len(self.modes):
-                raise ModelError(f"Automaton: {name} is {place!r}; expected {expected}.")
+        _require_shapes(self.modes, self._mode_shapes)
+        _require_shapes(self.guards, self._guard_shapes)
+        _require_shapes(self.smooth, {"on_input": (self.n_inputs,)})
+        if np.shape(self.start_memory) != (self.n_memory,):
+            raise ModelError(
+                f"Automaton: start_memory has shape {np.shape(self.start_memory)}; expected {(self.n_memory,)}."
+            )
+        self._require_places()
         for channel in self.smooth:
             if channel.kind not in SMOOTH_KINDS:
                 known = ", ".join(map(repr, SMOOTH_KINDS))
                 raise ModelError(f"Automaton: kind of a smooth function is {channel.kind!r}; expected one of {known}.")
 
-    def follows(self, mode: int) -> bool:
-        """Whether the element follows its input in a mode, and holds on to where it was where the input turns back."""
-        return self.n_memory > 0 and any(g.mode == mode and np.any(g.on_rate) for g in self.guards)
+    def _require_places(self) -> None:
+        """Modes that the start and the guards name exist."""
+        n = len(self.modes)
+        wrong = [] if 0 <= self.start_mode < n else [("start_mode", self.start_mode)]
+        for end in ("mode", "target"):
+            named = self.guard_columns[end]
+            for i in np.flatnonzero((named < 0) | (named >= n))[:1]:
+                wrong.append((f"{end} of the guard {self.guards[i].name!r}", int(named[i])))
+        for name, place in wrong:
+            raise ModelError(f"Automaton: {name} is {place!r}; expected the number of a mode, 0 to {n - 1}.")
+
+    @property
+    def _mode_shapes(self) -> dict[str, tuple[int, ...]]:
+        z, w, h, s = self.n_inputs, self.n_outputs, self.n_memory, len(self.smooth)
+        return {"from_input": (w, z), "from_memory": (w, h), "from_smooth": (w, s), "constant": (w,)}
+
+    @property
+    def _guard_shapes(self) -> dict[str, tuple[int, ...]]:
+        z, w, h = self.n_inputs, self.n_outputs, self.n_memory
+        return {
+            "on_input": (z,), "on_rate": (z,), "on_memory": (h,), "on_output": (w,), "constant": (),
+            "memory_from_input": (h, z), "memory_from_memory": (h, h), "memory_constant": (h,),
+        }  # fmt: skip
+
+    @cached_property
+    def mode_columns(self) -> ByName:
+        """Fields of the modes, one array each."""
+        return in_columns(Mode, self.modes, self._mode_shapes)
+
+    @cached_property
+    def guard_columns(self) -> ByName:
+        """Fields of the guards, one array each."""
+        return in_columns(Guard, self.guards, self._guard_shapes)
+
+    @cached_property
+    def by_mode(self) -> IntArray:
+        """Numbers of the guards, those of each mode together."""
+        return np.argsort(self.guard_columns["mode"], kind="stable")
+
+    @cached_property
+    def first_of_mode(self) -> IntArray:
+        """Where the guards of each mode begin in `by_mode`, shape (modes + 1,)."""
+        counts = np.bincount(self.guard_columns["mode"], minlength=len(self.modes))
+        return np.concatenate([[0], np.cumsum(counts)])
+
+    def guards_of(self, mode: int) -> list[Guard]:
+        """Guards of a mode, in their order."""
+        return [self.guards[i] for i in self.by_mode[self.first_of_mode[mode] : self.first_of_mode[mode + 1]].tolist()]
+
+    @cached_property
+    def followed(self) -> NDArray[np.bool_]:
+        """In which modes the element follows its input, and holds on to where it was where the input turns back."""
+        out = np.zeros(len(self.modes), bool)
+        if self.n_memory:
+            out[self.guard_columns["mode"][np.any(self.guard_columns["on_rate"] != 0.0, axis=1)]] = True
+        return out
 
 
-def _require_shapes(parts: Sequence[Any], names: Sequence[str], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    for part in parts:
-        for name in names:
-            found = np.shape(getattr(part, name))
-            if found != shapes[name]:
-                label = getattr(part, "name", getattr(part, "kind", ""))
-                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {shapes[name]}.")
+def _require_shapes(parts: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for name, expected in shapes.items():
+        if isinstance(parts, Columns):
+            every = [("all", parts.columns[name].shape[1:])]
+        else:
+            every = [(getattr(p, "name", getattr(p, "kind", "")), np.shape(getattr(p, name))) for p in parts]
+        for label, found in every:
+            if found != expected:
+                raise ModelError(f"Automaton: {name} of {label!r} has shape {found}; expected {expected}.")
 
 
 class AutomatonBuilder:

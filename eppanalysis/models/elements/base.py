@@ -5,14 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import ModelError, shown
 from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
+
+if TYPE_CHECKING:
+    import control
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,9 @@ SLOPE: Role = (-1, 1, 0)
 DAMPING: Role = (-1, 1, 1)
 RATIO: Role = (0, 0, 0)
 
+#: Mean of an output, relative to its oscillation, that is rounding.
+_ROUNDING = 1e-9
+
 #: Elements by the name that a case file calls them: what a class gives as its `kind`.
 ELEMENTS: dict[str, type[Nonlinearity]] = {}
 
@@ -34,7 +40,7 @@ class OwnStates:
 
     With the loop's signal x before the element and y behind it, and inputs z and outputs w of the automaton,
 
-        ds/dt = A s + B [x; w],    [z; y] = C s + D [x; w]
+        ds/dt = A s + B [x; w] + rate,    [z; y] = C s + D [x; w]
 
     Parameters
     ----------
@@ -46,6 +52,8 @@ class OwnStates:
         Numbers of the loop's signals x and y; one each by default.
     start : array, shape (k,)
         States at the start; zero by default.
+    rate : array, shape (k,)
+        Constant part of their rates: 1 for a clock. Clocks that several elements bring become one.
 
     Raises
     ------
@@ -60,13 +68,17 @@ class OwnStates:
     n_before: int = 1
     n_behind: int = 1
     start: Array | None = None
+    rate: Array | None = None
 
     def __post_init__(self) -> None:
         read = {name: floats(getattr(self, name), f"OwnStates: {name}") for name in "ABCD"}
         n = len(np.atleast_1d(read["A"]))
-        read["start"] = np.zeros(n) if self.start is None else floats(self.start, "OwnStates: start")
+        for name in ("start", "rate"):
+            given = getattr(self, name)
+            read[name] = np.zeros(n) if given is None else floats(given, f"OwnStates: {name}")
         columns, rows = read["B"].shape[-1:], read["C"].shape[:1]
-        shapes = {"A": (n, n), "B": (n, *columns), "C": (*rows, n), "D": (*rows, *columns), "start": (n,)}
+        shapes = {"A": (n, n), "B": (n, *columns), "C": (*rows, n), "D": (*rows, *columns)}
+        shapes |= {"start": (n,), "rate": (n,)}
         for name, shape in shapes.items():
             values = read[name]
             if values.shape != shape or not np.all(np.isfinite(values)):
@@ -86,6 +98,8 @@ class Nonlinearity(ABC):
     n_inputs, n_outputs : int
         Numbers of scalar inputs and outputs. Only the first input is excited in the describing function; a second one
         is its rate (lock pin) or a clock.
+    input_ports, output_ports : tuple of str
+        What a diagram calls its inputs and outputs, where there are several.
     kind : str
         Name of the element in case files: ``class Play(Nonlinearity, kind="play")``. Empty where none can hold it.
     units : mapping of str to (int, int, int)
@@ -105,23 +119,38 @@ class Nonlinearity(ABC):
     sticks_and_slips : bool
         Whether it resists more at rest than in motion.
     own_states : OwnStates or None
-        Linear states that a loop appends to its own.
+        Linear states that a loop appends to its own. What the element says of itself holds behind them, for its
+        automaton, or, where it has an element inside, from the loop's signal before it to the one behind it.
+    inside : Nonlinearity or None
+        Element that stands in a loop between the own states, where this one is described together with them.
+    small_signal : Nonlinearity or None
+        Of such an element, what it is for margins of the linearised loop.
+    of_frequency : bool
+        Whether the describing function depends on the frequency though there is one input.
+    linear_gain_is : str
+        What `linear_gain` is, in words that margins print beside it.
     """
 
     n_inputs: ClassVar[int] = 1
     n_outputs: ClassVar[int] = 1
+    input_ports: ClassVar[tuple[str, ...]] = ()
+    output_ports: ClassVar[tuple[str, ...]] = ()
     kind: ClassVar[str] = ""
     units: ClassVar[Mapping[str, Role]] = {}
     same_unit: ClassVar[bool] = False
     input_is: ClassVar[str] = ""
     output_is: ClassVar[str] = ""
     input_unit: ClassVar[str] = ""
+    linear_gain_is: ClassVar[str] = "its steepest slope"
 
     breakpoints: Array = np.zeros(0)
     slopes: Array = np.zeros(0)
     intercepts: Array = np.zeros(0)
     jumps: Array = np.zeros(0)
     own_states: OwnStates | None = None
+    inside: Nonlinearity | None = None
+    small_signal: Nonlinearity | None = None
+    of_frequency: ClassVar[bool] = False
 
     def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -205,3 +234,63 @@ class Nonlinearity(ABC):
     def sticks_and_slips(self) -> bool:
         """Whether it resists more at rest than in motion, so that a loop that winds up hunts."""
         return False
+
+    def to_control(self) -> control.DescribingFunctionNonlinearity:
+        """The element as python-control takes one, for ``control.describing_function_plot`` and its like.
+
+        There a describing function is a number of the amplitude alone: what has a mean output without a bias is refused
+        when it is asked for. Called, the object keeps what it remembers from call to call, as python-control's do.
+
+        Raises
+        ------
+        ModelError
+            If it has several inputs or outputs, or linear states of its own.
+
+        Examples
+        --------
+        >>> import control
+        >>> from eppanalysis.models.elements import Play
+        >>> control.describing_function(Play(gap=1.0).to_control(), [1.0, 2.0]).round(4).tolist()
+        [(0.5-0.3183j), (0.8045-0.2387j)]
+        """
+        if (self.n_inputs, self.n_outputs) != (1, 1) or self.own_states is not None:
+            who = type(self).__name__
+            raise ModelError(f"{who} has several inputs or outputs, or states of its own", expected="one of each alone")
+        return _for_control(self)
+
+
+def _for_control(element: Nonlinearity) -> control.DescribingFunctionNonlinearity:
+    import control
+
+    class Described(control.DescribingFunctionNonlinearity):
+        """An element for python-control."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.memory = None
+
+        def __call__(self, x: float) -> float:
+            y, self.memory = element.output(np.squeeze(x), self.memory)
+            return float(y)
+
+        def describing_function(self, A: float) -> complex:
+            return _gain_alone(element, A)
+
+        def _isstatic(self) -> bool:
+            return element.output(0.0, None)[1] is None
+
+        def __repr__(self) -> str:
+            return f"{element!r}.to_control()"
+
+    return Described()
+
+
+def _gain_alone(element: Nonlinearity, amplitude: float) -> complex:
+    """Describing function at no bias, of an element whose output has no mean there."""
+    mean, gain = (np.asarray(v).item() for v in element.describing_function(amplitude))
+    if abs(mean) > _ROUNDING * abs(gain) * amplitude:
+        raise ModelError(
+            f"{shown(element)} has a mean output of {mean:.6g} at amplitude {amplitude:g}; python-control knows none",
+            expected="an element without one; predict_limit_cycles balances means",
+        )
+    return complex(gain)

@@ -66,6 +66,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
     """
 
     n_inputs: ClassVar[int] = 2
+    input_ports = ("twist", "rate")
     units = _CONTACT
     input_is = "way"
 
@@ -138,6 +139,8 @@ class LockPin(Nonlinearity, kind="lock_pin"):
             return (0.0 if self.gap else self.stiffness), self.stiffness
         return (-np.inf if self.model == "classical" else 0.0), np.inf
 
+    linear_gain_is = "its stiffness and damping, in contact"
+
     def linear_gain(self) -> Array:
         """Spring and damper, in contact."""
         return np.array([[self.stiffness, self.damping]])
@@ -209,6 +212,8 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
 
     n_inputs: ClassVar[int] = 3
     n_outputs: ClassVar[int] = 2
+    input_ports = ("twist", "rate", "contact")
+    output_ports = ("torque", "contact_rate")
     units = _CONTACT
     input_is = "way"
 
@@ -250,6 +255,8 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
     def slope_bounds(self) -> tuple[float, float]:
         """Of the torque over the twist, at a constant rate and contact angle."""
         return 0.0, self.stiffness
+
+    linear_gain_is = "its stiffness and damping, in contact"
 
     def linear_gain(self) -> Array:
         """Spring and damper, in contact, where the contact angle rests."""

@@ -125,6 +125,8 @@ class Friction(Nonlinearity, kind="friction"):
         """The speed amplitude at which the friction has fallen by half; none for Coulomb friction."""
         return distances(1 / self.stribeck) if self.stribeck > 0 else np.zeros(0)
 
+    linear_gain_is = "left out: it slides"
+
     def linear_gain(self) -> Array:
         """None: the margins of the linearised loop leave friction out."""
         return np.zeros((1, 1))

@@ -83,6 +83,7 @@ class Play(Nonlinearity, kind="play"):
     (0.5-0.3183j)
     """
 
+    linear_gain_is = "the slope at which it follows"
     units = MappingProxyType({"gap": IN})
     same_unit = True
 
@@ -212,6 +213,8 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         """Infinite, as the output stays where it is while the input passes zero; `slope` where it never sticks."""
         return (-np.inf, np.inf) if self.stick_band + self.slip_jump else (self.slope, self.slope)
 
+    linear_gain_is = "the slope at which it follows"
+
     def linear_gain(self) -> Array:
         """The slope at which it follows."""
         return np.array([[self.slope]])
@@ -254,6 +257,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
     """
 
     n_outputs: ClassVar[int] = 2
+    output_ports = ("sensor", "harness")
     units = MappingProxyType(
         {"harness_stiffness": SLOPE, "forearm_stiffness": SLOPE, "friction": RATIO, "kinetic_ratio": RATIO}
     )
@@ -367,6 +371,8 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
     def sector(self) -> tuple[float, float]:
         """From slack, without force, to where it breaks away downward."""
         return 0.0, self.forearm_stiffness * self.share(-self.friction)
+
+    linear_gain_is = "its two cables in series: it sticks"
 
     def linear_gain(self) -> Array:
         """Both springs in series: the tensions on either side are equal."""

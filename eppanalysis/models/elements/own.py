@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Guard
+from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS, Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _MOST_EVENTS = 1000
-_SMOOTH = (np.sin, lambda u: u**3, lambda u: 1.0 / (1.0 + abs(u)))
 
 
 class ModeMemory(NamedTuple):
@@ -110,7 +109,7 @@ class AutomatonElement(Nonlinearity):
         """A mode that sticks has no output of its own: the one to which it leads."""
         if not self.rules.modes[mode].sticking:
             return mode
-        return next((g.target for g in self.rules.guards if g.mode == mode), mode)
+        return next((g.target for g in self.rules.guards_of(mode)), mode)
 
     def _moved(self, goal: Array, mode: int, stored: Array, reached: float) -> tuple[Any, ModeMemory]:
         """Outputs and memory behind the motion straight from what was reached to `goal`."""
@@ -126,8 +125,8 @@ class AutomatonElement(Nonlinearity):
         for _ in range(_MOST_EVENTS):
             found = [
                 (when, g)
-                for g in self.rules.guards
-                if g.mode == mode and (when := self._rise(g, at, rate, stored, share)) is not None
+                for g in self.rules.guards_of(mode)
+                if (when := self._rise(g, at, rate, stored, share)) is not None
             ]
             if not found:
                 w = self._outputs(mode, goal, stored)
@@ -161,7 +160,7 @@ class AutomatonElement(Nonlinearity):
 
     def _outputs(self, mode: int, z: Array, stored: Array) -> Array:
         m = self.rules.modes[mode]
-        sigma = [s.scale * _SMOOTH[SMOOTH_KINDS[s.kind]](float(s.on_input @ z) + s.constant) for s in self.rules.smooth]
+        sigma = [s.scale * SMOOTH_FUNCTIONS[s.kind](float(s.on_input @ z) + s.constant) for s in self.rules.smooth]
         return np.asarray(
             m.from_input @ z + m.from_memory @ stored + m.from_smooth @ np.array(sigma) + m.constant, float
         )
@@ -181,6 +180,9 @@ class AutomatonElement(Nonlinearity):
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
     ) -> tuple[Array, NDArray[np.complex128]]:
         """Mean and gain by quadrature over a period, where memory repeats after a few; accurate to about 1e-12.
+
+        A smooth function that changes within less than a thousandth of the amplitude may be taken for a jump, which is
+        off by the square of that share.
 
         Raises
         ------

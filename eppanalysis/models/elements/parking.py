@@ -135,6 +135,8 @@ class ParkingBandLaw(Nonlinearity):
         low, high = self.law.sector()
         return min(low, 0.0), max(high, 0.0)
 
+    linear_gain_is = "the steepest slope of its law, before it parks"
+
     def linear_gain(self) -> NDArray[np.float64]:
         """That of the law, and nothing from the clock."""
         return np.hstack([self.law.linear_gain(), [[0.0]]])
@@ -217,6 +219,8 @@ class SampledLaw(Nonlinearity):
     def slope_bounds(self) -> tuple[float, float]:
         """Those of the law's samples are not bounded: between two of them the input may have come back."""
         return -np.inf, np.inf
+
+    linear_gain_is = "the steepest slope of its law, without the lag of its sampling"
 
     def linear_gain(self) -> NDArray[np.float64]:
         """That of the law, and nothing from the clock."""

@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 
 #: Stands for an amplitude of zero, so that quotients by the amplitude keep their limit.
 SMALLEST_AMPLITUDE = 1e-150
+#: Nodes of Gauss's rule on each panel: no pole is nearer to one than its own length.
+_PLACE, _WEIGHT = np.polynomial.legendre.leggauss(14)
+#: Most panels on either side: the smallest is as short as the steepest place in double precision.
+_MOST_PANELS = 56
+_ENDS = (slice(None, -1), slice(1, None))
 
 
 def require(element: Any, field: str, holds: bool, expected: str, beside: str = "") -> None:
@@ -113,3 +118,23 @@ def lever(theta: Array) -> Array:
     tail = 1 / 3991680 - q / 518918400
     series = theta * q * (1 / 3 + q * (-1 / 30 + q * (1 / 840 + q * (-1 / 45360 + q * tail))))
     return np.where(np.abs(theta) < 0.25, series, np.sin(theta) - theta * np.cos(theta))
+
+
+def layers(a: Array, b: Array) -> tuple[Array, Array]:
+    """Phases and weights, shapes (..., nodes), of a mean over the rising half period of ``b + a sin(phi)``.
+
+    Panels double their length from the phase at which the input passes zero, or comes nearest to it: the curve changes
+    where the argument is of the order of one.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        centre = -np.arcsin(np.clip(np.nan_to_num(b / a), -1.0, 1.0))
+    steepest = float(np.fmax.reduce(a, axis=None, initial=1.0))
+    count = int(np.clip(np.ceil(np.log2(2 * np.pi * steepest)), 3, _MOST_PANELS))
+    steps = np.pi * np.concatenate([[0.0], 0.5 ** np.arange(count, -1, -1.0)])
+    sides = [np.clip(centre[..., None] + sign * steps, -np.pi / 2, np.pi / 2) for sign in (1.0, -1.0)]
+    low, high = (np.concatenate([np.sort(side, -1)[..., part] for side in sides], -1) for part in _ENDS)
+    half = (high - low) / 2
+    phi = (low + high)[..., None] / 2 + half[..., None] * _PLACE
+    weight = half[..., None] * _WEIGHT / np.pi
+    shape = (*phi.shape[:-2], phi.shape[-2] * phi.shape[-1])
+    return phi.reshape(shape), weight.reshape(shape)

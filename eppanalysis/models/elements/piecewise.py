@@ -153,8 +153,8 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def slope_bounds(self) -> tuple[float, float]:
         """Least and greatest slope of the map; infinite at a jump."""
-        slopes = [*self.slopes, *(np.copysign(np.inf, j) for j in self.jumps if j)]
-        return float(min(slopes)), float(max(slopes))
+        slopes = np.concatenate([self.slopes, np.copysign(np.inf, self.jumps[self.jumps != 0.0])])
+        return float(slopes.min()), float(slopes.max())
 
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x`` over all x except zero; infinite where the map misses the origin."""
@@ -164,10 +164,10 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         for side, piece in ((1.0, at_zero), (-1.0, at_zero - 1 if corner else at_zero)):
             start = self.intercepts[piece]
             ratios.append(self.slopes[piece] if start == 0 else np.copysign(np.inf, start * side))
-        for i, edge in enumerate(self.breakpoints):
-            if edge != 0:
-                ratios += [self.slopes[p] + self.intercepts[p] / edge for p in (i, i + 1)]
-        return float(min(ratios)), float(max(ratios))
+        away = np.flatnonzero(self.breakpoints)
+        beside = [self.slopes[p] + self.intercepts[p] / self.breakpoints[away] for p in (away, away + 1)]
+        every = np.concatenate([ratios, *beside])
+        return float(every.min()), float(every.max())
 
     def linear_gain(self) -> Array:
         """The steepest slope, infinite at a jump."""

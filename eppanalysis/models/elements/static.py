@@ -263,12 +263,17 @@ class Coulomb(PiecewiseLinear, kind="coulomb"):
 
     units = MappingProxyType({"level": OUT})
     output_is = "force"
+    linear_gain_is = "left out: its force does not grow with the speed"
 
     level: float
 
     def __post_init__(self) -> None:
         require_numbers(self, "level")
         self._set_pieces([0.0], [0.0, 0.0], [-self.level, self.level])
+
+    def linear_gain(self) -> Array:
+        """None: away from its jump the force stays what it is."""
+        return np.zeros((1, 1))
 
 
 @dataclass(frozen=True)
@@ -291,6 +296,7 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
 
     units = MappingProxyType({"step": IN, "levels": RATIO})
     same_unit = True
+    linear_gain_is = "the mean slope of its steps"
 
     step: float
     levels: int
@@ -306,6 +312,10 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
         self._set_pieces(
             self.step * (np.arange(-n, n) + 0.5), np.zeros(2 * n + 1), self.step * np.arange(-n, n + 1, dtype=float)
         )
+
+    def linear_gain(self) -> Array:
+        """The mean slope of its steps: each is as high as it is wide."""
+        return np.ones((1, 1))
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output of the map for any array `x`; `memory` is handed through unused."""
@@ -428,6 +438,8 @@ class Sine(Nonlinearity, kind="sine"):
     def thresholds(self, bias: float = 0.0) -> Array:
         """None: the describing function has one form."""
         return np.zeros(0)
+
+    linear_gain_is = "its slope at zero"
 
     def linear_gain(self) -> Array:
         """The slope at zero."""

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder, Guard
+from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
 from eppanalysis.models.systems.linear import fastest_poles
 from eppanalysis.models.systems.lure import LureSystem
@@ -48,8 +49,8 @@ class HybridSystem:
         How many of the states are the loop's own.
     compared : bool array, shape (n + inputs,)
         States that repeat on a limit cycle (clocks do not).
-    element_names, mode_names, guard_names : tuples
-        For the event list; guards are numbered through all elements and modes.
+    element_names : tuple of str
+        For the event list.
     time_scale : float
         Length of a step on which the linear part moves moderately [s].
     elements, automata : tuples
@@ -63,11 +64,19 @@ class HybridSystem:
     n_plant: int
     compared: NDArray[np.bool_]
     element_names: tuple[str, ...]
-    mode_names: tuple[tuple[str, ...], ...]
-    guard_names: tuple[str, ...]
     time_scale: float
     elements: tuple[Nonlinearity, ...]
     automata: tuple[Automaton, ...]
+
+    def mode_name(self, element: int, mode: int) -> str:
+        """Name of a mode of an element."""
+        return self.automata[element].modes[mode].name
+
+    def guard_name(self, guard: int) -> str:
+        """Name of a guard; guards are numbered through all elements and modes."""
+        e = int(self.model.guard_element[guard])
+        automaton, first = self.automata[e], self.model.guard_first[self.model.mode_first[e]]
+        return automaton.guards[int(automaton.by_mode[guard - first])].name
 
     def begun(self, state: Array, memory: Sequence[Any]) -> HybridSystem:
         """The same system, begun at a state of its loop with what its elements remember; see `starting_values`."""
@@ -201,8 +210,6 @@ class _Packer:
             n_plant=self.n,
             compared=~(clock | exo),
             element_names=tuple(self.names),
-            mode_names=tuple(tuple(m.name for m in a.modes) for a in self.automata),
-            guard_names=tuple(g.name for a in self.automata for g in _ordered(a)),
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
 
@@ -216,11 +223,20 @@ class _Packer:
         return acts
 
     def _order(self, acts: NDArray[np.bool_]) -> IntArray:
-        """Elements along the cascade: each behind those that act straight on it, but for algebraic loops."""
-        rest, order = list(range(len(acts))), []
-        while rest:
-            order.append(next((e for e in rest if not any(acts[e, o] for o in rest if o != e)), rest[0]))
-            rest.remove(order[-1])
+        """Elements along the cascade: each behind those that act straight on it, but for algebraic loops.
+
+        Sampled controllers come last, each behind those that reach it: what a sample brings about is settled before the
+        next one at that instant.
+        """
+        sampled = [e for e, element in enumerate(self.system.elements) if isinstance(element, SampledController)]
+        order: list[int] = []
+        for rest, on in (
+            (list(np.setdiff1d(np.arange(len(acts)), sampled)), acts),
+            (sampled, self._reach(acts)[:-1].T > 0),
+        ):
+            while rest:
+                order.append(next((e for e in rest if not any(on[e, o] for o in rest if o != e)), rest[0]))
+                rest.remove(order[-1])
         return np.array(order, np.int64)
 
     def _reach(self, acts: NDArray[np.bool_]) -> IntArray:
@@ -349,43 +365,39 @@ class _Packer:
             "reset_h": np.zeros((n_guards, h_max, h_max)),
             "reset_0": np.zeros((n_guards, h_max)),
         }
-        i_mode, i_guard, i_smooth = 0, 0, 0
+        of_mode, of_guard, i_smooth = m["mode_first"], np.zeros(1, np.int64), 0
         for e, a in enumerate(self.automata):
-            z, w, h = a.n_inputs, a.n_outputs, a.n_memory
-            for k, mode in enumerate(a.modes):
-                m["mode_wz"][i_mode, :w, :z] = mode.from_input
-                m["mode_wh"][i_mode, :w, :h] = mode.from_memory
-                m["mode_ws"][i_mode, :w, i_smooth : i_smooth + len(a.smooth)] = mode.from_smooth
-                m["mode_w0"][i_mode, :w] = mode.constant
-                m["mode_stick"][i_mode], m["mode_level"][i_mode] = mode.sticking, mode.level
-                m["mode_lags"][i_mode] = mode.sticking or a.follows(k)
-                for guard in (q for q in a.guards if q.mode == k):
-                    g["guard_element"][i_guard] = e
-                    g["guard_target"][i_guard] = self._target(e, guard, B, C, D)
-                    g["guard_bypass"][i_guard] = guard.bypass
-                    g["guard_z"][i_guard, :z], g["guard_rate"][i_guard, :z] = guard.on_input, guard.on_rate
-                    g["guard_h"][i_guard, :h], g["guard_w"][i_guard, :w] = guard.on_memory, guard.on_output
-                    g["guard_0"][i_guard] = guard.constant
-                    g["reset_z"][i_guard, :h, :z], g["reset_h"][i_guard, :h, :h] = (
-                        guard.memory_from_input,
-                        guard.memory_from_memory,
-                    )
-                    g["reset_0"][i_guard, :h] = guard.memory_constant
-                    i_guard += 1
-                i_mode += 1
-                g["guard_first"][i_mode] = i_guard
+            rows = slice(of_mode[e], of_mode[e + 1])
+            self._write_modes(m, rows, a, i_smooth)
+            first = of_guard[-1] + a.first_of_mode
+            g["guard_first"][of_mode[e] : of_mode[e + 1] + 1] = first
+            self._write_guards(g, slice(first[0], first[-1]), e, B, C, D)
+            of_guard = first
             i_smooth += len(a.smooth)
         return m, g
 
-    def _target(self, e: int, guard: Guard, B: Array, C: Array, D: Array) -> int:
-        """Target of a guard; a sticking mode only where the loop pulls the input back against the jump."""
-        target = self.automata[e].modes[guard.target]
-        z, w = self.first[e, :2]
-        if not target.sticking or admitted(target.jump, int(z), int(w), B, C, D):
-            return guard.target
-        return guard.bypass
+    def _write_modes(self, m: dict[str, Any], rows: slice, a: Automaton, i_smooth: int) -> None:
+        z, w, h, modes = a.n_inputs, a.n_outputs, a.n_memory, a.mode_columns
+        m["mode_wz"][rows, :w, :z] = modes["from_input"]
+        m["mode_wh"][rows, :w, :h] = modes["from_memory"]
+        m["mode_ws"][rows, :w, i_smooth : i_smooth + len(a.smooth)] = modes["from_smooth"]
+        m["mode_w0"][rows, :w] = modes["constant"]
+        m["mode_stick"][rows], m["mode_level"][rows] = modes["sticking"], modes["level"]
+        m["mode_lags"][rows] = modes["sticking"] | a.followed
 
-
-def _ordered(automaton: Automaton) -> list[Guard]:
-    """Guards in the order of the flat table: by mode, then as given."""
-    return [g for k in range(len(automaton.modes)) for g in automaton.guards if g.mode == k]
+    def _write_guards(self, g: dict[str, Any], rows: slice, e: int, B: Array, C: Array, D: Array) -> None:
+        a = self.automata[e]
+        z, w, h = a.n_inputs, a.n_outputs, a.n_memory
+        guards = {name: column[a.by_mode] for name, column in a.guard_columns.items()}
+        # A sticking mode is entered only where the loop pulls the input back against the jump.
+        target, modes, (z0, w0) = guards["target"], a.mode_columns, self.first[e, :2]
+        enters = ~modes["sticking"][target] | admitted(modes["jump"][target], int(z0), int(w0), B, C, D)
+        g["guard_element"][rows] = e
+        g["guard_target"][rows] = np.where(enters, target, guards["bypass"])
+        g["guard_bypass"][rows] = guards["bypass"]
+        g["guard_z"][rows, :z], g["guard_rate"][rows, :z] = guards["on_input"], guards["on_rate"]
+        g["guard_h"][rows, :h], g["guard_w"][rows, :w] = guards["on_memory"], guards["on_output"]
+        g["guard_0"][rows] = guards["constant"]
+        g["reset_z"][rows, :h, :z] = guards["memory_from_input"]
+        g["reset_h"][rows, :h, :h] = guards["memory_from_memory"]
+        g["reset_0"][rows, :h] = guards["memory_constant"]

@@ -37,7 +37,10 @@ class StateSpace:
         for (name, shape), given in zip(shapes.items(), (A, B, C, D), strict=True):
             if given.shape != shape:
                 found = f"StateSpace: {name} has shape {given.shape}"
-                raise ModelError(found, expected="n by n, n by m, p by n, p by m", field=name)
+                wanted = (
+                    f"n by n, n by m, p by n, p by m: {name} {' by '.join(map(str, shape))}" if n >= 0 else "n by n"
+                )
+                raise ModelError(found, expected=wanted, field=name)
             object.__setattr__(self, name, given)
         step = self.time_step
         if step is not None and not (is_number(step) and step > 0):
@@ -45,11 +48,11 @@ class StateSpace:
 
 
 def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
-    """State space of a transfer function, a python-control system or a (numerator, denominator) pair.
+    """State space of a transfer function, a system of python-control or scipy, or a (numerator, denominator) pair.
 
     Parameters
     ----------
-    plant : StateSpace, control.LTI or (array_like, array_like)
+    plant : StateSpace, control.LTI, scipy.signal.lti, scipy.signal.dlti or (array_like, array_like)
         Single input, single output.
     time_step : float, optional
         Sample time of a (numerator, denominator) pair in discrete time [s].
@@ -65,12 +68,15 @@ def as_state_space(plant: Any, time_step: float | None = None) -> StateSpace:
         return plant
     if isinstance(plant, tuple) and len(plant) == 2:
         return transfer_function(plant[0], plant[1], time_step)
+    if type(plant).__module__.startswith("scipy.") and (hasattr(plant, "gain") or hasattr(plant, "num")):
+        ratio = plant.to_tf()  # of zeros, poles and a gain, too
+        return transfer_function(_only_row(ratio.num), ratio.den, sample_time(ratio))
     if hasattr(plant, "num") and hasattr(plant, "den"):
         if plant.ninputs != 1 or plant.noutputs != 1:
             raise ModelError("The linear part has several inputs or outputs", expected="one of each")
-        return transfer_function(plant.num[0][0], plant.den[0][0], _time_step(plant))
+        return transfer_function(plant.num[0][0], plant.den[0][0], sample_time(plant))
     if hasattr(plant, "A") and hasattr(plant, "D"):
-        found = StateSpace(plant.A, plant.B, plant.C, plant.D, _time_step(plant))
+        found = StateSpace(plant.A, plant.B, plant.C, plant.D, sample_time(plant))
         if found.D.shape != (1, 1):
             raise ModelError("The linear part has several inputs or outputs", expected="one of each")
         return found
@@ -97,6 +103,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
         raise ModelError(
             f"A transfer function is improper: its numerator has degree {num.size - 1}, its denominator {den.size - 1}",
             expected="at most the same degree",
+            field="num",
         )
     n = den.size - 1
     num = np.concatenate([np.zeros(n + 1 - num.size), num]) / den[0]
@@ -116,7 +123,15 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     return StateSpace(w0 * A, w0 * B, b.reshape(1, n), D, time_step)
 
 
-def _time_step(plant: Any) -> float | None:
+def _only_row(numerator: Array) -> Array:
+    """Coefficients of a numerator of scipy, which has a row for each output where there are several."""
+    if np.ndim(numerator) > 1 and len(numerator) != 1:
+        raise ModelError("The linear part has several inputs or outputs", expected="one of each")
+    return np.asarray(numerator, float).ravel()
+
+
+def sample_time(plant: Any) -> float | None:
+    """Sample time of a system of python-control or scipy [s]; None in continuous time."""
     dt = getattr(plant, "dt", None)
     # True means "discrete, no time given"; note that 1.0 == True.
     return None if dt is None or dt == 0 else float(dt)
@@ -191,6 +206,33 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
     return apart, Q, k
 
 
+def coordinates_with_integrators_apart(A: Array, *, discrete: bool) -> tuple[Array, Array, Array] | None:
+    """A state matrix in coordinates in which its integrators show as rows of zeros (of the unit matrix where discrete).
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+    discrete : bool
+        An integrator has its pole at one then.
+
+    Returns
+    -------
+    (A', T, inverse) or None : array, shape (n, n), each
+        ``A' = inverse A T``; None where they show already.
+    """
+    n = len(A)
+    unit = np.eye(n) if discrete else np.zeros((n, n))
+    if not n:
+        return None
+    even, size = balanced(A - unit)
+    # In discrete time the entries of A are near one, so that their rounding does not shrink with the sample time.
+    rounding = max(ROUNDING * float(np.linalg.norm(even)), 4 * n * np.finfo(float).eps) if discrete else None
+    apart, Q, k = integrators_apart(even, rounding)
+    if n - k <= int(np.sum(np.linalg.eigvals(A - unit) == 0)):
+        return None
+    return apart + unit, size[:, None] * Q, Q.T / size
+
+
 @np.errstate(over="ignore", invalid="ignore")  # of numbers beyond all range nothing is found
 def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
     """Finite zeros of ``C (s - A)^-1 B + D`` from one input to one output, whatever the coordinates of the state.
@@ -262,3 +304,13 @@ def fastest_poles(A: Array) -> Array:
     for i in np.flatnonzero((fastest > 0) & (fastest < shown)):
         fastest[i] = np.abs(poles(A[i])).max()
     return np.asarray(fastest)
+
+
+def solved(resolvent: ComplexArray, right: NDArray[Any]) -> NDArray[Any]:
+    """``(s - A)^-1`` times a matrix, for many s; for one that is a pole to the last bit, a rounding beside it."""
+    try:
+        return np.linalg.solve(resolvent, right)
+    except np.linalg.LinAlgError:
+        size = np.abs(resolvent).max(axis=(-2, -1), keepdims=True)
+        beside = 1j * np.finfo(float).eps * np.where(size > 0, size, 1.0)
+        return np.linalg.solve(resolvent + beside * np.eye(resolvent.shape[-1]), right)

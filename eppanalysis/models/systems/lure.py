@@ -17,11 +17,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.arguments import checked, floats
+from eppanalysis.arguments import checked
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.systems.linear import StateSpace, as_state_space, balanced, integrators_apart
-from eppanalysis.models.systems.own_states import own_count, ports, stacked
+from eppanalysis.models.elements.dynamic.sampled import on_common_ticks
+from eppanalysis.models.elements.foreign import as_element, is_element
+from eppanalysis.models.systems.cuts import Cuts, element_cuts, require_places
+from eppanalysis.models.systems.interchange.ports import connections, linear_part
+from eppanalysis.models.systems.linear import StateSpace, as_state_space, coordinates_with_integrators_apart
+from eppanalysis.models.systems.own_states import own_count, passes_outputs, ports, stacked, started
+from eppanalysis.models.systems.responses import Responses
 from eppanalysis.models.systems.ring import Ring
 from eppanalysis.models.systems.signals import (
     SignalMap,
@@ -36,12 +41,13 @@ from eppanalysis.models.systems.signals import (
 
 if TYPE_CHECKING:
     import control
+    from scipy import signal
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class LureSystem:
+class LureSystem(Responses):
     """A linear state space closed by nonlinear elements.
 
     Parameters
@@ -76,7 +82,14 @@ class LureSystem:
     time_step : float or None
         Sample time [s] of a discrete-time system.
     principal : int
-        Element at which margins and pictures cut the loop.
+        Element at which pictures cut the loop, and margins where nothing else is said.
+    cuts : Cuts or None
+        Places at which the loop can be cut besides the inputs and outputs of its elements.
+    margins_at : tuple of str
+        Names of the places at which margins cut the loop; empty for the principal element.
+    given : LureSystem or None
+        The loop as it was given, where elements in it are described together with their own states: here the states are
+        appended, and what is inside such an element stands in its place.
     """
 
     A: Array
@@ -99,6 +112,9 @@ class LureSystem:
     state_names: tuple[str, ...] = ()
     name: str = "loop"
     principal: int = 0
+    cuts: Cuts | None = None
+    margins_at: tuple[str, ...] = ()
+    given: LureSystem | None = None
 
     @classmethod
     @checked
@@ -107,7 +123,7 @@ class LureSystem:
         A: ArrayLike,
         B: ArrayLike,
         C: ArrayLike,
-        elements: Sequence[Nonlinearity],
+        elements: Sequence[Nonlinearity | control.DescribingFunctionNonlinearity],
         *,
         D: ArrayLike | None = None,
         B_input: ArrayLike | None = None,
@@ -124,19 +140,24 @@ class LureSystem:
         time_step: float | None = None,
         state_names: Sequence[str] | None = None,
         principal: int = 0,
+        cuts: Cuts | None = None,
+        margins_at: Sequence[str] = (),
         name: str = "loop",
     ) -> LureSystem:
         """Make a system from what is not zero; everything else is filled in and all shapes are checked.
 
         Where an element brings linear states of its own, what is given has the places of the signals before and behind
-        it; its states are appended to those given.
+        it; its states are appended to those given. The memory of one that is described together with them is where they
+        start.
 
         Raises
         ------
         ModelError
             If shapes or lengths do not fit, a number is not finite, two elements have one name, a dead time or the
-            sample time is negative, or an element with states of its own has a dead time or stands in discrete time.
+            sample time is negative, a place for margins is not known, or an element with states of its own has a dead
+            time or stands in discrete time.
         """
+        elements = on_common_ticks([as_element(e) for e in elements])
         A = np.atleast_2d(np.asarray(A, float))
         if A.size and (A.ndim != 2 or A.shape[0] != A.shape[1]):
             raise ModelError(f"{name}: A has shape {A.shape}", expected="a square matrix", field="A")
@@ -179,15 +200,19 @@ class LureSystem:
             state_names=state_names_of(name, state_names, n),
             name=name,
             principal=principal,
+            cuts=None if cuts is None else cuts.require(name, n, nz, nw),
+            margins_at=tuple(margins_at),
         )
-        return with_own_states(made) if any(e.own_states is not None for e in elements) else made
+        made = with_own_states(made) if any(e.own_states is not None for e in elements) else made
+        require_places(name, made.margins_at, made.places)
+        return made
 
     @classmethod
     @checked
     def from_tf(
         cls,
-        plant: control.TransferFunction | control.StateSpace | StateSpace | tuple[ArrayLike, ArrayLike],
-        element: Nonlinearity,
+        plant: control.LTI | signal.lti | signal.dlti | StateSpace | tuple[ArrayLike, ArrayLike],
+        element: Nonlinearity | control.DescribingFunctionNonlinearity,
         *,
         delay: float = 0.0,
         feedback: int = -1,
@@ -199,10 +224,10 @@ class LureSystem:
 
         Parameters
         ----------
-        plant : control.TransferFunction, control.StateSpace, StateSpace or (numerator, denominator)
+        plant : StateSpace, (numerator, denominator), or a system of python-control or scipy.signal
             Linear part G, single input and output, proper; a discrete-time system makes a discrete-time loop.
         element : Nonlinearity
-            With one input and one output.
+            With one input and one output; python-control's elements are taken, too.
         delay : float, optional
             Dead time of G [s].
         feedback : {-1, 1}
@@ -224,7 +249,12 @@ class LureSystem:
         (2, 2)
         """
         return cls.from_blocks(
-            [element, as_state_space(plant)], delay=delay, feedback=feedback, x0=x0, memory=[memory], name=name
+            [as_element(element), as_state_space(plant)],
+            delay=delay,
+            feedback=feedback,
+            x0=x0,
+            memory=[memory],
+            name=name,
         )
 
     @classmethod
@@ -245,7 +275,8 @@ class LureSystem:
         Parameters
         ----------
         blocks : sequence
-            Nonlinearity, or anything that :func:`as_state_space` takes, in the direction of the signal.
+            Elements (python-control's, too), and anything that :func:`as_state_space` takes, in the direction of the
+            signal.
         delay : float, optional
             Dead time [s]; the loop is linear up to the elements' place, so it is put behind the first element.
 
@@ -255,9 +286,10 @@ class LureSystem:
             If no block is an element, sample times differ, or `feedback` is neither -1 nor 1.
         """
         require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")
+        blocks = [as_element(b) if is_element(b) else b for b in blocks]
         elements = [b for b in blocks if isinstance(b, Nonlinearity)]
         if not elements:
-            raise ModelError(f"{name}: a loop needs at least one nonlinear element.")
+            raise ModelError(f"{name}: a loop needs at least one nonlinear element.", field="elements")
         for e in elements:
             if ports(e) != (1, 1):
                 raise ModelError(
@@ -306,6 +338,7 @@ class LureSystem:
             constant_state=inverse @ self.constant_state,
             x0=inverse @ self.x0,
             signals=replace(self.signals, C=self.signals.C @ T),
+            cuts=None if self.cuts is None else self.cuts.in_coordinates(T, inverse),
         )
 
     @cached_property
@@ -315,16 +348,11 @@ class LureSystem:
         In other coordinates (rotated, balanced, identified) rounding makes slow poles of integrators. Where they show
         as the loop is given, it stays as it is. In discrete time an integrator has its pole at one.
         """
-        n = self.A.shape[0]
-        unit = np.eye(n) if self.time_step else np.zeros((n, n))
-        if not n:
-            return self, unit
-        even, size = balanced(self.A - unit)
-        apart, Q, k = integrators_apart(even)
-        if n - k <= int(np.sum(np.linalg.eigvals(self.A - unit) == 0)):
-            return self, np.eye(n)
-        T, inverse = size[:, None] * Q, Q.T / size
-        return replace(self.in_coordinates(T, inverse), A=apart + unit), T
+        found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step))
+        if found is None:
+            return self, np.eye(self.A.shape[0])
+        A, T, inverse = found
+        return replace(self.in_coordinates(T, inverse), A=A), T
 
     @cached_property
     def input_slices(self) -> tuple[slice, ...]:
@@ -336,68 +364,26 @@ class LureSystem:
         """Where each element's outputs stand in ``w``."""
         return slices([e.n_outputs for e in self.elements])
 
-    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Response from the elements' outputs to their inputs, shape (..., nz, nw), dead time included.
-
-        Parameters
-        ----------
-        omega : array_like
-            Angular frequency [rad/s]. At a pole, where the response has no value, it is that of the frequency next to
-            it, and huge.
-        """
-        return self._response(floats(omega, "frequency_response: omega"), self.C, self.D)
-
-    def signal_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
-        return self._response(omega, self.signals.C, self.signals.D)
-
-    def state_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Response from the elements' outputs to the state, shape (..., n, nw)."""
-        n, nw = self.B.shape
-        return self._response(omega, np.eye(n), np.zeros((n, nw)))
-
-    def frequency_response_and_slope(self, omega: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """:meth:`frequency_response` and its derivative by `omega`, both of shape (..., nz, nw).
-
-        The derivative of the resolvent is its square: a second solution with the first as its right side.
-        """
-        omega, s, resolvent = self._resolvent(omega)
-        ds = 1j * self.time_step * s if self.time_step else 1j
-        x = _solved(resolvent, self.B + 0j)
-        dx = _solved(resolvent, -np.asarray(ds)[..., None, None] * x)
-        if np.any(self.delays):
-            late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-            x, dx = x * late, (dx - 1j * self.delays * x) * late
-        return np.asarray(self.C @ x + self.D, complex), np.asarray(self.C @ dx, complex)
-
-    def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
-        omega, _, resolvent = self._resolvent(omega)
-        x = _solved(resolvent, self.B + 0j)
-        if np.any(self.delays):
-            x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-        return np.asarray(C @ x + D, complex)
-
-    def _resolvent(self, omega: ArrayLike) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
-        """Frequencies, their points s (z in discrete time) and the matrices ``s - A`` there."""
-        omega = np.asarray(omega, float)
-        s = np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega, complex)
-        return omega, s, np.asarray(s[..., None, None] * np.eye(self.A.shape[0]) - self.A, complex)
+    @cached_property
+    def places(self) -> Cuts:
+        """Every place at which the loop can be cut: those given, then the inputs and outputs of the elements."""
+        sizes = [(e.n_inputs, e.n_outputs) for e in self.elements]
+        of_elements = element_cuts(self.element_names, sizes, self.B, self.C, self.D, self.delays)
+        return of_elements if self.cuts is None else self.cuts.beside(of_elements)
 
     def to_control(self) -> control.StateSpace:
-        """The linear part from ``w`` to ``z`` as a python-control system (without dead time)."""
-        import control
+        """The linear part as a python-control system with named signals, of which `from_control` makes the loop again.
 
-        return control.ss(self.A, self.B, self.C, self.D, *([self.time_step] if self.time_step else []))
+        Its inputs are the outputs of the elements, then the external inputs; its outputs are the named signals but for
+        these, then those inputs of the elements that have no name. Dead time, constant terms and starts are no part of
+        it. Points in names, which python-control does not take, are underscores.
+        """
+        return linear_part(self)
 
-
-def _solved(resolvent: NDArray[np.complex128], right: NDArray[Any]) -> NDArray[Any]:
-    """``(s - A)^-1`` times a matrix, for many s; for one that is a pole to the last bit, a rounding beside it."""
-    try:
-        return np.linalg.solve(resolvent, right)
-    except np.linalg.LinAlgError:
-        size = np.abs(resolvent).max(axis=(-2, -1), keepdims=True)
-        beside = 1j * np.finfo(float).eps * np.where(size > 0, size, 1.0)
-        return np.linalg.solve(resolvent + beside * np.eye(resolvent.shape[-1]), right)
+    @property
+    def connections(self) -> dict[tuple[str, ...], Nonlinearity]:
+        """Each element by what it takes and drives in :meth:`to_control`, as `from_control` takes them."""
+        return connections(self)
 
 
 def with_own_states(system: LureSystem) -> LureSystem:
@@ -416,7 +402,8 @@ def with_own_states(system: LureSystem) -> LureSystem:
     labels = system.element_names
     first = slices([ports(e)[1] for e in system.elements])
     for element, label, place in zip(system.elements, labels, first, strict=True):
-        if element.own_states is not None and (system.time_step or np.any(system.delays[place])):
+        late = np.any(system.delays[place]) and not passes_outputs(element)
+        if element.own_states is not None and (system.time_step or late):
             what = "discrete time" if system.time_step else "a dead time behind it"
             raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
     own = stacked(system.elements)
@@ -443,16 +430,22 @@ def with_own_states(system: LureSystem) -> LureSystem:
     y, z = of(own["C_y"], own["D_yw"], own["D_yx"]), of(own["C_z"], own["D_zw"], own["D_zx"])
     p = row(system.A, zero((n, k + nw)), system.B_input, system.constant_state[:, None]) + system.B @ y
     rate = np.vstack([p, of(own["A"], own["B_w"], own["B_x"])])
+    rate[n:, -1] += own["rate"][:, 0]
     s = system.signals
     seen = row(s.C, zero((len(s.C), k + nw)), s.D_input, s.constant[:, None]) + s.D @ y
+    cuts = system.cuts and system.cuts.with_own_states(own, system.B, closed, y[:, : ends[3]])
     states, outputs, inputs, one = slice(0, ends[2]), slice(ends[2], ends[3]), slice(ends[3], ends[4]), ends[4]
     delays = [
-        system.delays[place] if e.own_states is None else zero(e.n_outputs)
+        system.delays[place] if passes_outputs(e) else zero(e.n_outputs)
         for e, place in zip(system.elements, first, strict=True)
     ]
     names = (f"{label}_{i}" for e, label in zip(system.elements, labels, strict=True) for i in range(own_count(e)))
-    return replace(
+    x0, memory = started(system.elements, system.memory)
+    made = replace(
         system,
+        elements=tuple(e.inside or e for e in system.elements),
+        memory=memory,
+        given=system if any(e.inside is not None for e in system.elements) else None,
         A=rate[:, states],
         B=rate[:, outputs],
         B_input=rate[:, inputs],
@@ -462,7 +455,31 @@ def with_own_states(system: LureSystem) -> LureSystem:
         D_input=z[:, inputs],
         constant_input=z[:, one],
         signals=SignalMap(s.names, seen[:, states], seen[:, outputs], seen[:, inputs], seen[:, one], s.units),
-        x0=np.concatenate([system.x0, *(e.own_states.start for e in system.elements if e.own_states is not None)]),
+        x0=np.concatenate([system.x0, x0]),
         delays=np.concatenate(delays),
         state_names=(*system.state_names, *names),
+        cuts=cuts,
+    )
+    return _on_one_clock(made, n)
+
+
+def _on_one_clock(system: LureSystem, n: int) -> LureSystem:
+    """The loop with one state for all clocks among those behind the first n."""
+    moved = np.any(np.hstack([system.A, system.B, system.B_input]), axis=1)
+    clocks = n + np.flatnonzero((~moved & (system.constant_state == 1.0) & (system.x0 == 0.0))[n:])
+    if len(clocks) < 2:
+        return system
+    keep = np.setdiff1d(np.arange(len(system.A)), clocks[1:])
+    T = np.eye(len(system.A))[:, keep]
+    T[clocks, np.flatnonzero(keep == clocks[0])] = 1.0
+    rows = {name: getattr(system, name)[keep] for name in ("B", "B_input", "constant_state", "x0")}
+    cuts = system.cuts
+    return replace(
+        system,
+        **rows,
+        A=(system.A @ T)[keep],
+        C=system.C @ T,
+        signals=replace(system.signals, C=system.signals.C @ T),
+        state_names=tuple(system.state_names[i] for i in keep),
+        cuts=cuts and replace(cuts, B=cuts.B[keep], C=cuts.C @ T),
     )

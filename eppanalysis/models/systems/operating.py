@@ -107,9 +107,10 @@ class OperatingPoint:
                 raise ModelError(f"{system.name}: there is no input {name!r}", expected=f"one of: {known}")
             value[system.input_names.index(name)] = number
         if self.moving:
+            sine = " What a loop does under a sine, forced_response says (on the command line: response)."
             raise EppError(
                 f"{system.name}: {self}, so there is no operating point for a limit cycle; expected inputs that stand "
-                "still at the end of the run, or values at which they are held."
+                f"still at the end of the run, or values at which they are held.{sine * ('is a sine' in str(self))}"
             )
         return value
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
 
@@ -24,9 +26,20 @@ def own_count(element: Nonlinearity) -> int:
     return 0 if element.own_states is None else len(element.own_states.A)
 
 
+def passes_outputs(element: Nonlinearity) -> bool:
+    """Whether the loop's signals behind an element are the outputs of its automaton."""
+    own = element.own_states
+    if own is None:
+        return True
+    behind = np.hstack([own.C, own.D])[element.n_inputs :]
+    outputs = np.eye(element.n_outputs, own.n_before + len(own.A) + element.n_outputs, len(own.A) + own.n_before)
+    return behind.shape == outputs.shape and bool(np.all(behind == outputs))
+
+
 def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
     """Own states of all elements as one system; what has none passes x to z and w to y."""
     parts: dict[str, list[Array]] = {}
+    rates: list[Array] = []
     for e in elements:
         before, behind = ports(e)
         own = e.own_states
@@ -39,6 +52,7 @@ def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
         )
         if own is not None:
             A, B, C, D = own.A, own.B, own.C, own.D
+        rate = np.zeros((k, 1)) if own is None or own.rate is None else own.rate[:, None]
         shapes = {"B": (k, before + e.n_outputs), "C": (z + behind, k), "D": (z + behind, before + e.n_outputs)}
         for name, given in zip("BCD", (B, C, D), strict=True):
             if given.shape != shapes[name]:
@@ -50,10 +64,33 @@ def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
         }  # fmt: skip
         for name, block in blocks.items():
             parts.setdefault(name, []).append(block)
-    return {name: _diagonal(blocks) for name, blocks in parts.items()}
+        rates.append(rate)
+    return {name: diagonal(blocks) for name, blocks in parts.items()} | {"rate": np.vstack(rates)}
 
 
-def _diagonal(blocks: Sequence[Array]) -> Array:
+def started(elements: Sequence[Nonlinearity], memory: Sequence[Any]) -> tuple[Array, tuple[Any, ...]]:
+    """Own states of all elements at the start, and what is left for their automata to remember.
+
+    Raises
+    ------
+    ModelError
+        If what an element is to remember, as whose states, is not one finite number for each.
+    """
+    starts, rest = [np.zeros(0)], []
+    for e, value in zip(elements, memory, strict=True):
+        own = e.own_states
+        if own is not None and own.start is not None:
+            here = own.start
+            if e.inside is not None and value is not None:
+                here, value = floats(value, f"{type(e).__name__}: memory", ndmin=1), None
+                if here.shape != own.start.shape or not np.all(np.isfinite(here)):
+                    raise ModelError(f"{type(e).__name__}: memory", here.tolist(), f"{own.start.size} finite numbers")
+            starts.append(here)
+        rest.append(value)
+    return np.concatenate(starts), tuple(rest)
+
+
+def diagonal(blocks: Sequence[Array]) -> Array:
     """Blocks of any shape, empty ones too, along the diagonal of a matrix of zeros."""
     out = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
     i = j = 0

@@ -102,6 +102,8 @@ def element_signals(
             rows_d.append(np.eye(nw)[j])
             rows_v.append(np.zeros(nv))
             constants.append(0.0)
-    return SignalMap(
-        tuple(names), np.array(rows_c), np.array(rows_d), np.array(rows_v), np.array(constants), ("",) * len(names)
+    C, D, D_input = (
+        np.array(rows, float).reshape(len(names), width)
+        for rows, width in ((rows_c, C.shape[1]), (rows_d, nw), (rows_v, nv))
     )
+    return SignalMap(tuple(names), C, D, D_input, np.array(constants), ("",) * len(names))

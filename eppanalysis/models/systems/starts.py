@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def starting_values(hybrid: Hybrid, state: Array, memory: Sequence[Any]) -> tupl
             mode, stored = hybrid.elements[e].start(automaton, value)
         if automaton.modes[mode].sticking:
             mode = _beside_level(hybrid, e, mode, now)
-        elif automaton.follows(mode) and _turned_back(model, e, value, now, H):
+        elif automaton.followed[mode] and _turned_back(model, e, value, now, H):
             mode = automaton.start_mode
         modes[e] = mode
         H[model.first[e, 2] : model.first[e + 1, 2]] = stored
@@ -93,7 +94,7 @@ def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
     start, row = automaton.modes[mode], model.first[e, 0]
     z = float(model.C[row] @ x + model.Kz[row, -1])
     size = float(np.abs(model.C[row]) @ np.abs(x) + abs(model.Kz[row, -1]))
-    holds = admitted(start.jump, row, model.first[e, 1], model.B, model.C, model.D)
+    holds = admitted(np.array(start.jump), row, model.first[e, 1], model.B, model.C, model.D)
     if holds and abs(z - start.level) <= 1e-12 * size:
         return mode
     for guard in automaton.guards:
@@ -102,11 +103,11 @@ def _beside_level(hybrid: Hybrid, e: int, mode: int, x: Array) -> int:
     return mode
 
 
-def admitted(jump: float, z: int, w: int, B: Array, C: Array, D: Array) -> bool:
-    """Whether the loop pulls an element's input (row z) back against the jump of its output (w)."""
+def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> NDArray[np.bool_]:
+    """Whether the loop pulls an element's input (row z) back against jumps of its output (w)."""
     pull = float(C[z] @ B[:, w])
     size = float(np.abs(C[z]) @ np.abs(B[:, w]))
-    return pull * jump < 0 and abs(pull) > 1e-12 * size and not np.any(D[z])
+    return (pull * jump < 0) & bool(abs(pull) > 1e-12 * size and not np.any(D[z]))
 
 
 def _turned_back(model: Model, e: int, memory: Any, x: Array, H: Array) -> bool:
@@ -155,4 +156,4 @@ def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> 
 
 
 def _smooth(kind: str, scale: float, a: float) -> float:
-    return float(scale * {"sine": np.sin(a), "cube": a**3, "reciprocal_abs": 1.0 / (1.0 + abs(a))}[kind])
+    return float(scale * SMOOTH_FUNCTIONS[kind](a))

@@ -8,7 +8,9 @@ from typing import Any, Protocol, TypeVar
 from eppanalysis.errors import EppError
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import refuse_samples
 
 
 class CaseLike(Protocol):
@@ -55,19 +57,28 @@ def facts_of(case: CaseLike) -> Mapping[str, Any]:
     return {"case": case.name} if own is None else own()
 
 
+#: Analyses that know what to do with sampled controllers.
+_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles")
+#: Analyses that need no states, so that a measured frequency response is enough.
+_KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
 PointLike = OperatingPoint | Mapping[str, float]
 C = TypeVar("C", bound=CaseLike)
 
 
-def system_of(loop: LureSystem | CaseLike, analysis: str) -> LureSystem:
+def system_of(loop: LureSystem | CaseLike | MeasuredLoop, analysis: str) -> LureSystem:
     """The system that an analysis was handed, as itself or as a case.
 
     Raises
     ------
     EppError
-        If it is neither.
+        If it is neither, or has no states and the analysis needs them.
     """
+    if isinstance(loop, MeasuredLoop) and analysis not in _KNOW_DATA:
+        raise EppError(
+            f"{analysis}: {loop.name} is a measured frequency response, which has no states; expected a loop that has "
+            "them, such as rational_model() makes of the data."
+        )
     if isinstance(loop, LureSystem):
         return loop
     if not hasattr(loop, "to_system"):
@@ -75,18 +86,23 @@ def system_of(loop: LureSystem | CaseLike, analysis: str) -> LureSystem:
     return loop.to_system()
 
 
-def standing(loop: LureSystem | CaseLike, given: PointLike | None, analysis: str) -> tuple[LureSystem, OperatingPoint]:
+def standing(
+    loop: LureSystem | CaseLike | MeasuredLoop, given: PointLike | None, analysis: str
+) -> tuple[LureSystem, OperatingPoint]:
     """The system and the operating point of an analysis: as given, else that of the case or the loop.
 
     Raises
     ------
     EppError
-        If it is neither a case nor a loop, or an input does not stand still.
+        If it is neither a case nor a loop, an input does not stand still, or the analysis does not cover sampled
+        controllers and there are some.
     ModelError
         If there is no input of that name.
     """
     system = system_of(loop, analysis)
-    point = OperatingPoint.of(system) if isinstance(loop, LureSystem) else loop.operating_point
+    if analysis not in _KNOW_SAMPLES:
+        refuse_samples(system.elements, analysis)
+    point = OperatingPoint.of(system) if isinstance(loop, LureSystem | MeasuredLoop) else loop.operating_point
     if given is not None:
         point = given if isinstance(given, OperatingPoint) else point.with_inputs(given)
     inputs = point.vector(system).tolist()
@@ -99,7 +115,7 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
     Raises
     ------
     EppError
-        If it is none.
+        If it is none, or has sampled controllers, which no analysis over parameters covers.
     """
     if isinstance(case, LureSystem) or not hasattr(case, "to_system"):
         kind = type(case).__name__
@@ -107,4 +123,5 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
         raise EppError(
             f"{analysis}: the first argument is a {kind}; expected a Case, as case() and read_case() give{hint}."
         )
+    refuse_samples(case.to_system().elements, analysis)
     return case

@@ -184,7 +184,7 @@ def test_what_sticks_is_thrown_off_when_its_surface_jumps(jump: float) -> None:
 
 @pytest.mark.parametrize("model", ["unilateral", "classical"])
 def test_lock_pin_is_thrown_across_its_gap(model: str) -> None:
-    pin = LockPin(0.2, 10.0, 0.5, model)  # type: ignore[arg-type]
+    pin = LockPin(0.2, 10.0, 0.5, model)
     system = static([pin], np.zeros((2, 1)), [[1.0], [0.0]], [None])
     path = np.array([0.3, -0.4, 0.05, -0.15, 0.5])
     run = epp.simulate(system, Steps(np.arange(5), path), 5.0, np.arange(5) + 0.5)

@@ -83,6 +83,14 @@ def test_single_rows(kernels: dict[str, Callable[..., Any]], seed: int, length: 
     assert kernels["any_above"](a, 2.0, np.abs(b)) == bool(np.any(2.0 * np.abs(a) > np.abs(b)))
 
 
+@pytest.mark.parametrize("place", [0, 7, 11])
+def test_what_is_no_number_counts_as_above(kernels: dict[str, Callable[..., Any]], place: int) -> None:
+    row, limits = np.zeros(16), np.ones(16)
+    assert not kernels["any_above"](row, 2.0, limits)
+    row[place] = np.nan
+    assert kernels["any_above"](row, 2.0, limits)
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     ends=st.tuples(st.floats(-1.0, 0.2), st.floats(-20.0, 20.0), st.floats(-1.0, 0.2), st.floats(-20.0, 20.0)),

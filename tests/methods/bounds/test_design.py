@@ -245,8 +245,8 @@ def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> N
     orbit = epp.find_limit_cycles(wheelchair.to_system()).stable[0]
     test = verify(question, 1.0, 1.0, orbit, margin=0.01, n_starts=200, seed=1)
     assert not test.verified and "of " in test.message
-    moving = int(re.search(r"(\d+) of (\d+) runs did not come to rest", test.message)[1])  # type: ignore[index]
-    left = int(re.search(r"(\d+) slow runs were not looked at", test.message)[1])  # type: ignore[index]
+    moving = int(re.search(r"(\d+) of (\d+) runs did not come to rest", test.message)[1])
+    left = int(re.search(r"(\d+) slow runs were not looked at", test.message)[1])
     assert moving == 50 and test.n_settled + moving + left == 200
 
 
@@ -272,7 +272,7 @@ def test_first_order_is_not_believed_that_cycles_are_everywhere(case: epp.Case) 
 def test_bad_questions_are_refused(case: epp.Case, change: dict[str, object], words: str) -> None:
     asked: dict[str, object] = {"over": "bands.range", "limit": "lock_pin.backlash", **change}
     with pytest.raises(epp.EppError, match=words):
-        design_bounds(case, **asked)  # type: ignore[arg-type]
+        design_bounds(case, **asked)
 
 
 def test_quantile_interval_covers_as_often_as_it_says() -> None:

@@ -227,7 +227,7 @@ def test_stable_cycles_that_exist_and_are_not_predicted_are_missed(start: float,
     # Witness: a longer run of the engine is on that cycle.
     longer = epp.simulate(case.with_values({"loop.initial_state": [0.1, 0, 0]}).to_system(), t_end=300.0).limit_cycle
     assert longer is not None and longer.period == pytest.approx(result.search[0].period, rel=1e-6)
-    figure = result.plot()
+    figure = result.plot().figure
     drawn = {text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()}
     assert "stable cycle that first order misses" in drawn
     assert "First order misses" in (figure.get_suptitle() or "").replace("\n", " ")

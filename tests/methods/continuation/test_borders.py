@@ -14,7 +14,7 @@ import eppanalysis as epp
 from eppanalysis.methods.bounds.elasticity import exact_elasticities
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.continuation.borders import across
-from eppanalysis.methods.continuation.branch import SpecialPoint
+from eppanalysis.methods.continuation.result import SpecialPoint
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 
 LIMIT, FRICTION = "lock_pin.backlash", 0.0526

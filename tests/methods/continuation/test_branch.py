@@ -240,7 +240,7 @@ def test_a_branch_that_ends_on_the_way_is_joined_by_those_of_other_cycles() -> N
     assert other.points["value"].min() == 1.0 and other.points["value"].max() == 2.0 and not branch.missing
     at_two = epp.find_limit_cycles(case.with_values({"loop.gain": 2.0}).to_system())
     assert min(abs(c.period / other.points["period"][np.argmax(other.points["value"])] - 1.0) for c in at_two) < 1e-9
-    legend = [text.get_text() for text in branch.plot("play_input").axes[0].get_legend().get_texts()]
+    legend = [text.get_text() for text in branch.plot(signal="play_input").get_legend().get_texts()]
     assert legend == ["stable", "unstable"]
     assert branch.to_dict()["others"][0]["message"] == other.message
 
@@ -251,7 +251,7 @@ def test_what_a_branch_does_not_cover_is_said_in_result_and_picture() -> None:
     (gap,) = alone.missing
     assert gap.low == alone.points["value"].max() and gap.high == 2.0
     assert gap.why == "the branch stops at the number of points asked for" and "a part of the range" in alone.message
-    figure = alone.plot("play_input")
+    figure = alone.plot(signal="play_input").figure
     assert f"no orbit: {gap.why}" in [
         text.get_text().replace("\n", " ") for text in figure.axes[0].get_legend().get_texts()
     ]

@@ -82,5 +82,5 @@ def test_the_picture_at_a_predicted_cycle_meets_in_it(name):
         found = epp.frozen_nyquist(system, cycle, inputs)
         response = np.interp(cycle.omega, found.omega, found.response)
         assert abs(response - found.point) < 1e-9 * abs(found.point)
-    axes = found.plot().axes[0]
+    axes = found.plot()
     assert axes.get_xlabel() == "real part" and found.element in axes.get_title().replace(" ", "_")

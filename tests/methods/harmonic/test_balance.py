@@ -173,6 +173,8 @@ def test_derivatives_equal_central_differences(name):
 @pytest.mark.parametrize("name", epp.shipped_cases())
 def test_order_one_is_the_describing_function(name):
     system = epp.case(name).to_system()
+    if any(e.of_frequency for e in system.elements):
+        pytest.skip("of a limited rate first order takes the input for a sine, a balance the error inside")
     if name == "two_mass_damped_shaft":
         pytest.skip("has no describing function")
     for guess in epp.predict_limit_cycles(system):

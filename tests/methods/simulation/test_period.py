@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.methods.simulation import simulate as simulation
 from eppanalysis.methods.simulation.period import N_HARMONICS, analyse_period
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.results import Status
 
 
 def shape_of(function, marks, delays=(), time_scale=10.0):
@@ -83,3 +90,33 @@ def test_extremum_just_beyond_the_end_of_a_piece(shift):
     """The parabola's top lies beside an event, on either side: exact wherever it is."""
     found = shape_of(lambda t: -((t - 0.5 - shift) ** 2), [0.0, 0.5, 1.0])
     assert found.peak_to_peak["y"] == pytest.approx((0.5 + abs(shift)) ** 2, rel=1e-13)
+
+
+@pytest.mark.parametrize(("marks", "share"), [([1.0, 1.0, 1.0], 1.0), ([0.0, 0.3, 1.0], 0.7), ([0.0, 1.0], 0.0)])
+def test_a_period_without_length_or_without_its_end_is_refused(marks, share):
+    """Switches at one instant, and a run that ends too soon when it is made once more."""
+
+    def sample(times):
+        return np.sin(times[: int(share * times.size)])[:, None]
+
+    with pytest.raises(EppError, match=r"no length|once more"):
+        analyse_period(np.array(marks), np.zeros(0), 1.0, ["y"], sample)
+
+
+@pytest.mark.parametrize("events", [0, 7, 60])
+def test_a_run_whose_period_cannot_be_computed_again_is_on_no_cycle(events, monkeypatch):
+    """The run is as it was; of its period nothing is said."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    whole = epp.simulate(loop, t_end=100.0)
+
+    def cut(hybrid, t_end, times, base, most, keep, *steps):
+        return run_hybrid(hybrid, t_end, times, base, most if keep > 1 else events, keep, *steps)
+
+    monkeypatch.setattr(simulation, "run_hybrid", cut)
+    run = epp.simulate(replace(loop, x0=np.array([1.0, 0.0, 0.0])), {}, t_end=100.0)
+    again = epp.simulate(loop, t_end=100.0)
+    assert whole.status is Status.LIMIT_CYCLE
+    for each in (run, again):
+        # Few events are enough for one period behind its own first event.
+        assert (each.limit_cycle is None) == (each.status is Status.UNDECIDED) == (events == 0)
+    assert again.events == whole.events

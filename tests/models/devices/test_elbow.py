@@ -280,4 +280,4 @@ def test_quantiser_has_the_steps_of_the_converter() -> None:
 )
 def test_refusals(make: object, message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        make()  # type: ignore[operator]
+        make()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.describing.predict import linear_margins
 from eppanalysis.models.elements import ELEMENTS, ParkingBandLaw
 
 BANDS = epp.FiveBandLaw(5.0, 10.0, 11.0, 16.0, 16.0, 2.0)
@@ -34,6 +33,16 @@ SHIPPED: dict[str, Any] = {
     "bands": BANDS,
     "cube": epp.Cube(-0.7),
     "sine": epp.Sine(1.5),
+    "bilinear spring": epp.BilinearSpring(-0.4, 0.9, 3.0, 0.5, 0.2),
+    "floor quantiser": epp.FloorQuantiser(0.25, 6),
+    "mid-rise quantiser": epp.MidRiseQuantiser(0.25, 6),
+    "viscous and coulomb": epp.ViscousCoulomb(1.0, 0.4),
+    "stribeck": epp.StribeckFriction(1.0, 1.5, 0.6, 0.2),
+    "drag": epp.Drag(4.0),
+    "polynomial": epp.Polynomial([0.0, 1.0, -0.3, 0.2, 0.0, 0.05]),
+    "tanh": epp.Tanh(1.2, 2.0),
+    "arctan": epp.Arctan(1.2, 2.0),
+    "table": epp.LookupTable([-2.0, -1.0, 0.5, 0.5, 1.5], [-1.0, -2.0, 0.5, 1.0, 1.5], "hold"),
     "friction": epp.Friction(1.0),
     "falling friction": epp.Friction(0.0, 1.5, 2.0),
     "piecewise": epp.PiecewiseLinear([-1.0, 0.5], [0.2, -1.0, 2.0], [0.0, -1.2, -2.7]),
@@ -107,7 +116,9 @@ def ring(element: epp.Nonlinearity) -> epp.LureSystem:
     return epp.LureSystem.from_tf(RING, element, x0=[0.3, 0.5, 2.0], name="ring")
 
 
-@pytest.mark.parametrize("name", ["play", "hysteresis relay", "relay", "falling friction", "cube", "saturation"])
+@pytest.mark.parametrize(
+    "name", ["play", "hysteresis relay", "relay", "falling friction", "cube", "saturation", "drag"]
+)
 def test_an_element_rebuilt_from_its_automaton_runs_to_the_same_bits(name: str) -> None:
     shipped = SHIPPED[name]
     times = np.linspace(0.0, 15.0, 301)
@@ -157,8 +168,7 @@ def hook() -> epp.AutomatonElement:
 def test_an_element_of_ones_own_is_predicted_found_and_simulated() -> None:
     loop = epp.LureSystem.from_tf(([5.5], [1.0, 3.0, 2.0, 0.0]), hook(), x0=[0.0, 0.0, 30.0])
     assert loop.elements[0].slope_bounds() == (0.0, np.inf)
-    margins = linear_margins(loop)
-    assert margins["slope_of_automatonelement"] == np.inf and margins["gain_margin"] == 0.0
+    assert np.isnan(epp.margins(loop).gain_margin) and "through automatonelement" in epp.margins(loop).message
     predicted = list(epp.predict_limit_cycles(loop))
     assert predicted
     for cycle in predicted:
@@ -192,25 +202,30 @@ def test_an_element_that_the_package_does_not_know_gets_margins() -> None:
             return build.build()
 
     plant = ([1.0], [1.0, 3.0, 2.0, 0.0])
-    margins = linear_margins(epp.LureSystem.from_tf(plant, Bend()))
+    margins = epp.margins(epp.LureSystem.from_tf(plant, Bend()))
     assert Bend().slope_bounds() == (1.0, 2.0)
-    assert margins["gain_margin"] == pytest.approx(6.0 / 2.0, rel=1e-6)
-    assert margins == linear_margins(epp.LureSystem.from_tf(plant, epp.PiecewiseLinear([0.0], [1.0, 2.0], [0.0, 0.0])))
+    assert margins.gain_margin == pytest.approx(6.0 / 2.0, rel=1e-9)
+    other = epp.margins(epp.LureSystem.from_tf(plant, epp.PiecewiseLinear([0.0], [1.0, 2.0], [0.0, 0.0])))
+    assert margins.numbers() == other.numbers()
 
 
 @pytest.mark.parametrize(
-    ("element", "slope"),
+    ("element", "said"),
     [
-        (epp.HysteresisRelay(-0.1, 0.1), np.inf),
-        (epp.HysteresisRelayDeadZone(0.5, 0.2), np.inf),
-        (epp.Cube(1.0), np.inf),
+        (epp.HysteresisRelay(-0.1, 0.1), "none (its output jumps, or its slope has no bound)."),
+        (epp.HysteresisRelayDeadZone(0.5, 0.2), "none (its output jumps, or its slope has no bound)."),
+        (epp.Preload(0.2, 1.0), "none (its output jumps, or its slope has no bound)."),
+        (epp.Cube(1.0), "none (its output jumps, or its slope has no bound)."),
+        (epp.Quantiser(0.1, 20), "1 (the mean slope of its steps)."),
+        (epp.Coulomb(0.4), "0 (left out: its force does not grow with the speed)."),
+        (epp.Play(0.4), "1 (the slope at which it follows)."),
     ],
 )
-def test_margins_say_where_an_element_has_no_slope(element: epp.Nonlinearity, slope: float) -> None:
-    third = linear_margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), element))
-    assert third == {"gain_margin": 0.0, f"slope_of_{type(element).__name__.lower()}": slope}
-    first = linear_margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0]), element))
-    assert first["gain_margin"] == np.inf
+def test_margins_say_which_gain_stands_for_an_element(element: epp.Nonlinearity, said: str) -> None:
+    found = epp.margins(epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), element))
+    assert found.rule == (f"{type(element).__name__.lower()}: {said}",)
+    assert (found.gain_margin == pytest.approx(6.0)) == said.startswith("1")
+    assert found.status.ok == said.startswith("1")
 
 
 # Linear states of an element's own -----------------------------------------------------------------------------------

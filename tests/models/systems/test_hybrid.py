@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.hybrid import HybridSystem
-from eppanalysis.models.systems.inputs import Ramp, Sine, Step
+from eppanalysis.models.systems.inputs import Ramp, Sine, Step, Steps
 
 
 def elbow() -> epp.LureSystem:
@@ -89,7 +90,7 @@ def test_a_loop_without_switches_gets_an_observer():
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.5, 1.0]), epp.Sine(scale=0.2))
     hybrid = HybridSystem.from_lure(loop)
     assert hybrid.element_names[-1] == "observer"
-    assert hybrid.guard_names == ("maximum", "minimum")
+    assert [hybrid.guard_name(g) for g in range(2)] == ["maximum", "minimum"]
     # And its turns are no events of the user's.
     assert epp.simulate(loop, t_end=5.0).events == ()
 
@@ -112,3 +113,86 @@ def test_what_has_no_hybrid_form_is_refused():
     )
     with pytest.raises(ModelError, match="a smooth element needs an input from the linear part"):
         HybridSystem.from_lure(smooth)
+
+
+# A quantiser of many levels ------------------------------------------------------------------------------------------
+def servo(levels: int, scale: float = 1.0, step: float = 0.05) -> epp.LureSystem:
+    """A loop that hunts over a few levels of its quantised sensor."""
+    return epp.LureSystem.from_tf(
+        ([5.6], [1, 3, 2, 0]), epp.Quantiser(step, levels), x0=np.array([1.0, 1.0, 1.0]) * scale
+    )
+
+
+def test_levels_that_are_not_reached_change_no_bit():
+    few, many = (epp.simulate(servo(levels, 0.2), t_end=200.0) for levels in (40, 2048))
+    for name, values in few.signals.items():
+        np.testing.assert_array_equal(values, many.signals[name])
+    assert len(few.events) > 50 and [e.time for e in few.events] == [e.time for e in many.events]
+    assert few.status is many.status and few.limit_cycle is not None and many.limit_cycle is not None
+    assert few.limit_cycle.period == many.limit_cycle.period
+    np.testing.assert_array_equal(few.limit_cycle.state, many.limit_cycle.state)
+
+
+@pytest.mark.parametrize("n0", [3, 40, 900])
+@pytest.mark.parametrize(("a", "k", "step"), [(1.0, 0.7, 0.05), (0.2, 3.0, 1e-3), (5.0, 0.1, 0.3)])
+def test_levels_are_passed_when_the_closed_form_says(a: float, k: float, step: float, n0: int):
+    """x' = -a x - k q(x) falls through each level by an exponential of its own."""
+    x0 = step * (n0 + 0.3)
+    loop = epp.LureSystem.build([[-a]], [[-k]], [[1.0]], [epp.Quantiser(step, 2048)], x0=[x0])
+    t, x, expected = 0.0, x0, []
+    for n in range(n0, 0, -1):
+        rest, edge = k * step * n / a, step * (n - 0.5)
+        t += np.log1p((x - edge) / (edge + rest)) / a
+        x = edge
+        expected.append(t)
+    run = epp.simulate(loop, t_end=1.5 * t, t_eval=[0.0, 1.5 * t])
+    passed = [e.time for e in run.events if e.name.startswith("falls") and e.time > 0.0]
+    np.testing.assert_allclose(passed, expected, rtol=1e-11)
+    assert run.signals["quantiser_output"].tolist() == [step * n0, 0.0]
+
+
+@given(
+    step=st.floats(1e-3, 2.0), places=st.lists(st.integers(-2600, 2600), min_size=1, max_size=4),
+    beside=st.floats(-0.49, 0.49),
+)  # fmt: skip
+@settings(max_examples=25, deadline=None)
+def test_a_jump_goes_over_any_number_of_levels_at_once(step: float, places: list[int], beside: float):
+    """Beside rounding, done here: the output is the level of the input, and each level passed is one switch."""
+    loop = epp.LureSystem.build(
+        [[-1.0]], [[1.0]], [[0.0]], [epp.Quantiser(step, 2048)], D_input=[[1.0]], input_names=["v"]
+    )
+    times = np.arange(1.0, len(places) + 1.0)
+    values = step * (np.array(places) + beside)
+    run = epp.simulate(loop, Steps(times, values), t_end=times[-1] + 1.0, t_eval=times + 0.5)
+    levels = np.clip(places, -2048, 2048)
+    np.testing.assert_array_equal(run.signals["quantiser_output"], step * levels.astype(float))
+    assert run.n_events == np.abs(np.diff(levels, prepend=0)).sum()
+    assert {e.time for e in run.events} <= set(times.tolist())
+
+
+def test_a_jump_back_comes_to_the_same_bits():
+    loop = epp.LureSystem.build(
+        [[-1.0]], [[1.0]], [[0.0]], [epp.Quantiser(0.1, 2048)], D_input=[[1.0]], input_names=["v"]
+    )
+    steps = Steps(np.arange(1.0, 5.0), np.array([204.0, 0.0, -204.0, 0.0]))
+    run = epp.simulate(loop, steps, t_end=5.0, t_eval=np.arange(0.5, 5.0))
+    assert run.signals["quantiser_output"].tolist() == [0.0, 0.1 * 2040.0, 0.0, -0.1 * 2040.0, 0.0]
+    assert run.n_events == 4 * 2040
+
+
+def test_a_cycle_begins_again_on_a_high_level():
+    """About a bias of 1500 levels: the cycle's state and memory bring it back, with its period."""
+    bias, step = 1500.0, 0.01
+    loop = epp.LureSystem.from_tf(([5.6], [1, 3, 2, 0]), epp.Quantiser(step, 2048), x0=np.array([1.0, 1.0, 1.0]) * step)
+    shifted = replace(loop, constant_input=np.array([bias * step]), constant_state=-loop.B[:, 0] * bias * step)
+    plain = epp.simulate(loop, t_end=60.0).limit_cycle
+    found = epp.simulate(shifted, t_end=60.0).limit_cycle
+    assert plain is not None and found is not None
+    assert found.period == pytest.approx(plain.period, rel=1e-9)
+    again = epp.simulate(replace(shifted, x0=found.state, memory=found.memory), t_end=2.05 * found.period)
+    times = [e.time for e in again.events if 1e-7 < e.time < found.period * (1 - 1e-7)]
+    expected = [e.time for e in found.events if 1e-7 < e.time < found.period * (1 - 1e-7)]
+    np.testing.assert_allclose(times, expected, rtol=0, atol=1e-8 * found.period)
+    orbit = epp.exact_orbit(shifted, found)
+    assert orbit.status.ok and orbit.period == pytest.approx(found.period, rel=1e-6)
+    assert orbit.multipliers is not None and np.all(np.abs(orbit.multipliers) < 1.0)

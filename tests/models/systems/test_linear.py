@@ -5,7 +5,9 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
+from scipy import signal
 
+import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.linear import StateSpace, as_state_space, fastest_poles, poles, zeros
 from tests.coordinates import orthogonal
@@ -51,6 +53,29 @@ def test_discrete_systems_keep_their_sample_time():
     z = np.exp(1j * np.array([0.1, 1.0, 3.0]))
     np.testing.assert_allclose(response(block, z), 0.5 / (z - 0.8), rtol=1e-13)
     assert as_state_space(([1.0], [1.0, 0.5]), 1.0).time_step == 1.0
+
+
+@pytest.mark.parametrize("step", [None, 0.2])
+def test_systems_of_scipy_keep_their_response(step):
+    """Ratio, zeros and poles, and state space, as scipy evaluates them."""
+    poles, zeros = ([-0.5, -2.0], [-3.0]) if step is None else ([0.5, 0.9], [-0.4])
+    options = {} if step is None else {"dt": step}
+    ratio = signal.ZerosPolesGain(zeros, poles, 2.0, **options)
+    points = 1j * OMEGA if step is None else np.exp(0.2j * np.array([0.1, 1.0, 3.0]))
+    wanted = 2.0 * (points - zeros[0]) / ((points - poles[0]) * (points - poles[1]))
+    for plant in (ratio, ratio.to_tf(), ratio.to_ss()):
+        block = as_state_space(plant)
+        assert block.time_step == step
+        np.testing.assert_allclose(response(block, points), wanted, rtol=1e-11)
+        loop = epp.LureSystem.from_tf(plant, epp.Relay())
+        assert loop.time_step == step and len(loop.A) == 2
+
+
+def test_systems_of_scipy_with_several_outputs_are_refused():
+    both = signal.StateSpace([[-1.0, 0.0], [0.0, -2.0]], [[1.0], [1.0]], np.eye(2), [[0.0], [0.0]])
+    for plant in (both, signal.TransferFunction([[1.0, 2.0], [1.0, 3.0]], [1.0, 3.0, 2.0])):
+        with pytest.raises(ModelError, match="several inputs or outputs; expected one of each"):
+            as_state_space(plant)
 
 
 def test_time_scaling_does_not_change_the_balance_of_the_matrices():

@@ -64,6 +64,13 @@ def test_two_elements_of_a_kind_have_names_of_their_own():
     assert len(set(loop.signals.names)) == 4
 
 
+def test_response_at_any_complex_frequency_and_at_a_pole():
+    """``exp(-0.5 s)/(s - 1)``, and a pole that is met to the last bit is huge and no error."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, -1.0]), epp.Relay(), delay=0.5, feedback=1)
+    assert loop.response_at(2.0 + 1.0j)[0, 0] == pytest.approx(np.exp(-1.0 - 0.5j) / (1.0 + 1.0j), rel=1e-14)
+    assert abs(loop.response_at(1.0)[0, 0]) > 1e12
+
+
 def test_responses_of_states_and_signals():
     loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
     states = loop.state_response(OMEGA)[:, :, 0]

@@ -1,0 +1,253 @@
+"""Diagrams of a case file: named parameters, blocks, elements and connections, and the loop that they close."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from eppanalysis.cases.blocks import Block as ElementTable, field_types, make_element, read_block
+from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.inputs import motions_of
+from eppanalysis.cases.kind import Kind, Parts
+from eppanalysis.cases.values.dimensions import check_fields
+from eppanalysis.cases.values.expressions import is_expression
+from eppanalysis.cases.values.parameters import Named, read, resolve
+from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
+from eppanalysis.errors import CaseError, ModelError, did_you_mean
+from eppanalysis.models.devices.declared import Declared, Form, declared_fields
+from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
+from eppanalysis.models.elements import ELEMENTS, Nonlinearity
+
+#: Fields of a table that say what it is, not how large something is.
+_WORDS = ("kind", "element", "name")
+
+
+class DiagramKind(Kind):
+    """Cases of diagrams."""
+
+    name = "diagram"
+    input_unit = ""
+
+    def parts(self, file: Any, raw: RawCase) -> Parts:
+        """Named parameters and the fields that are given as quantities, the input, and the loop."""
+        reader = _Reader.of(file.parameters, raw)
+        blocks = {name: reader.block(name, table) for name, table in file.blocks.items()}
+        elements, memory = reader.elements(file.elements)
+        levels = {name: reader.level(name, value) for name, value in file.inputs.items()}
+        _require_different_names(file, raw)
+        diagram = _diagram(file, {**blocks, **elements}, memory, levels, raw)
+        try:
+            system = diagram.to_system()
+            _require_driving(diagram, raw)
+        except ModelError as error:
+            raise _refused(error, raw) from None
+        parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
+        units = {name: level.unit for name, level in levels.items()}
+        return Parts(parameters, motions_of(file.run, system.input_names, units, raw), system)
+
+    def fields(self, parameters: Iterable[str]) -> list[str]:
+        """The given ones."""
+        return list(parameters)
+
+    def takes(self, name: str, data: Mapping[str, Any]) -> bool:
+        """Any part, as a whole table, and any field of one: reading it tells whether the part has it."""
+        first = name.partition(".")[0]
+        return any(first in (data.get(place) or {}) for place in ("blocks", "elements"))
+
+    def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
+        """Parameters stand in a table of their own, fields in those of their parts, parts in those of their sort."""
+        first, *rest = name.split(".")
+        if not rest and name in (data.get("parameters") or {}):
+            return ["parameters", name]
+        place = next((p for p in ("blocks", "elements") if first in (data.get(p) or {})), None)
+        return [first, *rest] if place is None else [place, first, *rest]
+
+
+def _diagram(
+    file: Any,
+    parts: Mapping[str, Block | Nonlinearity],
+    memory: Mapping[str, Any],
+    levels: Mapping[str, Parameter],
+    raw: RawCase,
+) -> Diagram:
+    """The diagram of a file whose parts are made."""
+    units = {name: signal.unit for name, signal in file.signals.items()}
+    units |= {name: level.unit for name, level in levels.items() if level.unit}
+    try:
+        return Diagram(
+            parts=parts,
+            connect=file.connect,
+            inputs={name: float(level.value) for name, level in levels.items()},
+            signals={name: signal.of for name, signal in file.signals.items()},
+            units=units,
+            memory=memory,
+            margins_at=raw.data.get("margins_at", ()),
+            name=raw.name,
+        )
+    except ModelError as error:
+        raise _refused(error, raw) from None
+
+
+def _refused(error: ModelError, raw: RawCase) -> CaseError:
+    """What a diagram refuses as that of the file: of the field that it names, else of the connections."""
+    field = error.field or "connect"
+    if isinstance(raw.typed(field), Mapping) and field.startswith("signals."):
+        field = f"{field}.of"
+    found = error.found.removeprefix(f"{raw.name}: ")
+    if not error.expected:
+        return raw.refused(field, f"a diagram that makes a loop ({found})")
+    return raw.refused(field, error.wanted() if error.has_value else f"{error.wanted()} ({found})")
+
+
+def _require_driving(diagram: Diagram, raw: RawCase) -> None:
+    """An external input of a file that nothing is connected to is one that was forgotten."""
+    for name in diagram.idle_inputs:
+        field = f"inputs.{name}"
+        expected = f"a connection such as '{name} -> ...', as the external input {name} drives nothing"
+        raise CaseError(raw.origin(field), field, raw.typed_or(field, name), expected)
+
+
+def _require_different_names(file: Any, raw: RawCase) -> None:
+    """Blocks, elements and external inputs are called by their names in connections, so no two have the same."""
+    places: dict[str, str] = {}
+    for section in ("blocks", "elements", "inputs"):
+        for name in getattr(file, section):
+            if name in places:
+                field = f"{section}.{name}"
+                expected = f"a name of its own: {places[name]}.{name} has it already"
+                raise CaseError(raw.origin(field), field, name, expected)
+            places[name] = section
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads values of a file, be they quantities or expressions of its parameters.
+
+    Attributes
+    ----------
+    named : dict of str to Named
+        The named parameters.
+    raw : RawCase
+    given : dict of str to Parameter
+        Fields of parts that are quantities, filled while they are read.
+    """
+
+    named: Mapping[str, Named]
+    raw: RawCase
+    given: dict[str, Parameter]
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any], raw: RawCase) -> _Reader:
+        """With the named parameters of a file."""
+        return cls(resolve(parameters, "parameters", raw), raw, {})
+
+    def level(self, name: str, value: Any) -> Parameter:
+        """Where an external input is before the start."""
+        return self._number(value, f"inputs.{name}")
+
+    def block(self, name: str, table: Mapping[str, Any]) -> Block:
+        """A linear block."""
+        place = f"blocks.{name}"
+        kind = table.get("kind")
+        if not isinstance(kind, str) or kind not in BLOCKS:
+            expected = f"a known kind of block: {did_you_mean(str(kind)[:60], BLOCKS)}"
+            raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
+        made = BLOCKS[kind]
+        fields = declared_fields(made)
+        values: dict[str, Any] = {}
+        for key, value in table.items():
+            if key == "kind":
+                continue
+            if key not in fields:
+                expected = f"a field of {kind}: {did_you_mean(key, fields)}"
+                raise CaseError(self.raw.origin(f"{place}.{key}"), f"{place}.{key}", value, expected)
+            values[key] = self._field(name, key, value, fields[key])
+        for field in dataclasses.fields(made):
+            if field.default is dataclasses.MISSING and field.name not in values:
+                raise self.raw.refused(f"{place}.{field.name}", f"a value: {kind} needs it")
+        try:
+            block = made(**values)
+            block.state_space()
+            return block
+        except ModelError as error:
+            raise self.raw.refused_by_model(error, place) from None
+
+    def elements(self, tables: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Nonlinearity], dict[str, Any]]:
+        """The elements by their names, and what they remember at the start."""
+        elements, memory = {}, {}
+        for name, table in tables.items():
+            place = f"elements.{name}"
+            if "element" not in table:
+                raise self.raw.refused(f"{place}.element", f"a known element: one of {', '.join(ELEMENTS)}")
+            block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
+            check_fields(block, place, self.raw)
+            try:
+                elements[name] = make_element(block, place, self.raw)
+            except CaseError as error:
+                raise self._with_value(error, block) from None
+            if block.memory is not None:
+                memory[name] = block.memory
+            self._keep(name, table, block)
+        return elements, memory
+
+    def _with_value(self, error: CaseError, block: ElementTable) -> CaseError:
+        """The same refusal with what an expression comes to."""
+        found = block.parameters.get(error.field.rpartition(".")[2])
+        if found is None or not is_expression(error.value):
+            return error
+        return CaseError(error.source, error.field, error.value, f"{error.expected}: {error.value} is {found}")
+
+    def _keep(self, name: str, table: Mapping[str, Any], block: ElementTable) -> None:
+        """Remember the fields of an element that are quantities."""
+        for key, parameter in block.parameters.items():
+            if not is_expression(table.get(key)):
+                self.given[f"{name}.{key}"] = parameter
+
+    def _evaluated(self, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        """The table of an element with its expressions replaced by what they come to."""
+        kind = table.get("element")
+        types = field_types(ELEMENTS[kind]) if kind in ELEMENTS else {}
+        words = {*_WORDS, *(field for field, held in types.items() if held == "text")}
+        place = f"elements.{name}"
+        return {k: v if k in words else self._put_in(v, f"{place}.{k}") for k, v in table.items()}
+
+    def _put_in(self, value: Any, field: str) -> Any:
+        if isinstance(value, list):
+            return [self._put_in(v, f"{field}.{i}") for i, v in enumerate(value)]
+        return self._number(value, field) if is_expression(value) else value
+
+    def _field(self, part: str, key: str, value: Any, declared: Declared) -> Any:
+        """A field of a block."""
+        field = f"blocks.{part}.{key}"
+        if declared.form is Form.CHOICE:
+            return value
+        if declared.form is Form.NAMES:
+            if not isinstance(value, list) or not all(isinstance(v, str) and v.isidentifier() for v in value):
+                raise self.raw.refused(field, "a list of plain names")
+            return tuple(value)
+        if declared.form in (Form.NUMBERS, Form.MATRIX, Form.ROOTS):
+            return self._numbers(value, field, declared.form.value)
+        found = self._number(value, field, declared)
+        if not is_expression(value):
+            self.given[f"{part}.{key}"] = found
+        return float(found.value)
+
+    def _numbers(self, value: Any, field: str, expected: str) -> Any:
+        """Lists of numbers, of any depth."""
+        if not isinstance(value, list):
+            raise self.raw.refused(field, expected)
+        return tuple(
+            self._numbers(v, f"{field}.{i}", expected)
+            if isinstance(v, list)
+            else float(self._number(v, f"{field}.{i}").value)
+            for i, v in enumerate(value)
+        )
+
+    def _number(self, value: Any, field: str, declared: Declared | None = None) -> Parameter:
+        """A quantity or an expression, of the unit and in the range that are declared."""
+        kind: Quantity | AnyQuantity = AnyQuantity()
+        if declared is not None and declared.unit:
+            kind = Quantity(declared.unit, declared.friendly, *declared.limits)
+        return read(value, field, self.raw, self.named, kind).parameter

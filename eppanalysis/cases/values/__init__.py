@@ -1,0 +1,1 @@
+"""Values of a case file: quantities, named parameters, and expressions of them."""

@@ -1,0 +1,197 @@
+"""Measured frequency responses in CSV files: columns by name, units in the header; to SI at this border.
+
+A file is data: reading it runs no code. The first line names the columns, each with its unit in brackets where it has
+one; below are numbers, one frequency a row.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import checked
+from eppanalysis.cases.files import shipped_cases_folder
+from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.systems.measured.response import MeasuredResponse
+from eppanalysis.units import QuantityError, parse_any, parse_quantity
+
+Array = NDArray[np.float64]
+
+_LARGEST_FILE, _MOST_ROWS = 50_000_000, 100_000
+_HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
+_WANTED = "a header such as 'frequency [Hz],magnitude [dB],phase [deg]'"
+_PAIRS = (("magnitude", "phase"), ("real", "imaginary"))
+_COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "deviation")
+
+
+@checked
+def read_response(path: str | Path, static_gain: float | None = None, unstable_poles: int = 0) -> MeasuredResponse:
+    """Measured frequency response of a CSV file.
+
+    Columns are "frequency" [Hz, rad/s or any unit of either]; "magnitude" ([dB], or a unit of output over input) and
+    "phase" [deg, rad], or "real" and "imaginary"; and, where it is known, "deviation" ([%], or a plain share of the
+    magnitude): the standard deviation of real and imaginary part. Rows stand in any order; a row at frequency zero is
+    the static gain. Separators are commas, semicolons or tabs.
+
+    Parameters
+    ----------
+    path : str or Path
+        A plain name that is no file here is one of those that ship.
+    static_gain : float, optional
+        Response at frequency zero [SI], where the file has none; infinite for a part that integrates.
+    unstable_poles : int
+        How many poles of the part lie right of the imaginary axis.
+
+    Returns
+    -------
+    MeasuredResponse
+        In SI units, with the name of the file.
+
+    Raises
+    ------
+    CaseError
+        If it cannot be read, a column or a unit is missing or twice there, or a cell is no number.
+    ModelError
+        If the points make no response (see :class:`MeasuredResponse`).
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> response = epp.read_response("frequency_response.csv")
+    >>> response
+    MeasuredResponse('frequency_response.csv', 301 points, 0.1257 to 125.7 rad/s, deviation 0.01)
+    """
+    path = _found(Path(path))
+    source = str(path)
+    header, rows = _rows(path, source)
+    columns = {name: (i, unit) for i, cell in enumerate(header) for name, unit in [_split(cell, source)]}
+    if len(columns) < len(header):
+        raise CaseError(source, "line 1", ", ".join(header), "each column once")
+    value = _values(columns, rows, source)
+    omega = rows[:, columns["frequency"][0]] * _frequency_unit(columns["frequency"][1], source)
+    deviation = rows[:, columns["deviation"][0]] * _share(columns, source) if "deviation" in columns else None
+    order = np.argsort(omega, kind="stable")
+    omega, value = omega[order], value[order]
+    deviation = None if deviation is None else deviation[order]
+    at_rest = omega == 0.0
+    if np.any(at_rest) and static_gain is None:
+        static_gain = float(value[at_rest][0].real)
+    try:
+        kept = None if deviation is None else deviation[~at_rest]
+        return MeasuredResponse(omega[~at_rest], value[~at_rest], kept, static_gain, unstable_poles, path.name)
+    except ModelError as error:
+        raise ModelError(
+            f"{source}: {error.what.removeprefix('MeasuredResponse: ')}", expected=error.expected
+        ) from None
+
+
+def _found(path: Path) -> Path:
+    """The file, or the shipped one of that name."""
+    shipped = shipped_cases_folder() / "measured" / path.name
+    return shipped if path.name == str(path) and not path.exists() and shipped.is_file() else path
+
+
+def _rows(path: Path, source: str) -> tuple[list[str], Array]:
+    """Header and numbers of a file."""
+    try:
+        size = path.stat().st_size
+        text = path.read_text(encoding="utf-8-sig") if size <= _LARGEST_FILE else ""
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "no text in UTF-8"
+        raise CaseError(source, "", why, "a CSV file that can be read") from None
+    if not text.strip():
+        found = "empty" if size <= _LARGEST_FILE else f"{size} bytes long"
+        raise CaseError(source, "", found, f"a table of at most {_LARGEST_FILE // 10**6} MB with {_WANTED}")
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    separator = max(",;\t", key=lines[0][1].count)
+    try:
+        cells = [
+            (i, row) for (i, _), row in zip(lines, csv.reader([t for _, t in lines], delimiter=separator), strict=True)
+        ]
+    except (csv.Error, ValueError) as error:
+        raise CaseError(source, "", str(error), "plain cells, each on one line") from None
+    header = [c.strip() for c in cells[0][1]]
+    for cell in header:
+        _split(cell, source)
+    if len(cells) - 1 > _MOST_ROWS:
+        raise CaseError(source, "", f"{len(cells) - 1} rows", f"{_MOST_ROWS} at most")
+    return header, np.array([_numbers(row, len(header), i, source) for i, row in cells[1:]]).reshape(-1, len(header))
+
+
+def _numbers(row: Sequence[str], count: int, line: int, source: str) -> list[float]:
+    if len(row) != count:
+        raise CaseError(source, f"line {line}", f"{len(row)} cells long", f"{count} cells, as in the header")
+    out = []
+    for cell in row:
+        try:
+            number = float(cell)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise CaseError(source, f"line {line}", cell.strip(), "a finite number")
+        out.append(number)
+    return out
+
+
+def _split(cell: str, source: str) -> tuple[str, str]:
+    """Name and unit of a header's cell."""
+    match = _HEADER.fullmatch(cell)
+    name, unit = (match[1].lower(), (match[2] or "").strip()) if match else (cell, "")
+    if name not in _COLUMNS:
+        raise CaseError(source, "line 1", cell, f"one of {', '.join(_COLUMNS)}, with a unit in brackets: {_WANTED}")
+    return name, unit
+
+
+def _values(columns: dict[str, tuple[int, str]], rows: Array, source: str) -> NDArray[np.complex128]:
+    """Complex response of all rows."""
+    pairs = [pair for pair in _PAIRS if any(name in columns for name in pair)]
+    missing = [name for name in ("frequency", *(pairs[0] if pairs else _PAIRS[0])) if name not in columns]
+    if len(pairs) > 1 or missing:
+        shown = " and ".join(columns)
+        raise CaseError(source, "line 1", shown, "frequency, and either magnitude and phase or real and imaginary")
+    first, second = (rows[:, columns[name][0]] for name in pairs[0])
+    units = [columns[name][1] for name in pairs[0]]
+    if pairs[0][0] == "real":
+        if units[0] != units[1]:
+            raise CaseError(source, "line 1, imaginary", units[1], f"the unit of the real part, {units[0]!r}")
+        return np.asarray((first + 1j * second) * _gain_unit(units[0], "real", source), complex)
+    if not units[1]:
+        raise CaseError(source, "line 1, phase", "without a unit", "phase [deg] or phase [rad]")
+    angle = second * _in_si(units[1], "rad", "phase", source)
+    size = 10.0 ** (first / 20.0) if units[0].lower() == "db" else first * _gain_unit(units[0], "magnitude", source)
+    return np.asarray(size * np.exp(1j * angle), complex)
+
+
+def _gain_unit(unit: str, column: str, source: str) -> float:
+    """Factor to SI of a unit of output over input; none is a plain number."""
+    try:
+        return parse_any(f"1 {unit}")[0] if unit else 1.0
+    except QuantityError as error:
+        raise CaseError(source, f"line 1, {column}", unit, error.expected) from None
+
+
+def _frequency_unit(unit: str, source: str) -> float:
+    """Factor to rad/s: turns a second are counted by Hz."""
+    if not unit:
+        raise CaseError(source, "line 1, frequency", "without a unit", "frequency [Hz] or frequency [rad/s]")
+    try:
+        return 2.0 * math.pi * parse_quantity(f"1 {unit}", "Hz")
+    except QuantityError:
+        return _in_si(unit, "rad/s", "frequency", source)
+
+
+def _share(columns: dict[str, tuple[int, str]], source: str) -> float:
+    return _in_si(columns["deviation"][1], "", "deviation", source)
+
+
+def _in_si(unit: str, wanted: str, column: str, source: str) -> float:
+    try:
+        return parse_quantity(f"1 {unit}", wanted) if unit else 1.0
+    except QuantityError as error:
+        raise CaseError(source, f"line 1, {column}", unit, error.expected) from None

@@ -1,0 +1,91 @@
+"""The command ``eppanalysis certify``: proofs about loops with one element, and the check of their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import NOTHING, Json, Settings, check_output, heading, load_case, print_json, print_table
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.certificates.result import Certificate
+
+#: Exit code of a file that is refused.
+_REFUSED = 1
+
+MaybeCase = Annotated[
+    str | None,
+    typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
+]
+Roots = Annotated[bool, typer.Option("--roots", help="All roots of the first-order balance in a box (the default).")]
+Absence = Annotated[bool, typer.Option("--absence", help="No periodic motion but rest: circle criterion, Popov's.")]
+File = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="FILE", help="Write the certificate (.json), or a picture.", show_default=False
+    ),
+]
+Checked = Annotated[
+    Path | None,
+    typer.Option("--check", metavar="FILE", help="Check a certificate, in a process of its own.", show_default=False),
+]
+
+
+def certify(
+    case: MaybeCase = None,
+    roots: Roots = False,
+    absence: Absence = False,
+    check: Checked = None,
+    settings: Settings = NOTHING,
+    as_json: Json = False,
+    output: File = None,
+) -> None:
+    """Prove what first order predicts, or that a loop has no periodic motion, in a file that a small program checks."""
+    if check is not None:
+        _check(check, [case, roots, absence, settings, as_json, output])
+        return
+    if case is None:
+        raise EppError("certify: there is no case; expected a case, or --check FILE.")
+    if roots and absence:
+        raise EppError("certify: both --roots and --absence are given; expected one of them.")
+    from eppanalysis.methods.certificates.certify import certify as prove
+    from eppanalysis.tables.console import certificate_table
+    from eppanalysis.tables.files import PICTURES
+
+    if output is not None:
+        check_output(output, (".json", *PICTURES))
+    found = load_case(case, settings)
+    result = prove(found, "absence" if absence else "roots")
+    if as_json:
+        print_json("certify", [(found, result.to_dict())], settings)
+    else:
+        heading(f"{found.name}: {found.title}", settings)
+        typer.echo(result.message)
+        if result.roots or result.undecided:
+            print_table(certificate_table(result))
+    if output is not None:
+        _write(result, output)
+
+
+def _write(result: Certificate, output: Path) -> None:
+    from eppanalysis.tables.files import write_figure
+
+    if output.suffix.lower() == ".json":
+        result.write(output)
+    else:
+        write_figure(result.plot(), output)
+
+
+def _check(path: Path, others: list[object]) -> None:
+    """Say whether a file proves what it claims."""
+    from eppanalysis.methods.certificates.certify import check_certificate
+
+    if any(others):
+        raise EppError(f"--check {path}: is given beside a case or other options; expected it alone.")
+    found = check_certificate(path)
+    typer.echo(found.message, err=not found.accepted)
+    if not found.accepted:
+        raise typer.Exit(_REFUSED)

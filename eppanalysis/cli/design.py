@@ -1,0 +1,193 @@
+"""The command ``eppanalysis design``: the best values of parameters without a limit cycle, as a new case file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import (
+    NO_FILES,
+    NOTHING,
+    CaseName,
+    Json,
+    Settings,
+    check_output,
+    heading,
+    load_case,
+    print_json,
+    print_table,
+    progress,
+)
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.methods.design.result import Design
+    from eppanalysis.tables.files import Table
+
+Tuned = Annotated[
+    list[str],
+    typer.Option(
+        "--tune", metavar='"FIELD LOW..HIGH"', help='Parameter that may be chosen, as in "Kp 1..10"; once or twice.'
+    ),
+]
+Name = typer.Option(metavar="FIELD", help="The tuned parameter that is to be as large (as small) as possible.")
+
+
+def design(
+    case: CaseName,
+    tune: Tuned,
+    settings: Settings = NOTHING,
+    maximise: Annotated[str | None, Name] = None,
+    minimise: Annotated[str | None, Name] = None,
+    allow: Annotated[
+        str | None,
+        typer.Option("--allow", metavar="SIZE", help='Stable limit cycle that is allowed, as in "theta 0.3 deg".'),
+    ] = None,
+    front: Annotated[
+        str | None,
+        typer.Option("--front", metavar='"FIELD VALUES"', help='The optimum at each value, as in "play.gap 1,2,3".'),
+    ] = None,
+    verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Confirm every optimum on both sides.")] = True,
+    margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the objective.")] = 0.01,
+    starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 200,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
+    as_json: Json = False,
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Write the design as a case file (.toml), a picture (.png, .svg, .pdf) or a table (.csv); repeatable.",
+            show_default=False,
+        ),
+    ] = NO_FILES,
+) -> None:
+    """Choose one or two parameters so that no limit cycle exists, or none above what is allowed."""
+    from eppanalysis.methods.design.design import design as designed
+    from eppanalysis.tables.files import PICTURES
+
+    for path in output:
+        check_output(path, (".toml", ".csv", *PICTURES))
+    found = load_case(case, settings)
+    with progress(f"design {found.name}") as advance:
+        result = designed(
+            found,
+            dict(tuned(text) for text in tune),
+            maximise=maximise,
+            minimise=minimise,
+            allow=allow,
+            front=None if front is None else dict([values_of(front)]),
+            verify=verify,
+            margin=margin,
+            starts=starts,
+            seed=seed,
+            progress=advance,
+        )
+    if as_json:
+        print_json("design", [(found, result.to_dict())], settings)
+    else:
+        heading(f"{found.name}: {found.title}", settings)
+        _show(found, result)
+    for path in output:
+        _write(found, result, path)
+
+
+def _show(case: Case, result: Design) -> None:
+    from eppanalysis.tables.console import design_table
+
+    print_table(design_table(result))
+    typer.echo(result.sentence)
+    prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
+    if prices:
+        told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
+        typer.echo(f"One per cent more of each moves {result.objective} by: {told}.")
+    if result.values:
+        told = ", ".join(f"{n} {case.text(n, v)}" for n, v in result.values.items())
+        typer.echo(f"Design, {100 * result.margin:g} % inside: {told}.")
+    for value, best in result.front:
+        if best.message and not best.confirmed:
+            typer.echo(f"{result.front_over} {case.text(result.front_over, value)}: {best.message}")
+
+
+def _write(case: Case, result: Design, path: Path) -> None:
+    """The design as the file that the suffix asks for.
+
+    Raises
+    ------
+    EppError
+        If no design is feasible, so that there is no case to write.
+    """
+    from eppanalysis.tables.files import write_result, write_text
+
+    if path.suffix.lower() != ".toml":
+        write_result(result, design_columns, path)
+        return
+    if not result.values:
+        raise EppError(f"{path}: no design is feasible, so there is no case to write.")
+    changed = case.with_values({name: case.text(name, value, 12) for name, value in result.values.items()})
+    write_text(changed.to_toml(), path)
+
+
+def design_columns(result: Design) -> Table:
+    """The optimum and the front, one a row, in SI units."""
+    from eppanalysis.tables.files import Table
+
+    over = result.front_over
+    rows = [
+        {
+            **({over: value} if over else {}),
+            **{name: best.at.get(name, float("nan")) for name in result.tune},
+            "first_order": best.first_order,
+            "active": best.kind if best.feasible else "infeasible",
+            "confirmed": best.confirmed,
+            "message": best.message,
+        }
+        for value, best in [(float("nan"), result.optimum), *result.front]
+    ]
+    return Table.from_rows(rows, {})
+
+
+def tuned(text: str) -> tuple[str, tuple[str, str]]:
+    """Name and range of FIELD LOW..HIGH.
+
+    Raises
+    ------
+    EppError
+        If it is none.
+
+    Examples
+    --------
+    >>> tuned("lock_pin.backlash 0.1 deg..5 deg")
+    ('lock_pin.backlash', ('0.1 deg', '5 deg'))
+    """
+    name, _, rest = text.strip().partition(" ")
+    low, separator, high = rest.partition("..")
+    if not separator or not low.strip() or not high.strip():
+        raise EppError(f'--tune {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
+    return name, (low.strip(), high.strip())
+
+
+def values_of(text: str) -> tuple[str, list[str]]:
+    """Name and values of FIELD VALUE,VALUE,...
+
+    Raises
+    ------
+    EppError
+        If it is none.
+
+    Examples
+    --------
+    >>> values_of("play.gap 1 mm, 2 mm")
+    ('play.gap', ['1 mm', '2 mm'])
+    """
+    name, _, rest = text.strip().partition(" ")
+    values = [value.strip() for value in rest.split(",") if value.strip()]
+    if not values:
+        raise EppError(
+            f'--front {text}: is no field with values; expected "FIELD VALUE,VALUE", as in "play.gap 1,2,3".'
+        )
+    return name, values

@@ -1,0 +1,71 @@
+"""What ``bounds`` and ``guide`` share: the option that writes their table as a manual prints it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eppanalysis.cli.common import check_output
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.guides.guideline import Guide
+    from eppanalysis.methods.bounds.result import DesignBounds
+
+Manual = Annotated[
+    Path | None,
+    typer.Option(
+        "--manual",
+        metavar="FILE",
+        help="Write the table for a manual, five columns in plain words: .md, .tex, .html, .docx or .xlsx.",
+        show_default=False,
+    ),
+]
+Step = Annotated[
+    str | None,
+    typer.Option(
+        "--step",
+        metavar="VALUE",
+        help='Step in which the limit is rounded to the safe side for --manual, as in "0.05 deg".',
+        show_default=False,
+    ),
+]
+
+
+def step_for_manual(case: Case, limit: str, path: Path | None, step: str | None) -> float | None:
+    """The step in the unit of the table, with what cannot be written refused before anything is computed.
+
+    Raises
+    ------
+    EppError
+        If the file cannot be written, the step is no quantity of the limit, or there is a step and no file.
+    """
+    if path is None:
+        if step is not None:
+            raise EppError(f"--step {step}: rounds the table of --manual; expected a file for it.")
+        return None
+    from eppanalysis.tables.manual import MANUALS, check_manual
+
+    check_output(path, MANUALS)
+    check_manual(path)
+    found = None if step is None else case.readable(limit)[1] * case.si(limit, step)
+    if found is not None and not found > 0:
+        raise EppError(f"--step {step}: is no step; expected a positive one.")
+    return found
+
+
+def write_manual(result: Guide | DesignBounds, path: Path | None, step: float | None) -> None:
+    """Write the table for a manual, where one is asked for.
+
+    Raises
+    ------
+    EppError
+        If there is no bound to print, or the step is larger than the smallest one.
+    """
+    if path is not None:
+        from eppanalysis.guides.manual import manual_table
+
+        manual_table(result, step).write(path)

@@ -1,0 +1,115 @@
+"""The command ``eppanalysis response``: what a loop does when a sine drives it, at one frequency or over a range."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from eppanalysis.cli.common import (
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    heading,
+    load_case,
+    print_json,
+    print_table,
+    progress,
+)
+from eppanalysis.errors import EppError
+
+if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+
+_BETWEEN = ".."
+
+
+def response(
+    case: CaseName,
+    amplitude: Annotated[
+        str | None,
+        typer.Option("--amplitude", metavar="VALUE", help='Of the sine, as in 0.5 or "5 mm"; or LOW..HIGH.'),
+    ] = None,
+    frequency: Annotated[
+        str | None,
+        typer.Option("--frequency", metavar="VALUE", help="Of the sine [Hz], as in 0.8; or LOW..HIGH."),
+    ] = None,
+    input: Annotated[
+        str | None, typer.Option("--input", metavar="NAME", help="The input that is driven.", show_default=False)
+    ] = None,
+    signal: Annotated[
+        str | None, typer.Option("--signal", metavar="NAME", help="The output to look at.", show_default=False)
+    ] = None,
+    settings: Settings = NOTHING,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
+    """Say how a loop answers a sine: periodic responses, stable and unstable, and over a range their folds."""
+    from eppanalysis.tables.files import response_table, write_result
+
+    if output is not None:
+        check_output(output)
+    found = load_case(case, settings)
+    name = signal or found.expected.signal
+    with progress(f"response {found.name}"):
+        result = _asked(found, input, name, amplitude, frequency)
+    if as_json:
+        print_json("response", [(found, result.to_dict())], settings)
+    else:
+        _show(found, result, settings)
+    if output is not None:
+        write_result(result, response_table, output)
+
+
+def _asked(found: Case, input: str | None, signal: str | None, amplitude: str | None, frequency: str | None) -> Any:
+    """The analysis that the two options stand for: over a frequency, over an amplitude, or at one sine."""
+    from eppanalysis.methods.driven.forced import forced_response
+    from eppanalysis.methods.driven.frequency import amplitude_response, frequency_response
+
+    sizes = _numbers("--amplitude", amplitude, _unit_of(found, input))
+    rates = _numbers("--frequency", frequency, "Hz")
+    if len(sizes) > 1 and len(rates) > 1:
+        raise EppError(f"--amplitude {amplitude} --frequency {frequency}: are two ranges; expected one at most.")
+    size, rate = sizes[0] if sizes else None, rates[0] if rates else None
+    if len(rates) > 1:
+        return frequency_response(found, input, signal, amplitude=size, frequencies=(rates[0], rates[1]))
+    if len(sizes) > 1:
+        return amplitude_response(found, input, signal, frequency=rate, amplitudes=(sizes[0], sizes[1]))
+    return forced_response(found, input, amplitude=size, frequency=rate)
+
+
+def _unit_of(found: Case, input: str | None) -> str:
+    """SI unit of the input that is driven; of a diagram's it stands with the signal of its name."""
+    system = found.to_system()
+    name = system.input_names[0] if input is None and len(system.input_names) == 1 else input
+    units = dict(zip(system.signals.names, system.signals.units, strict=False))
+    return units.get(name or "", "") or found.input_unit
+
+
+def _numbers(option: str, text: str | None, unit: str) -> list[float]:
+    """No, one or two SI numbers of an option that takes a quantity or a range of them."""
+    from eppanalysis.units import QuantityError, parse_quantity
+
+    if text is None:
+        return []
+    low, between, high = text.partition(_BETWEEN)
+    try:
+        return [parse_quantity(part.strip(), unit) for part in ([low, high] if between else [low])]
+    except QuantityError as error:
+        raise EppError(f"{option} {text}: expected {error.expected}, or two with '{_BETWEEN}' between them.") from None
+
+
+def _show(found: Case, result: Any, settings: list[str]) -> None:
+    from eppanalysis.methods.driven.result import ForcedResponse
+    from eppanalysis.tables.console import forced_table, special_responses_table
+
+    heading(f"{found.name}: {found.title}", settings)
+    typer.echo(str(result))
+    if isinstance(result, ForcedResponse):
+        if len(result):
+            print_table(forced_table(result))
+    elif any(branch.special for branch in result.branches):
+        print_table(special_responses_table(result))

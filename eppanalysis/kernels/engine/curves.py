@@ -1,0 +1,111 @@
+"""Compiled: smooth functions of one argument beyond sine, cube and the falling friction: values, slopes, Taylor series.
+
+Their numbers are those of ``SMOOTH_KINDS`` from 3 on. Series are scaled to the step, as in
+:mod:`eppanalysis.kernels.engine.series`: with the coefficients of the argument in `arg` up to order k, coefficient k of
+the scaled function goes into `Sg`. `aux` holds the squared argument (powers) or the scaled slope (tanh, arctan).
+"""
+
+from __future__ import annotations
+
+import math
+
+from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.engine.tables import HOT
+
+SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN = 3, 4, 5, 6, 7, 8
+
+
+@njit(**HOT)
+def curve(kind, x):
+    """Value and slope of a function."""
+    if kind == SQUARE:
+        return x * x, 2.0 * x
+    if kind == FOURTH:
+        return x * x * x * x, 4.0 * x * x * x
+    if kind == FIFTH:
+        return x * x * x * x * x, 5.0 * x * x * x * x
+    if kind == TANH:
+        e = math.exp(-2.0 * abs(x))
+        return math.tanh(x), 4.0 * e / ((1.0 + e) * (1.0 + e))
+    if kind == ARCTAN:
+        return math.atan(x), 1.0 / (1.0 + x * x)
+    y = math.exp(-x * x)
+    return y, -2.0 * x * y
+
+
+@njit(**HOT)
+def _product(a, b, j, k):
+    """Coefficient k of the product of two series."""
+    total = 0.0
+    for i in range(k + 1):
+        total += a[i, j] * b[k - i, j]
+    return total
+
+
+@njit(**HOT)
+def curve_term(kind, j, k, scale, Sg, arg, aux):
+    """Coefficient k of a scaled function."""
+    if kind <= FIFTH:
+        _power_term(kind, j, k, scale, Sg, arg, aux)
+        return
+    if k == 0:
+        value, slope = curve(kind, arg[0, j])
+        Sg[0, j], aux[0, j] = scale * value, scale * slope
+        return
+    total = 0.0
+    if kind == GAUSSIAN:  # y' = -(x^2)' y
+        for i in range(1, k + 1):
+            total -= i * _product(arg, arg, j, i) * Sg[k - i, j]
+        Sg[k, j] = total / k
+        return
+    for i in range(1, k + 1):  # y' = slope(x) x'
+        total += i * arg[i, j] * aux[k - i, j]
+    Sg[k, j] = total / k
+    if kind == TANH:  # slope = 1 - y^2
+        aux[k, j] = -_product(Sg, Sg, j, k) / scale if scale != 0.0 else 0.0
+        return
+    total = 0.0
+    for i in range(1, k + 1):  # slope (1 + x^2) = 1
+        total -= _product(arg, arg, j, i) * aux[k - i, j]
+    aux[k, j] = total / (1.0 + arg[0, j] * arg[0, j])
+
+
+@njit(**HOT)
+def _power_term(kind, j, k, scale, Sg, arg, aux):
+    aux[k, j] = _product(arg, arg, j, k)
+    if kind == SQUARE:
+        Sg[k, j] = scale * aux[k, j]
+    elif kind == FOURTH:
+        Sg[k, j] = scale * _product(aux, aux, j, k)
+    else:
+        total = 0.0
+        for i in range(k + 1):
+            total += _product(aux, aux, j, i) * arg[k - i, j]
+        Sg[k, j] = scale * total
+
+
+@njit(**HOT)
+def curve_slope_term(kind, j, k, scale, Sg, arg, aux):
+    """Coefficient k of the slope of a scaled function by its argument, behind `curve_term`."""
+    if kind == SQUARE:
+        return 2.0 * scale * arg[k, j]
+    if kind == FOURTH:
+        return 4.0 * scale * _product(aux, arg, j, k)
+    if kind == FIFTH:
+        return 5.0 * scale * _product(aux, aux, j, k)
+    if kind == GAUSSIAN:
+        return -2.0 * _product(arg, Sg, j, k)
+    return aux[k, j]
+
+
+@njit(**HOT)
+def has_fallen(kind, j, k, limit, Sg):
+    """Whether coefficient k is below a share of what the series begins with.
+
+    A function that passes zero begins with nothing there: the largest coefficient counts.
+    """
+    size = abs(Sg[0, j])
+    if SQUARE <= kind <= GAUSSIAN:
+        for i in range(1, k + 1):
+            size = max(size, abs(Sg[i, j]))
+    return abs(Sg[k, j]) <= limit * size

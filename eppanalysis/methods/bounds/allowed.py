@@ -1,0 +1,131 @@
+"""How large a limit cycle may be: a signal of the loop, peak to peak or rms about its mean, with its unit.
+
+Most standards do not forbid a limit cycle, they bound it. What is allowed is said in one line, "theta 0.3 deg" or
+"theta 0.1 deg rms"; sizes of exact orbits are exact (extrema and quadrature on their arcs), those of predictions are
+those of a sinusoid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from eppanalysis.errors import EppError, did_you_mean, shown
+from eppanalysis.methods.continuation.steps import signal_ranges
+from eppanalysis.methods.orbits.cycle import orbit_shape
+from eppanalysis.methods.orbits.orbit import Orbit
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.readable import quantity
+from eppanalysis.results import LimitCycle, PlainData
+from eppanalysis.units import QuantityError, parse_quantity
+
+
+class Measure(StrEnum):
+    """How the size of a cycle is measured."""
+
+    PEAK_TO_PEAK = "peak to peak"
+    RMS = "rms"
+
+
+#: How a measure may be written behind a size.
+_WRITTEN = {
+    "peak to peak": Measure.PEAK_TO_PEAK,
+    "peak-to-peak": Measure.PEAK_TO_PEAK,
+    "rms": Measure.RMS,
+}
+_EXPECTED = '"SIGNAL SIZE", as in "theta 0.3 deg", with "rms" behind it where not peak to peak is meant'
+
+
+@dataclass(frozen=True)
+class Allowed(PlainData):
+    """The largest stable limit cycle that is allowed.
+
+    Attributes
+    ----------
+    signal : str
+    size : float
+        [SI unit of the signal]
+    measure : Measure
+    unit : str
+        SI unit of the signal.
+    """
+
+    signal: str
+    size: float
+    measure: Measure = Measure.PEAK_TO_PEAK
+    unit: str = ""
+
+    def __str__(self) -> str:
+        """As people say it."""
+        return f"{self.signal} {self.text(self.size)}"
+
+    def text(self, size: float) -> str:
+        """A size in this measure."""
+        return f"{quantity(size, self.unit)} {self.measure}"
+
+    @classmethod
+    def read(cls, system: LureSystem, text: str) -> Allowed:
+        """What a line such as "theta 0.3 deg rms" allows in a loop.
+
+        Parameters
+        ----------
+        system : LureSystem
+        text : str
+            Signal and size; plain numbers are SI.
+
+        Raises
+        ------
+        EppError
+            If the loop has no such signal, or the size is no positive quantity of its dimension.
+        """
+        words = text.strip()
+        measure = next((m for word, m in _WRITTEN.items() if words.endswith(f" {word}")), None)
+        if measure is not None:
+            words = next(words.removesuffix(word) for word in _WRITTEN if words.endswith(f" {word}"))
+        signal, _, size = words.strip().partition(" ")
+        if not signal or not size.strip():
+            raise EppError(f"allow: {shown(text)} is no signal with a size; expected {_EXPECTED}.")
+        names = system.signals.names
+        if signal not in names:
+            hint = did_you_mean(signal, names)
+            raise EppError(
+                f"allow: the loop has no signal {shown(signal)}; expected a signal of it: {hint.rstrip('?')}."
+            )
+        unit = dict(zip(names, system.signals.units or [""] * len(names), strict=True))[signal]
+        try:
+            value = parse_quantity(size.strip(), unit)
+        except QuantityError as error:
+            raise EppError(f"allow: {signal} is {shown(size.strip())}; expected {error.expected}.") from None
+        if not value > 0:
+            raise EppError(f"allow: {signal} is {shown(size.strip())}; expected a positive size.")
+        return cls(signal, value, measure or Measure.PEAK_TO_PEAK, unit)
+
+    def of_orbit(self, system: LureSystem, orbit: Orbit) -> float:
+        """Size of an exact orbit [SI], exactly."""
+        if self.measure is Measure.RMS:
+            return orbit_shape(system, orbit).rms[self.signal]
+        low, high = signal_ranges(orbit)
+        i = system.signals.names.index(self.signal)
+        return float(high[i] - low[i])
+
+    def of_cycle(self, cycle: LimitCycle) -> float:
+        """Size of a cycle as its method has it [SI]."""
+        if self.measure is Measure.PEAK_TO_PEAK:
+            return cycle.peak_to_peak[self.signal]
+        wave = cycle.waveform.get(self.signal)
+        if wave is None or not wave.size:
+            return float(np.sqrt(0.5 * np.sum(np.abs(cycle.harmonics[self.signal][1:]) ** 2)))
+        time = np.append(cycle.time, cycle.time[0] + cycle.period)
+        square = (np.append(wave, wave[0]) - cycle.mean[self.signal]) ** 2
+        return float(np.sqrt(np.trapezoid(square, time) / cycle.period))
+
+    def exceeded_by(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is stable, as far as its method can tell, and larger than allowed."""
+        return cycle.stable is not False and self.of_cycle(cycle) > self.size
+
+    def largest(self, cycles: object) -> LimitCycle | None:
+        """The largest of the cycles that exceed it; None where none does."""
+        too_large = [c for c in cycles if self.exceeded_by(c)]  # type: ignore[attr-defined]
+        return max(too_large, key=self.of_cycle, default=None)

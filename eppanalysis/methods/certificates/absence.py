@@ -1,0 +1,140 @@
+"""Finds a certificate of absence: the multiplier with which Popov's criterion, or the circle criterion, holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from eppanalysis.methods.certificates import check_absence
+from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, positive, rational, sector, times
+from eppanalysis.methods.certificates.registry import sealed
+
+Polynomial = list[Fraction]
+
+#: How far beyond all turning points the ends of the frequency axis are looked at, as a factor.
+_FAR = Fraction(10) ** 20
+
+
+def find(loop: Mapping[str, Any]) -> dict[str, Any] | str:
+    """The certificate that a loop has no periodic motion but rest, or why it is not decided.
+
+    Parameters
+    ----------
+    loop : mapping
+        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it.
+
+    Returns
+    -------
+    dict or str
+        Plain data: statement, loop, claim, evidence; or a sentence.
+    """
+    reason = _not_covered(loop)
+    if reason:
+        return reason
+    num, den = ([rational(c) for c in loop[name][::-1]] for name in ("num", "den"))
+    low, high = sector(loop["element"])
+    assert low is not None  # refused above
+    multiplier = _multiplier(num, den, low, high)
+    edges = [str(low), None if high is None else str(high)]
+    if multiplier is None:
+        shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
+        return f"neither the circle criterion nor Popov's holds for the sector from {shown}, which decides nothing."
+    polynomial = criterion(num, den, low, high, multiplier)
+    return sealed(
+        {
+            "statement": check_absence.STATEMENT,
+            "loop": dict(loop),
+            "claim": {"sector": edges, "multiplier": str(multiplier)},
+            "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
+        }
+    )
+
+
+def _not_covered(loop: Mapping[str, Any]) -> str:
+    """Which hypothesis of the criteria a loop does not meet; empty where it meets all."""
+    if rational(loop["delay"]) != 0:
+        return "the criteria are checked for rational linear parts, and the loop has dead time."
+    if loop["time_step"] is not None:
+        return "the criteria are those of continuous time, and the loop is in discrete time."
+    if not any(rational(c) for c in loop["num"]):
+        return "what the element puts out does not come back to it."
+    if len(loop["num"]) >= len(loop["den"]):
+        return "the linear part passes its input straight through."
+    try:
+        low, high = sector(loop["element"])
+    except Refused as error:
+        return f"{error}: the criteria are those of memoryless elements in a sector."
+    if low is None or low == high:
+        return "the element lies in no sector, or is linear."
+    num, den = (rational(loop[name][-1]) for name in ("num", "den"))
+    return "the element does not see an integrator of the loop." if num == 0 == den + low * num else ""
+
+
+def _multiplier(num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None) -> Fraction | None:
+    """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found."""
+    circle = criterion(num, den, low, high, Fraction(0))
+    if positive(circle):
+        return Fraction(0)
+    tilt = added(criterion(num, den, low, high, Fraction(1)), circle, Fraction(-1))
+    for candidate in _candidates(circle, tilt):
+        if positive(added(circle, tilt, candidate)):
+            return candidate
+    return None
+
+
+def _candidates(circle: Polynomial, tilt: Polynomial) -> list[Fraction]:
+    """Multipliers r between all bounds that ``circle + r tilt > 0`` sets at the frequencies where they are tightest."""
+    turning = added(times(_slope(circle), tilt), times(circle, _slope(tilt)), Fraction(-1))
+    places = _positive_roots(turning) or [Fraction(1)]
+    least, most = None, None
+    for u in [min(places) / _FAR, *places, max(places) * _FAR]:
+        size, lean = _at(circle, u), _at(tilt, u)
+        if lean > 0:
+            least = -size / lean if least is None else max(least, -size / lean)
+        elif lean < 0:
+            most = -size / lean if most is None else min(most, -size / lean)
+    if least is None and most is None:
+        return []
+    if least is None or most is None:
+        bound, way = (most, -1) if least is None else (least, 1)
+        assert bound is not None
+        return [bound + way * abs(bound), bound + way * 10 * abs(bound)]
+    return [_simplest(least, most)] if least < most else []
+
+
+def _simplest(low: Fraction, high: Fraction) -> Fraction:
+    """The middle of an interval, with as small a denominator as stays well inside."""
+    middle, room = (low + high) / 2, (high - low) / 4
+    limit = 1
+    while abs(middle.limit_denominator(limit) - middle) > room:
+        limit *= 10
+    return middle.limit_denominator(limit)
+
+
+def _slope(p: Polynomial) -> Polynomial:
+    return [i * c for i, c in enumerate(p)][1:]
+
+
+def _at(p: Polynomial, u: Fraction) -> Fraction:
+    out = Fraction(0)
+    for c in reversed(p):
+        out = out * u + c
+    return out
+
+
+def _positive_roots(p: Polynomial) -> list[Fraction]:
+    """Positive real roots of a polynomial, nearly."""
+    from flint import fmpq, fmpq_poly
+
+    poly = fmpq_poly([fmpq(c.numerator, c.denominator) for c in p])
+    if poly.degree() < 1:
+        return []
+    found = []
+    roots: list[Any] = poly.complex_roots()
+    for root, _ in roots:
+        mantissa, exponent = root.real.mid().man_exp()
+        value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+        if value > 0 and root.imag.contains(0):
+            found.append(value)
+    return found

@@ -1,0 +1,244 @@
+"""Proofs about loops with one element, and the check of their files in a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.errors import EppError, did_you_mean
+from eppanalysis.methods.certificates.registry import STATEMENTS
+from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
+from eppanalysis.results import Status
+from eppanalysis.results.provenance import Provenance
+
+if TYPE_CHECKING:
+    from eppanalysis.models.systems.operating import OperatingPoint
+
+#: Longest time that a checker may take [s].
+_PATIENCE = 600.0
+
+
+def certify(
+    loop: LureSystem | CaseLike,
+    statement: str = "roots",
+    *,
+    box: Mapping[str, tuple[float, float]] | None = None,
+    operating_point: PointLike | None = None,
+) -> Certificate:
+    """Prove a statement about a loop with one element, by balls and rational numbers, and have it checked.
+
+    Parameters
+    ----------
+    loop : LureSystem or Case
+        With one element of one input and output that stands at no bias, and a rational linear part; for "roots" with
+        dead time, or in discrete time.
+    statement : str, optional
+        "roots": all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
+        periodic motion but rest, by the circle criterion or Popov's, for a memoryless element in a sector.
+    box : mapping of str to (float, float), optional
+        Of "roots": "amplitude" at the element's input and "omega" [rad/s], from and to; by default 1024 times beyond
+        all scales of the loop (to one turn of its dead time, to half of its sampling frequency).
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+
+    Returns
+    -------
+    Certificate
+        With status INCOMPLETE and a sentence where the loop is not covered, or nothing is decided.
+
+    Raises
+    ------
+    EppError
+        If `loop` is neither a case nor a loop, the statement or a side of the box is not known, or python-flint, which
+        the extra "proof" installs, is missing.
+
+    Notes
+    -----
+    First order is an approximation: roots of its balance are proved, not limit cycles. Absence is proved of the loop
+    itself (Popov 1961, in the form of Garber 1967 for periodic motions). How is derived on the page "Certificates" of
+    the theory.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> servo = epp.LureSystem.from_tf(([2.3758], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")
+    >>> found = epp.certify(servo)
+    >>> print(found)
+    Proved: the first-order balance of servo has exactly 2 roots for amplitudes 0.0009766 to 1024 and 0.0009766 to
+    5120 rad/s.
+    >>> [f"{root.amplitude[0]:.6f}" for root in found.roots]
+    ['1.485175', '1.490930']
+    >>> limited = epp.LureSystem.from_tf(([5.99], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
+    >>> print(epp.certify(limited, "absence"))
+    Proved: limited has no periodic motion but rest (sector 0 to 1; Popov's, multiplier 3/2).
+    """
+    _require_statement(statement)
+    _require_flint()
+    from eppanalysis.methods.certificates.rational import NotCovered, rational_loop
+
+    system, at = standing(loop, operating_point, "certify")
+    case = {} if isinstance(loop, LureSystem) else facts_of(loop)
+    settings = {"system": system.name, "statement": statement, "input": dict(at.inputs)}
+    try:
+        stated, off = rational_loop(system, at.vector(system))
+        find = {"roots": _roots, "absence": _absence}[statement]
+        made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
+        return find(system, stated, box, at, made_by)
+    except NotCovered as error:
+        made_by = Provenance("certificate", settings, case=case)
+        message = f"Not covered: {error}"
+        return Certificate(statement, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+
+
+def _roots(
+    system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
+) -> Certificate:
+    """The certificate of all roots in a box, checked."""
+    from eppanalysis.methods.certificates import check_roots, roots
+    from eppanalysis.methods.certificates.box import box_of
+    from eppanalysis.methods.certificates.rational import NotCovered
+
+    if any(element.of_frequency for element in system.elements):
+        raise NotCovered("the element's describing function depends on the frequency.")
+    if stated["element"]["kind"] == "pieces":
+        raise NotCovered("the element is not odd, which biases its oscillation.")
+    document = roots.find(stated, box_of(system, stated["element"], box))
+    _accepted(check_roots, document)
+    return Certificate(
+        "roots",
+        Status.INCOMPLETE if document["claim"]["undecided"] else Status.CONVERGED,
+        sentence(document),
+        document,
+        tuple(enclosure(root["enclosure"]) for root in document["evidence"]["roots"]),
+        tuple(enclosure([str(x) for x in leaf]) for leaf in roots.undecided(document)),
+        provenance=made_by,
+        operating_point=at,
+    )
+
+
+def _absence(
+    system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
+) -> Certificate:
+    """The certificate of absence, checked, or why there is none."""
+    from eppanalysis.methods.certificates import absence, check_absence
+
+    if box is not None:
+        raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
+    document = absence.find(stated)
+    if isinstance(document, str):
+        message = f"Not decided: {document}"
+        return Certificate("absence", Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+    _accepted(check_absence, document)
+    return Certificate(
+        "absence", Status.CONVERGED, sentence(document), document, provenance=made_by, operating_point=at
+    )
+
+
+def _accepted(checker: Any, document: Mapping[str, Any]) -> None:
+    """Have a certificate checked as it was found; what is refused is proved by nothing."""
+    try:
+        checker.verify(document)
+    except checker.Refused as error:
+        raise EppError(
+            f"certify: what was found is not accepted by its checker ({error}); nothing is proved."
+        ) from error
+
+
+def check_certificate(path: str | Path) -> Check:
+    """Check the file of a certificate in a fresh process that loads its checker alone.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Check
+        Whether the file proves what it claims, and what that is, or why it is refused.
+
+    Raises
+    ------
+    EppError
+        If there is no such file, python-flint is missing, or the checker takes longer than ten minutes.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import eppanalysis as epp
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> file = epp.certify(epp.case("relay_deadzone")).write(f"{folder.name}/roots.json")
+    >>> epp.check_certificate(file).accepted
+    True
+    >>> folder.cleanup()
+    """
+    _require_flint()
+    text, path = _text(Path(path)), Path(path)
+    try:
+        document = json.loads(text)
+        named = str(document["statement"])
+    except (ValueError, LookupError, TypeError):
+        return Check(False, "", f"{path}: refused: no certificate, which is JSON with a statement.")
+    known = next((s for s in STATEMENTS.values() if s.text == named), None)
+    if known is None:
+        return Check(False, named, f"{path}: refused: there is no checker for the statement {named!r}.")
+    try:
+        run = subprocess.run(
+            [sys.executable, "-I", str(known.program)],
+            input=text,
+            capture_output=True,
+            check=False,
+            text=True,
+            timeout=_PATIENCE,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise EppError(f"{path}: its checker has not ended after {_PATIENCE:.0f} s.") from error
+    said = _answer(run.stdout)
+    if run.returncode == 0 and said.get("accepted") is True:
+        return Check(True, named, _said(document))
+    why = said.get("why") or (run.stderr.strip().splitlines() or ["the checker gave no answer"])[-1]
+    return Check(False, named, f"{path}: refused: {why}.")
+
+
+def _said(document: Mapping[str, Any]) -> str:
+    """What an accepted file proves; in few words where a part that proves nothing is not as it is written here."""
+    try:
+        return sentence(document)
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
+        return f"Proved: {document['statement']}."
+
+
+def _answer(text: str) -> Mapping[str, Any]:
+    """What a checker has printed; nothing where it is no answer."""
+    try:
+        said = json.loads(text)
+    except ValueError:
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _text(path: Path) -> str:
+    """Text of a file."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "no text"
+        raise EppError(f"{path}: {why}; expected the file of a certificate.") from error
+
+
+def _require_statement(statement: str) -> None:
+    if statement not in STATEMENTS:
+        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, STATEMENTS)}.")
+
+
+def _require_flint() -> None:
+    if importlib.util.find_spec("flint") is None:
+        raise EppError(
+            "certify: python-flint is not installed; expected what 'pip install \"eppanalysis[proof]\"' installs."
+        )

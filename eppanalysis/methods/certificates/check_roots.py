@@ -1,0 +1,199 @@
+"""Checker of a certificate of all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box.
+
+It stands alone, ``python -I check_roots.py < certificate.json``, and computes with exact rationals, and with balls
+(python-flint, Arb) that hold what they stand for. Theory: docs/theory/certificates.md.
+"""
+
+import json
+from fractions import Fraction
+
+from flint import acb, acb_poly, arb, ctx, fmpq
+
+ctx.prec = 100
+STATEMENT = "all roots of the first-order balance in a box"
+
+
+class Refused(Exception):
+    """Why a certificate proves nothing."""
+
+
+def require(holds, why):
+    """Refuse what does not hold."""
+    if not holds:
+        raise Refused(why)
+
+
+def rational(text):
+    """A number as it is written."""
+    return fmpq(*Fraction(text).as_integer_ratio())
+
+
+def share(r):
+    """``2/pi (asin r + r sqrt(1 - r^2))``, which ascends; beyond [-1, 1] r is rounding."""
+    ends = r.lower() if r > -1 else arb(-1), r.upper() if r < 1 else arb(1)
+    low, high = (2 / arb.pi() * (x.asin() + x * (1 - x * x).sqrt()) for x in ends)
+    return low.union(high)
+
+
+def cosine(r):
+    """``sqrt(1 - r^2)``, which falls with the size of r."""
+    small, large = r.abs_lower(), r.abs_upper()
+    return (1 - small * small).sqrt().union((1 - large * large).sqrt() if large < 1 else arb(0))
+
+
+class Gain:
+    """N(A) in balls. A jump: the amplitude from which on it is met, where, its height, the way up (1) or down (-1)."""
+
+    def __init__(self, e):
+        kind, self.powers, self.bends, self.jumps, self.follow = e["kind"], [], [], [], None
+        v = {n: rational(x) for n, x in e.items() if n not in ("kind", "bends", "jumps")}
+        if kind == "odd_pieces":
+            self.powers = [(v["slope"], 0)]
+            self.bends, jumps = ([[*map(rational, row)] for row in e[name]] for name in ("bends", "jumps"))
+            self.jumps = [(at, at, height, way) for at, height in jumps for way in (1, -1)]
+        elif kind in ("play", "jump_and_follow"):
+            self.follow = (v["gap"], 0, 1) if kind == "play" else (v["stick_band"], v["slip_jump"], v["slope"])
+        elif kind == "hysteresis_relay":
+            self.jumps = [(v["threshold"], v["threshold"], 2 * v["level"], 1)]
+        elif kind == "hysteresis_relay_dead_zone":
+            self.jumps = [(v["on"], v["on"], v["level"], 1), (v["on"], v["off"], v["level"], -1)]
+        else:
+            require(kind in ("cube", "drag"), f"the element {kind} is not covered")
+            self.powers = [(3 * v["scale"] / 4, 2) if kind == "cube" else (8 * v["scale"] / (3 * arb.pi()), 1)]
+        seen = [self.follow[0] / 2] if self.follow else [x[0] for x in self.bends + self.jumps]
+        require(all(x >= 0 for x in seen) and all(0 <= x[1] <= x[0] for x in self.jumps), "an element that is none")
+        self.thresholds = sorted({x for x in seen if x > 0})
+
+    def over(self, low, high):
+        """N and dN/dA over amplitudes between two thresholds."""
+        A, pi = arb(low).union(arb(high)), arb.pi()
+        N, dN = (acb(sum((n**i * c * A ** (n - i) for c, n in self.powers), arb(0))) for i in (0, 1))
+        for b, change in (x for x in self.bends if x[0] <= low):
+            N += change * (1 - share(b / A))
+            dN += 4 / pi * change * cosine(b / A) * b / A**2
+        for _, b, height, way in (x for x in self.jumps if x[0] <= low):
+            r, s, size = b / A, cosine(b / A), 2 * height / (pi * A)
+            N += size * acb(s, -way * r)
+            dN += size / A * acb(1 / s - 2 * s, 2 * way * r)
+        if self.follow and self.follow[0] / 2 <= low:
+            S, J, m = self.follow
+            u, q, p, size = S / A, 1 - S / A, cosine(1 - S / A), 2 * J / (pi * A)
+            N += m * acb((1 + share(q)) / 2 + size * p, size * q - p * p / pi)
+            dN += m / A * (2 * u / pi * acb(p, q) + (size * acb(-q * u / p - p, u - q) if J else 0))
+        return N, dN
+
+
+class Balance:
+    """``F = den + N num exp(-s delay)`` over boxes: amplitude from, to, angular frequency from, to [rad/s]."""
+
+    def __init__(self, loop):
+        self.num, self.den = (acb_poly([acb(rational(c)) for c in loop[name][::-1]]) for name in ("num", "den"))
+        self.delay, self.gain = rational(loop["delay"]), Gain(loop["element"])
+        self.step = None if loop["time_step"] is None else rational(loop["time_step"])
+
+    def linear(self, low, high):
+        """den, its derivative by omega, num with the dead time, its derivative, over frequencies."""
+        w = arb(low).union(arb(high))
+        s = acb(0, w) if self.step is None else acb(0, w * self.step).exp()
+        ds = acb(0, 1) if self.step is None else acb(0, self.step) * s
+        late = acb(0, -w * self.delay).exp()
+        slope = self.num.derivative()(s) * ds - acb(0, self.delay) * self.num(s)
+        return self.den(s), self.den.derivative()(s) * ds, self.num(s) * late, slope * late
+
+    def over(self, box):
+        """N, F, dF/dA and dF/domega over a box."""
+        (N, dN), (D, dD, M, dM) = self.gain.over(*box[:2]), self.linear(*box[2:])
+        return N, D + N * M, dN * M, dD + N * dM
+
+    def krawczyk(self, box):
+        """For each unknown: Newton's step Y F(m) from the midpoint, the spread ``|1 - Y J(box)|`` h, half the width h.
+
+        Y is the inverse of the Jacobian J(m). All roots in the box lie within the spread about ``m - Y F(m)``.
+        """
+        at, half = ((box[0] + box[1]) / 2, (box[2] + box[3]) / 2), ((box[1] - box[0]) / 2, (box[3] - box[2]) / 2)
+        _, F, *J = self.over((at[0], at[0], at[1], at[1]))
+        a, w = (acb(x.real.mid(), x.imag.mid()) for x in J)
+        turn = (a * w.conjugate()).imag
+        if not abs(turn) > 0:
+            return []
+        parts = (F, *self.over(box)[2:])
+        step, by_a, by_w = [((x * w.conjugate()).imag / turn, -(x * a.conjugate()).imag / turn) for x in parts]
+        spread = [abs(by_a[i] - (i == 0)) * half[0] + abs(by_w[i] - (i == 1)) * half[1] for i in (0, 1)]
+        return list(zip(step, spread, half, strict=True))
+
+    def empty(self, box):
+        """Whether there is certainly no root in a box."""
+        N, F, *_ = self.over(box)
+        return N == 0 or abs(F.real) > 0 or abs(F.imag) > 0 or any(abs(y) - r > h for y, r, h in self.krawczyk(box))
+
+    def holds_one(self, box):
+        """Whether there is certainly exactly one root in a box, and inside."""
+        found = self.krawczyk(box)
+        return bool(found) and all(abs(y) + r < h for y, r, h in found)
+
+    def pieces(self, box):
+        """A box, cut at the thresholds of the element: N is smooth on each piece."""
+        edges = [box[0], *(x for x in self.gain.thresholds if box[0] < x < box[1]), box[1]]
+        return [(low, high, *box[2:]) for low, high in zip(edges, edges[1:], strict=False)]
+
+
+def within(inner, outer):
+    """Whether a box lies in another."""
+    return all(outer[i] <= inner[i] < inner[i + 1] <= outer[i + 1] for i in (0, 2))
+
+
+def middle(low, high):
+    """Where an interval is cut: at its mean, or after half of the powers of two that it spans."""
+    whole = int(high.p * low.q // (high.q * low.p))
+    return low * 2 ** (whole.bit_length() // 2) if whole >= 4 else (low + high) / 2
+
+
+def leaves(cover, box):
+    """Boxes of a cover, in its order: "a", "w" cut the next box in amplitude or frequency, other marks are leaves."""
+    left = [box]
+    for mark in cover:
+        require(left, "a cover with too many boxes")
+        a, b, c, d = last = left.pop()
+        if mark == "a":
+            left += [(middle(a, b), b, c, d), (a, middle(a, b), c, d)]
+        elif mark == "w":
+            left += [(a, b, middle(c, d), d), (a, b, c, middle(c, d))]
+        else:
+            yield mark, last
+    require(not left, "a cover with boxes missing")
+
+
+def verify(document):
+    """What a certificate proves: how many roots its box has, outside of how many boxes that are undecided."""
+    require(document["statement"] == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    balance, evidence = Balance(document["loop"]), document["evidence"]
+    box = tuple(map(rational, document["box"]["amplitude"] + document["box"]["frequency"]))
+    require(0 < box[0] < box[1] and 0 < box[2] < box[3], "a box that is none")
+    parts, roots, undecided = balance.pieces(box), [], 0  # type: ignore[var-annotated]
+    for root in evidence["roots"]:
+        (a, b, c, d), region = inner, _ = [tuple(map(rational, root[name])) for name in ("enclosure", "region")]
+        smooth = region[2] > 0 and any(part[0] <= region[0] and region[1] <= part[1] for part in parts)
+        require(smooth and balance.holds_one(region), "a region that is not proved to hold one root")
+        placed = within(inner, region) and within(inner, box)
+        require(placed and balance.holds_one(inner), "an enclosure without its root")
+        require(all(b < r[0] or r[1] < a or d < r[2] or r[3] < c for r, _ in roots), "enclosures that meet")
+        roots.append((inner, region))
+    require(len(evidence["cover"]) == len(parts), "a cover with parts missing")
+    for cover, part in zip(evidence["cover"], parts, strict=True):
+        for mark, leaf in leaves(cover, part):
+            undecided += mark == "?"
+            proved = any(within(leaf, r) for _, r in roots) if mark == "r" else mark == "." and balance.empty(leaf)
+            require(proved or mark == "?", "a box of the cover that is not proved")
+    claim = {"roots": len(roots), "undecided": undecided}
+    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    return claim
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        raise SystemExit(1) from None

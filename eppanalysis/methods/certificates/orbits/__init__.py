@@ -1,0 +1,1 @@
+"""Periodic orbits proved in ball arithmetic: that they exist, their events, period and multipliers."""

@@ -1,0 +1,302 @@
+"""Periodic orbits that are proved: existence, uniqueness, period and stability of a cycle in ball arithmetic.
+
+Float arithmetic only finds the orbit. What is proved is proved in rationals and balls, in the steps of
+`docs/theory/certified_orbits.md`: the modes in rationals (`exact_modes`), the sequence of events in them
+(`exact_path`), one solution of the shooting equations (`shooting_balls`), no event earlier (`guard_proof`), and the
+discs of the multipliers (`multiplier_discs`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.certificates.orbits.axes import OwnAxes
+from eppanalysis.methods.certificates.orbits.guards import Violated, prove_arc, require_at_once, starts_of
+from eppanalysis.methods.certificates.orbits.modes import NotCovered, rational
+from eppanalysis.methods.certificates.orbits.multipliers import discs_of, return_map
+from eppanalysis.methods.certificates.orbits.path import ExactPath
+from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit, OrbitStability, Proof
+from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
+from eppanalysis.methods.orbits.cycle import METHOD
+from eppanalysis.methods.orbits.exact import exact_orbit, start_of, steady_hybrid
+from eppanalysis.methods.orbits.guess import recurrences
+from eppanalysis.methods.orbits.orbit import Orbit, solve
+from eppanalysis.methods.orbits.shooting import orbits_near
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, facts_of, standing
+from eppanalysis.results import LimitCycle
+from eppanalysis.results.provenance import Provenance
+
+#: Which numbers a proof is about.
+NUMBERS = "shortest decimals of up to 14 digits; else the simplest fraction within 2**-50 of the float"
+#: Bits of the ball arithmetic, and those for what these do not decide.
+PRECISIONS = (128, 256)
+#: Difference of periods, relative, above which an orbit is another one.
+_SAME_PERIOD = 1e-6
+#: Orbits near the start that are looked at.
+_TRIED = 4
+#: Residual with which an orbit is near enough for Newton's method in balls, and events of a run that looks for one.
+_NEARLY_CLOSED, _MOST_EVENTS = 1e-5, 2000
+
+
+def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> CertifiedOrbit:
+    """Prove that a cycle exists, that it is the only one near, and whether it is stable.
+
+    The proof is in rational and ball arithmetic. Each number of the loop (of its matrices, thresholds, slopes and held
+    inputs) is its shortest decimal where that has up to 14 digits; a longer one has been computed in floats and stands
+    for the simplest fraction within 2**-50 of it: 0.1111111111111111 is 1/9. A sequence of events that closes, but at
+    which an element would have switched earlier or otherwise, is refused.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+        Piecewise affine, in continuous time, without dead time.
+    cycle : LimitCycle
+        As `find_limit_cycles` and `exact_orbit` give it; another one (a prediction, a run's) is made exact first. Its
+        operating point is where the inputs are held.
+
+    Returns
+    -------
+    CertifiedOrbit
+        Not proved, with the reason, where the proof does not succeed.
+
+    Raises
+    ------
+    EppError
+        For a loop that is not covered: in discrete time, with dead time, with smooth elements, with sampled
+        controllers; for a cycle without a state; and where python-flint is not installed.
+
+    Notes
+    -----
+    Shooting over the events, Krawczyk's operator for existence and uniqueness (Krawczyk, Computing 4, 1969), Taylor
+    polynomials in Bernstein form for the guards, Gershgorin's discs for the multipliers, in the ball arithmetic of Arb
+    (Johansson, IEEE Transactions on Computers 66, 2017).
+
+    Examples
+    --------
+    A relay with hysteresis 0.5 and the plant 1/(s + 1) has the period 2 ln((1 + 0.5)/(1 - 0.5)):
+
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5))
+    >>> orbit = epp.certify_orbit(loop, epp.find_limit_cycles(loop).cycles[0])
+    >>> orbit.proved, orbit.stability.name, f"{orbit.period:.9f}"
+    (True, 'STABLE', '2.197224577')
+    """
+    if find_spec("flint") is None:
+        raise EppError("certify_orbit needs python-flint: pip install 'eppanalysis[proof]'.")
+    loop, at = standing(system, cycle.operating_point, "certify_orbit")
+    _refuse(loop)
+    facts = {} if isinstance(system, LureSystem) else dict(facts_of(system))
+    if cycle.method != METHOD:
+        cycle = exact_orbit(loop, cycle, at)
+    cycle.require_state(loop.A.shape[0])
+    hybrid = steady_hybrid(loop, at)
+    same = (o for o in _closed(hybrid, cycle) if abs(o.period / cycle.period - 1.0) < _SAME_PERIOD)
+    orbit = next(same, None)
+    if orbit is None:
+        reason = "From the state of the cycle the loop does not come back to it after its period."
+        return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
+    return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))
+
+
+def _closed(hybrid: HybridSystem, cycle: LimitCycle) -> Iterator[Orbit]:
+    """Orbits from the state of a cycle: as the engine closes them, then those that it closes but for its rounding.
+
+    In bad coordinates floats do not come nearer; balls of more bits do.
+    """
+    x, memory = start_of(hybrid, cycle)
+    yield from islice(orbits_near(hybrid, x, memory, cycle.period), _TRIED)
+    start = replace(hybrid, x0=x, H0=memory)
+    run = run_hybrid(start, 2.6 * cycle.period, np.zeros(0), 2.0 * hybrid.time_scale, _MOST_EVENTS, _MOST_EVENTS)
+    for guess in recurrences(hybrid, run, (0.5 * cycle.period, 1.6 * cycle.period), _TRIED):
+        try:
+            orbit = solve(hybrid, guess)
+        except ModelError:
+            continue
+        if orbit.residual < _NEARLY_CLOSED:
+            yield orbit
+
+
+def _provenance(loop: LureSystem, facts: dict[str, Any]) -> Provenance:
+    from flint import __version__
+
+    settings = {"system": loop.name, "numbers": NUMBERS}
+    return Provenance("certified orbit", settings, statistics={"python-flint": __version__}, case=facts)
+
+
+def _refuse(loop: LureSystem) -> None:
+    """Loops that are not piecewise affine in continuous time.
+
+    Raises
+    ------
+    EppError
+    """
+    covered = "certify_orbit covers piecewise-affine loops in continuous time without dead time"
+    if loop.time_step:
+        raise EppError(f"{loop.name} is in discrete time; {covered}.")
+    if np.any(loop.delays > 0):
+        raise EppError(f"{loop.name} has a dead time of {loop.delays.max():g} s; {covered}.")
+    for name, element in zip(loop.element_names, loop.elements, strict=True):
+        if element.automaton().smooth:
+            raise EppError(f"{loop.name}: {name} is smooth between its switches, not affine; {covered}.")
+
+
+def certified(orbit: Orbit) -> CertifiedOrbit:
+    """What is proved of an orbit with its sequence of events, closed in floats; the sequence is taken as it is.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Whether it is a motion of the loop is not taken for granted: its events are proved.
+    """
+    try:
+        path = ExactPath.of(orbit)
+    except NotCovered as why:
+        return CertifiedOrbit(Proof.NOT_DECIDED, str(why))
+    best = CertifiedOrbit(Proof.NOT_DECIDED, events=_events(path))
+    for make in (OwnAxes.states, OwnAxes.signals):
+        axes = make(path, orbit)
+        if axes is None:
+            continue
+        for bits in PRECISIONS:
+            found = _at_precision(orbit, axes, bits)
+            best = found if found.proved or not best.proved else best
+            if _final(best, path):
+                return best
+    return best
+
+
+def _final(found: CertifiedOrbit, path: ExactPath) -> bool:
+    """Whether other coordinates or more bits would not tell more."""
+    decided = found.stability is not OrbitStability.NOT_DECIDED or path.continuum
+    return found.status is Proof.VIOLATED or (found.proved and decided)
+
+
+def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+    """What is proved with so many bits."""
+    from flint import ctx
+
+    events = _events(axes.path)
+    with ctx.workprec(bits):
+        try:
+            return _proved(orbit, axes, bits)
+        except Violated as why:
+            return CertifiedOrbit(Proof.VIOLATED, str(why), events=events)
+        except NotCovered as why:
+            return CertifiedOrbit(Proof.NOT_DECIDED, str(why), events=events)
+        except (ZeroDivisionError, OverflowError, ValueError):
+            reason = "The balls grow beyond all bounds on the way round the cycle."
+            return CertifiedOrbit(Proof.NOT_DECIDED, reason, events=events)
+
+
+def _events(path: ExactPath) -> tuple[str, ...]:
+    return tuple(path.guard_name(stage.fired) for stage in path.stages)
+
+
+def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+    """The certificate at a precision; raises where it is not to be had."""
+    from flint import arb
+
+    path, shooting = axes.path, Shooting(axes, orbit)
+    enclosure = shooting.enclose()
+    pieces = _prove_events(path, shooting, enclosure)
+    period = sum(enclosure.durations, arb(0))
+    made = CertifiedOrbit(
+        Proof.PROVED,
+        period=float(period),
+        period_ball=period.str(bits, radius=True),
+        radius=_upward(enclosure.radius),
+        unique_within=float(enclosure.unique_within),
+        events=_events(path),
+        state=orbit.y[: orbit.hybrid.n_plant].copy(),
+        n_pieces=pieces,
+        evidence=_evidence(orbit, axes, shooting, enclosure, bits),
+    )
+    return _with_stability(made, path, shooting, enclosure)
+
+
+def _upward(value: Any) -> float:
+    return float(np.nextafter(float(value), np.inf))
+
+
+def _prove_events(path: ExactPath, shooting: Shooting, enclosure: Enclosure) -> int:
+    """Prove that the events are those of the loop; returns the number of pieces that this took."""
+    from flint import arb_mat
+
+    pieces = 0
+    for leg, a, start, duration in zip(shooting.legs, path.timed, enclosure.starts, enclosure.durations, strict=True):
+        pieces += prove_arc(path, a, start, duration, shooting.columns[: path.m])
+        state = arb_mat(path.stages[a].jump) * ((leg.rate * duration).exp() * start)
+        after = (a + 1) % len(path.stages)
+        while path.stages[after].at_once:
+            require_at_once(path, after, starts_of(path, after, state))
+            state = arb_mat(path.stages[after].jump) * state
+            after = (after + 1) % len(path.stages)
+    return pieces
+
+
+def _with_stability(made: CertifiedOrbit, path: ExactPath, shooting: Shooting, enclosure: Enclosure) -> CertifiedOrbit:
+    """The certificate with the discs of the multipliers, and what follows from them."""
+    if path.continuum:
+        reason = "An element holds a value that no event renews: the cycle is one of many."
+        return replace(made, stability_message=reason)
+    try:
+        discs = discs_of(return_map(shooting, enclosure), shooting.columns[: path.m])
+    except (ZeroDivisionError, ValueError, np.linalg.LinAlgError):
+        return replace(made, stability_message="The return map has no basis in which its multipliers can be told.")
+    made = replace(
+        made,
+        multipliers=np.array([d.centre for d in discs], complex),
+        multiplier_radii=np.array([d.radius for d in discs], float),
+    )
+    unsure = [d for d in discs if not (d.inside or d.outside)]
+    if unsure:
+        shown = f"{abs(unsure[0].centre):.6g} with a radius of {unsure[0].radius:.1g}"
+        return replace(made, stability_message=f"The disc of a multiplier of size {shown} meets the unit circle.")
+    return replace(made, stability=OrbitStability.of(sum(d.outside for d in discs)))
+
+
+def _evidence(orbit: Orbit, axes: OwnAxes, shooting: Shooting, enclosure: Enclosure, bits: int) -> dict[str, str]:
+    """What the proof can be done again from; numbers of the loop as the fractions that were taken."""
+    model, sequence = orbit.hybrid.model, orbit.arcs.event_sequence
+    tables = {name: _fractions(getattr(model, name)) for name in model._fields if "smooth" not in name}
+    middle = [_exactly(v) for start in enclosure.starts for v in start.entries()[: axes.path.m]]
+    return {
+        "statement": "one closed orbit with these events in the box about 'states' (in 'axes') and 'durations' [s]",
+        "numbers": NUMBERS,
+        "precision_bits": str(bits),
+        "tables": json.dumps(tables),
+        "modes": json.dumps(sequence.modes.tolist()),
+        "guards": json.dumps(sequence.guards.tolist()),
+        "at_once": json.dumps((sequence.at_once == 1).tolist()),
+        "unknown_places": json.dumps(list(axes.path.free)),
+        "axes": json.dumps([[v.hex() for v in row] for row in axes.basis.tolist()]),
+        "held": json.dumps(_fractions(orbit.y)),
+        "states": json.dumps(middle),
+        "durations": json.dumps([_exactly(t) for t in enclosure.durations]),
+        "time_size": float(shooting.columns[axes.path.m]).hex(),
+        "radius": repr(_upward(enclosure.radius)),
+        "unique_within": repr(float(enclosure.unique_within)),
+    }
+
+
+def _fractions(values: NDArray[Any]) -> Any:
+    """Nested lists of the fractions that floats stand for, as texts."""
+    return [_fractions(v) for v in values] if values.ndim else str(rational(values.item()))
+
+
+def _exactly(ball: Any) -> str:
+    """Middle of a ball, exactly, as ``mantissa*2^exponent``."""
+    mantissa, exponent = ball.mid().man_exp()
+    return f"{mantissa}*2^{exponent}"

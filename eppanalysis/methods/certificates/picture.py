@@ -1,0 +1,73 @@
+"""Pictures of certificates: the cover of a box with its roots, the Popov plot with its line. Computes nothing new."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+
+from eppanalysis.errors import EppError
+from eppanalysis.plotting import BLUE, VERMILLION, place_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eppanalysis.methods.certificates.result import Certificate
+
+
+def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure:
+    """What a certificate shows, by its statement."""
+    if not certificate.document:
+        raise EppError(f"There is no picture of a certificate that is none. {certificate.message}")
+    figure, ax = place_of(ax, (5.6, 4.4))
+    if certificate.statement == "roots":
+        _plot_cover(certificate, ax)
+    else:
+        _plot_popov(certificate, ax)
+    return figure
+
+
+def _plot_cover(certificate: Certificate, ax: Axes) -> None:
+    """Boxes without a root in grey, those in the region of one in blue, undecided ones in red; dots are roots."""
+    from eppanalysis.methods.certificates.roots import all_leaves
+
+    colours = {".": "0.94", "r": BLUE, "?": VERMILLION}
+    leaves = [(mark, [float(Fraction(str(x))) for x in leaf]) for mark, leaf in all_leaves(certificate.document)]
+    corners = [[(a, c), (b, c), (b, d), (a, d)] for _, (a, b, c, d) in leaves]
+    faces = [colours[mark] for mark, _ in leaves]
+    ax.add_collection(PolyCollection(corners, facecolors=faces, edgecolors="0.6", linewidths=0.3))
+    for root in certificate.roots:
+        ax.plot(root.amplitude[0], root.omega[0], "ko", markersize=4)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.autoscale_view()
+    ax.set_xlabel("amplitude at the element's input")
+    ax.set_ylabel("angular frequency [rad/s]")
+    number = len(certificate.roots)
+    ax.set_title(f"{number} root{'s' * (number != 1)} of the first-order balance, {len(leaves)} boxes", fontsize=10)
+
+
+def _plot_popov(certificate: Certificate, ax: Axes) -> None:
+    """Popov's curve of the loop from the lower edge of the sector, and the line that it stays to the right of."""
+    loop, claim = certificate.document["loop"], certificate.document["claim"]
+    num, den = (np.array([float(Fraction(c)) for c in loop[name]]) for name in ("num", "den"))
+    low, high = (None if edge is None else float(Fraction(edge)) for edge in claim["sector"])
+    rate, floor = float(Fraction(claim["multiplier"])), 0.0 if low is None else low
+    den = np.polyadd(den, floor * num)
+    sizes = np.abs(np.concatenate([np.roots(den), np.roots(num)]))
+    scales = sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
+    omega = np.geomspace(scales.min() / 300.0, scales.max() * 300.0, 2000)
+    response = np.polyval(num, 1j * omega) / np.polyval(den, 1j * omega)
+    x, y = response.real, omega * response.imag
+    edge = 0.0 if high is None else -1.0 / (high - floor)
+    ax.plot(x, y, color=BLUE, linewidth=1.6, label="Popov's curve")
+    heights = np.array([y.min(), y.max()])
+    ax.plot(edge + rate * heights, heights, color=VERMILLION, linewidth=1.0, label=f"multiplier {rate:.4g} s")
+    ax.plot([edge], [0.0], "k+", markersize=10)
+    ax.set_xlabel("Re G(jω)")
+    ax.set_ylabel("ω Im G(jω) [1/s]")
+    ax.set_title("Popov's criterion holds" if rate else "The circle criterion holds", fontsize=10)
+    ax.legend(fontsize=7, loc="best", framealpha=0.9)

@@ -1,0 +1,1 @@
+"""Loops with play proved to have no periodic motion, by functions that are quadratic in sectors."""

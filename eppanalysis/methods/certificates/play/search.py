@@ -1,0 +1,217 @@
+"""Looks for a function that falls along every motion of a loop with play: quadratic in each of many sectors.
+
+Floating point, by a semidefinite program; what comes out is rounded to rationals, and whether it proves anything is
+for `check_play` to say. The letters and numbers in brackets are those of docs/theory/absence_with_play.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.certificates.play.check_play import contact_form, sectors_of
+from eppanalysis.methods.certificates.play.exact import Matrix, Vector
+from eppanalysis.methods.certificates.play.program import falling, largest_margin, products_of, spare, symmetric
+
+Array = NDArray[np.float64]
+
+
+def rays_of(count: int, n_digits: int = 100) -> Matrix:
+    """Borders of 2 `count` sectors of equal angles, in rationals, from (0, 1) by (1, 0) to (0, -1)."""
+    angles = [math.pi / 2 * k / count for k in range(1, count)]
+    upper = [
+        [Fraction(round(n_digits * math.sin(a)), n_digits), Fraction(round(n_digits * math.cos(a)), n_digits)]
+        for a in angles
+    ]
+    lower = [[a, -b] for a, b in reversed(upper)]
+    zero, one = Fraction(0), Fraction(1)
+    return [[zero, one], *upper, [one, zero], *lower, [zero, -one]]
+
+
+def continued(first: Any, steps: Any, borders: Matrix) -> list[Any]:
+    """Forms of neighbouring sectors, each the one before and a product with the normal of the border, see (2)."""
+    out, n = [first], len(first)
+    for (a, b), step in zip(borders, steps.reshape(len(borders), n, *steps.shape[1:]), strict=True):
+        normal = np.array([b, -a] + [Fraction(0)] * (n - 2), dtype=steps.dtype)
+        outer = np.multiply.outer(normal, step)
+        out.append(out[-1] + outer + np.swapaxes(outer, 0, 1))
+    return out
+
+
+@dataclass(frozen=True)
+class _Unknowns:
+    """The forms that a vector of unknowns stands for; linear in it, so that it serves floats and batches alike."""
+
+    n: int
+    n_sectors: int
+    rests: bool
+    kept: Vector
+    rays: Matrix
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Unknowns of the stuck form, of the first moving form, of the steps from sector to sector."""
+        n, half = self.n, self.n * (self.n + 1) // 2
+        return (1 + half - n if self.rests else half), half - (n == 3), n * (self.n_sectors - 1)
+
+    def stuck(self, z: Any) -> Any:
+        """The form Q; behind an integrator all that keeps its value is squared by itself, see (1)."""
+        if not self.rests:
+            return symmetric(z, self.n)
+        kept = np.array(self.kept, dtype=z.dtype)
+        out = np.multiply.outer(np.outer(kept, kept), z[0])
+        out[1:, 1:] = out[1:, 1:] + symmetric(z[1:], self.n - 1)
+        return out
+
+    def forms(self, z: Any) -> tuple[Any, list[Any]]:
+        """Q and the moving forms P; of third order all agree where speed and y_2 are zero."""
+        first, second, third = np.cumsum(self.counts)
+        Q = self.stuck(z[:first])
+        start = z[first:second]
+        first_form = symmetric(np.concatenate([start, Q[2:3, 2]]) if self.n == 3 else start, self.n)
+        return Q, continued(first_form, z[second:third], self.rays[1:-1])
+
+    @property
+    def total(self) -> int:
+        """Number of unknowns of the forms."""
+        return sum(self.counts)
+
+
+@dataclass(frozen=True)
+class SectorSearch:
+    """The search for one loop, in given contact coordinates and sectors.
+
+    Attributes
+    ----------
+    num, den : list of Fraction
+        Of the linear part.
+    poles : list of Fraction
+        That make the contact coordinates.
+    unit : Fraction
+        Rate by which their derivatives are divided [1/s].
+    count : int
+        Sectors of a quarter of the plane of y_1 and y_2.
+    """
+
+    num: Vector
+    den: Vector
+    poles: Vector
+    unit: Fraction
+    count: int
+
+    def candidate(self) -> dict[str, Any] | None:
+        """What a certificate holds besides the loop, rationals that nothing has checked yet; None if there is none."""
+        A, b = contact_form(self.num, self.den, self.poles, self.unit)
+        n, rays = len(A), rays_of(self.count)
+        sectors = sectors_of(rays, n)
+        unknowns = _Unknowns(n, len(sectors), self.poles[0] == 0, _kept(A), rays)
+        signs = {} if n == 2 or b[1] >= 0 else signs_at_turning(A, b, rays)
+        solution = largest_margin(*_inequalities(unknowns, A, b, sectors), sum(unknowns.counts[:2]))
+        if solution is None or signs is None:
+            return None
+        rounded, margin = solution
+        Q, P = unknowns.forms(rounded[: unknowns.total])
+        moving, released = np.split(rounded[unknowns.total :], [len(sectors)])
+        release = [[x, *pair] for x, pair in zip(released, _pairs(Q, P, sectors), strict=False)]
+        return {
+            "poles": self.poles,
+            "unit": self.unit,
+            "rays": rays,
+            "decrease": margin / 2,
+            "stuck": Q.tolist(),
+            "moving": [form.tolist() for form in P],
+            "moving_multipliers": moving.tolist(),
+            "release_multipliers": release,
+            **({"signs": signs} if signs else {}),
+        }
+
+
+def _kept(A: Matrix) -> Vector:
+    """What keeps its value while the play rests behind an integrator: the left null vector of A."""
+    unit = A[0][1]
+    if len(A) == 2:
+        return [-A[1][1], unit]
+    return [(A[1][1] * A[2][2] - A[2][1] * unit) / unit**2, -A[2][2] / unit, Fraction(1)]
+
+
+def _pairs(Q: Any, P: list[Any], sectors: list[tuple[Vector, Vector]]) -> Iterator[list[Any]]:
+    """Factors of y_3 times the two forms of a sector that make up the products of P - Q with y_3, see (5)."""
+    for form, (f, g) in zip(P, sectors, strict=True):
+        if len(Q) == 2:
+            yield [Fraction(0), Fraction(0)]
+            continue
+        x, y = -2 * (form - Q)[:2, 2]
+        number: Any = float if getattr(x, "ndim", 0) else Fraction
+        (f1, f2), (g1, g2) = map(number, f[:2]), map(number, g[:2])
+        across = f1 * g2 - f2 * g1
+        yield [(x * g2 - y * g1) / across, (f1 * y - f2 * x) / across]
+
+
+def _inequalities(
+    unknowns: _Unknowns, A: Matrix, b: Vector, sectors: list[tuple[Vector, Vector]]
+) -> tuple[list[Array], list[Array]]:
+    """Matrices and numbers that must not be negative, by the unknowns they depend on; the last one is the margin."""
+    n, count = unknowns.n, len(sectors)
+    n_released = sum(ray[1] >= 0 for ray in unknowns.rays[1:])
+    eye = np.eye(unknowns.total + count + n_released + 1)
+    margin = eye[-1]
+    Q, P = unknowns.forms(eye[: unknowns.total])
+    moving, released = eye[unknowns.total : unknowns.total + count], eye[unknowns.total + count : -1]
+    stuck = np.array(A, dtype=float)
+    flow = stuck + np.outer(np.array(b, dtype=float), np.eye(n)[0])
+
+    quiet = falling(Q, stuck)
+    matrices = [spare(quiet[1:, 1:] if unknowns.rests else quiet, margin)]
+    numbers = [*moving, *released, (P[-1] - Q)[1, 1] - margin]
+    products = products_of(sectors)
+    for form, product, factor in zip(P, products, moving, strict=True):
+        matrices.append(spare(falling(form, flow) - np.multiply.outer(product, factor), margin))
+    for form, product, factor in zip(P, products, released, strict=False):
+        matrices.append(spare((Q - form - np.multiply.outer(product, factor))[:2, :2], margin))
+    if n == 3:
+        numbers.append((P[-1] - Q)[1, 2])
+        numbers += [x - margin for pair in list(_pairs(Q, P, sectors))[:n_released] for x in pair]
+    return matrices, numbers
+
+
+#: Rates at which the barrier of signs may grow, as shares of the sum of the poles.
+_GROWTH = (1.0, 0.75, 0.5, 0.25, 0.0)
+
+
+def signs_at_turning(A: Matrix, b: Vector, rays: Matrix) -> dict[str, Any] | None:
+    """The barrier that shows y_3 <= 0 at a turning point of a loop with a zero, see (Z); None if none is found."""
+    lower = rays[rays.index([Fraction(1), Fraction(0)]) :]
+    sectors = sectors_of(rays, 3)[-(len(lower) - 1) :]
+    count, borders, flow = len(sectors), lower[1:-1], np.array(A, dtype=float)
+    flow[:, 0] += np.array(b, dtype=float)
+    n_forms = 5 + 3 * len(borders)
+    eye = np.eye(n_forms + count + 1)
+    margin, factors, slope = eye[-1], eye[n_forms:-1], float(-b[1] / A[1][2])
+    forms = _barrier(eye[:n_forms], borders)
+    first, last = forms[0], forms[-1]
+    # The scale is free: the last product of y_2 and y_3 lies between -1 and minus the margin.
+    ends = [first[0, 2] - margin, -first[0, 0] - 2 * slope * first[0, 2] - margin, last[1, 1] - margin]
+    ends.append(-last[1, 2] - margin)
+    for share in _GROWTH:
+        growth = Fraction(round(-share * float(np.trace(np.array(A, dtype=float))) * 64), 64)
+        matrices = [
+            spare(falling(form, flow) - float(growth) * form - np.multiply.outer(product, factor), margin)
+            for form, product, factor in zip(forms, products_of(sectors), factors, strict=True)
+        ]
+        solution = largest_margin(matrices, [*factors, *ends], 5)
+        if solution is not None:
+            rounded = solution[0]
+            found = [form.tolist() for form in _barrier(rounded[:n_forms], borders)]
+            return {"rate": growth, "forms": found, "multipliers": rounded[n_forms:].tolist()}
+    return None
+
+
+def _barrier(z: Any, borders: Matrix) -> list[Any]:
+    """Forms without a square of y_3: below zero they say on which side of y_3 = 0 the motion is."""
+    return continued(symmetric(np.concatenate([z[:5], 0 * z[:1]]), 3), z[5:], borders)

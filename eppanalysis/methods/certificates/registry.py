@@ -1,0 +1,56 @@
+"""What can be certified: each statement, which module finds its certificates, and which small program checks them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A kind of statement.
+
+    Attributes
+    ----------
+    text : str
+        The statement as its certificates name it.
+    checker : str
+        Name of the program beside this file that checks them, without its ending. It reads a certificate from its
+        standard input, prints ``{"accepted": true}`` or ``{"accepted": false, "why": "..."}``, and imports nothing of
+        this package.
+    """
+
+    text: str
+    checker: str
+
+    @property
+    def program(self) -> Path:
+        """File of the checker."""
+        return Path(__file__).with_name(f"{self.checker}.py")
+
+
+def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A certificate with the number by which its checker sees that it was changed, whatever that would prove.
+
+    Parameters
+    ----------
+    document : mapping
+        Plain data, as JSON holds them.
+
+    Examples
+    --------
+    >>> sealed({"statement": "nothing"})["digest"] == sealed({"statement": "Nothing"})["digest"]
+    False
+    """
+    rest = {name: part for name, part in document.items() if name != "digest"}
+    return {**rest, "digest": int.from_bytes(json.dumps(rest, sort_keys=True).encode(), "big") % (2**127 - 1)}
+
+
+#: By the word that `certify` takes.
+STATEMENTS = {
+    "roots": Statement("all roots of the first-order balance in a box", "check_roots"),
+    "absence": Statement("no periodic motion but rest", "check_absence"),
+}

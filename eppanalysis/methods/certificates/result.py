@@ -1,0 +1,166 @@
+"""What a certificate is: a statement about a loop, whether it is proved, and the data that prove it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from eppanalysis.arguments import checked
+from eppanalysis.errors import EppError, visible
+from eppanalysis.readable import words
+from eppanalysis.results import PlainData, Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+
+class Enclosure(NamedTuple):
+    """A box of amplitude [unit of the element's input] and angular frequency [rad/s], from and to."""
+
+    amplitude: tuple[float, float]
+    omega: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Result):
+    """A statement about a loop, and what proves it.
+
+    Attributes
+    ----------
+    statement : str
+        What was asked: "roots" or "absence".
+    status : Status
+        CONVERGED where all of it is proved; INCOMPLETE where boxes are undecided, nothing is decided, or the loop is
+        not covered.
+    message : str
+        What is proved, or why nothing is, in a sentence.
+    document : mapping
+        What the file holds, as its checker reads it; empty where nothing is proved.
+    roots : tuple of Enclosure
+        Of "roots": where exactly one root lies each, in ascending amplitude.
+    undecided : tuple of Enclosure
+        Of "roots": boxes of which nothing is proved.
+    """
+
+    statement: str
+    status: Status
+    message: str
+    document: Mapping[str, Any] = field(default_factory=dict)
+    roots: tuple[Enclosure, ...] = ()
+    undecided: tuple[Enclosure, ...] = ()
+
+    in_json = "statement status proved message roots undecided document operating_point provenance"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The enclosures of the roots, and of what is undecided, one a row; of absence, the claim."""
+        if self.statement != "roots":
+            claim = {name: str(value) for name, value in self.document.get("claim", {}).items()}
+            return frame_of([{"statement": self.statement, "proved": self.proved} | claim])
+        rows = [
+            {
+                "proved": proved,
+                "amplitude_from": box.amplitude[0],
+                "amplitude_to": box.amplitude[1],
+                "omega_from": box.omega[0],
+                "omega_to": box.omega[1],
+            }
+            for boxes, proved in ((self.roots, True), (self.undecided, False))
+            for box in boxes
+        ]
+        return frame_of(rows, {"omega_from": "rad/s", "omega_to": "rad/s"})
+
+    @property
+    def proved(self) -> bool:
+        """Whether all that was asked is proved."""
+        return self.status.ok
+
+    def __str__(self) -> str:
+        """What is proved, or why nothing is."""
+        return self.message
+
+    @checked
+    def write(self, path: str | Path) -> Path:
+        """Write the file that the checker reads.
+
+        Raises
+        ------
+        EppError
+            If there is nothing to write, as nothing is proved.
+        """
+        if not self.document:
+            raise EppError(f"{path}: there is no certificate to write. {self.message}")
+        path = Path(path)
+        path.write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        return path
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The cover of the box with its roots, or the Popov plot with its line."""
+        return self.drawn("plot_certificate", ax)
+
+
+@dataclass(frozen=True)
+class Check(PlainData):
+    """What the checker says of a file.
+
+    Attributes
+    ----------
+    accepted : bool
+    statement : str
+        As the file names it.
+    message : str
+        What is proved, or why the file is refused, in a sentence.
+    """
+
+    accepted: bool
+    statement: str
+    message: str
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return self.message
+
+
+def enclosure(texts: Sequence[str]) -> Enclosure:
+    """Of four rationals, as certificates write them."""
+    a, b, c, d = [float(Fraction(text)) for text in texts]
+    return Enclosure((a, b), (c, d))
+
+
+def sentence(document: Mapping[str, Any]) -> str:
+    """What a certificate that its checker has accepted proves.
+
+    Examples
+    --------
+    >>> sentence({"statement": "a claim of another kind", "loop": {"name": "servo"}, "claim": {"cycles": 1}})
+    "Proved of servo: a claim of another kind; {'cycles': 1}."
+    """
+    name, claim = visible(str(document["loop"].get("name", "a loop"))), document["claim"]
+    if document["statement"] == "all roots of the first-order balance in a box":
+        return _roots_sentence(name, claim, document["box"])
+    if document["statement"] == "no periodic motion but rest":
+        low, high = claim["sector"]
+        multiplier = (
+            "the circle criterion" if claim["multiplier"] == "0" else f"Popov's, multiplier {claim['multiplier']}"
+        )
+        edges = f"{low} to {'infinity' if high is None else high}"
+        return f"Proved: {name} has no periodic motion but rest (sector {edges}; {multiplier})."
+    return f"Proved of {name}: {document['statement']}; {claim}."
+
+
+def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any]) -> str:
+    (a, b), (c, d) = enclosure([*box["amplitude"], *box["frequency"]])
+    place = f"for amplitudes {a:.4g} to {b:.4g} and {c:.4g} to {d:.4g} rad/s"
+    number = claim["roots"]
+    count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
+    left = claim["undecided"]
+    if not left:
+        return f"Proved: the first-order balance of {words(name)} has {count} {place}."
+    boxes = f"{left} box{'es' * (left > 1)} in which nothing is decided"
+    return f"Proved: the first-order balance of {words(name)} has {count} {place}, outside of {boxes}."

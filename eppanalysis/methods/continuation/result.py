@@ -1,0 +1,135 @@
+"""What a continuation returns: a branch of limit cycles over a parameter, with what is special on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import checked
+from eppanalysis.methods.continuation.cover import Gap
+from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.steps import Point
+from eppanalysis.readable import count, listed, quantity, span, words
+from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpecialPoint(Brief):
+    """A point of a branch where something changes.
+
+    Attributes
+    ----------
+    kind : Change
+    value : float
+        The parameter [SI].
+    note : str
+        What changes, in words.
+    cycle : LimitCycle
+        The orbit there.
+    index : int
+        Number of the branch's point after it.
+    point : Point
+        The orbit and the branch's direction, from which others may go on.
+    """
+
+    kind: Change
+    value: float
+    note: str
+    cycle: LimitCycle
+    index: int
+    point: Point = field(repr=False)
+
+    in_json = "kind value note index cycle"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Result):
+    """Exact orbits along a branch, in its own order.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    points : dict of str to array
+        "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
+        "<signal>" for the peak-to-peak of every signal.
+    special : tuple of SpecialPoint
+    status : Status
+    message : str
+        How the branch ended, at both ends.
+    simulated : dict of str to array
+        Points of runs for comparison, where asked for.
+    ends : (str, str)
+        How it ends at its first and at its last point.
+    missing : tuple of Gap
+        Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
+    others : tuple of Branch
+        Branches of other cycles, followed where this one leaves a part of the range without having turned back.
+    operating_point : OperatingPoint or None
+        Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
+    """
+
+    parameter: str
+    unit: str
+    points: dict[str, Array]
+    special: tuple[SpecialPoint, ...]
+    status: Status
+    message: str
+    signals: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    simulated: dict[str, Array] = field(default_factory=dict)
+    ends: tuple[str, str] = ("", "")
+    missing: tuple[Gap, ...] = ()
+    others: tuple[Branch, ...] = ()
+
+    in_json = "parameter unit status message points special simulated missing others operating_point provenance"
+
+    def __len__(self) -> int:
+        return int(self.points["value"].size)
+
+    @property
+    def folds(self) -> tuple[SpecialPoint, ...]:
+        """Where the branch turns back: a stable and an unstable cycle meet."""
+        return tuple(s for s in self.special if s.kind is Change.FOLD)
+
+    def __str__(self) -> str:
+        """Over which part of the range there are cycles, where they fold, and what the branches leave."""
+        folds = [fold.value for one in (self, *self.others) for fold in one.folds]
+        values = np.concatenate([folds, *(one.points["value"] for one in (self, *self.others))])
+        places = f", at {listed([quantity(value, self.unit) for value in folds])}" if folds else ""
+        known = f"; {count(len(folds), 'fold')}{places}"
+        left = f" {self.message}" if self.missing or not self.status.ok else ""
+        return f"Limit cycles exist for {words(self.parameter)} {span(values, self.unit)}{known}.{left}"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The orbits along the branch and then along the others, one a row, with what is special at each."""
+        rows = []
+        for number, one in enumerate((self, *self.others), 1):
+            notes = {min(s.index, len(one) - 1): s.kind.value for s in one.special}
+            for i in range(len(one)):
+                row = {self.parameter if name == "value" else name: v[i].item() for name, v in one.points.items()}
+                rows.append({"branch": number, **row, "special": notes.get(i, "")})
+        units = {self.parameter: self.unit, "period": "s", "frequency": "Hz", **self.units}
+        return frame_of(rows, units)
+
+    def in_brief(self) -> pandas.DataFrame:
+        """The ends of the branches and their special points, by the first signal."""
+        frame = self.to_frame()
+        ends = np.append(np.flatnonzero(np.diff(frame["branch"])), len(frame) - 1)
+        rows = sorted({0, *ends.tolist(), *(ends[:-1] + 1).tolist(), *np.flatnonzero(frame["special"] != "").tolist()})
+        columns = ["branch", self.parameter, "stable", "frequency", *self.signals[:1], "special"]
+        return frame.iloc[rows][columns]
+
+    @checked
+    def plot(self, ax: Axes | None = None, signal: str | None = None, at: float | None = None) -> Axes:
+        """Amplitude and frequency against the parameter, with a dotted line where it is `at` [SI]."""
+        return self.drawn("plot_branch", ax, signal, at)

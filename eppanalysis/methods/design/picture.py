@@ -1,0 +1,83 @@
+"""Picture of a design: the objective over the other parameter with its optimum, or over the parameter of the front."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.plotting import BLUE, GREEN, ORANGE, VERMILLION, place_of
+from eppanalysis.readable import with_unit, words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eppanalysis.methods.design.result import Design
+
+
+def plot_design(design: Design, ax: Axes | None = None) -> Figure:
+    """The exact bound over the other tuned parameter with the optimum; the front, where one was asked for.
+
+    Parameters
+    ----------
+    design : Design
+
+    Raises
+    ------
+    EppError
+        If no design is feasible, or there is nothing over which to draw it.
+    """
+    if design.front:
+        return _front(design, ax)
+    other = next((name for name in design.tune if name != design.objective), None)
+    if other is None or not design.optimum.feasible:
+        raise EppError(f"{design.case}: the design has no row of values to draw; expected two parameters, or a front.")
+    (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.objective]
+    known, best = design.optimum.evaluated, design.optimum
+    figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.objective), y_unit))
+    ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
+    rule = "on the safe side of it (tested at the optimum)"
+    edge = y * design.tune[design.objective][0 if design.goal == "largest" else 1]
+    ax.fill_between(x * known[:, 0], y * known[:, 1], edge, color=GREEN, alpha=0.12, linewidth=0, label=rule)
+    at, safe = (x * best.at[other], y * best.at[design.objective]), y * best.values[design.objective]
+    confirmed = "confirmed" if best.confirmed else "not confirmed"
+    ax.plot(*at, "D", color=VERMILLION, label=f"optimum, {confirmed}")
+    ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
+    if np.isfinite(best.first_order):
+        ax.plot(at[0], y * best.first_order, "x", color=ORANGE, label="first order there")
+    ax.legend(fontsize=7, framealpha=0.9)
+    return figure
+
+
+def _front(design: Design, ax: Axes | None) -> Figure:
+    (x_unit, x), (y_unit, y) = design.readable[design.front_over], design.readable[design.objective]
+    rows = [(value, o) for value, o in design.front if o.feasible]
+    if not rows:
+        raise EppError(f"{design.case}: no design of the front is feasible, so there is nothing to draw.")
+    figure, ax = _axes(
+        design, ax, with_unit(words(design.front_over), x_unit), with_unit(words(design.objective), y_unit)
+    )
+    places = x * np.array([value for value, _ in rows])
+    best = y * np.array([o.at[design.objective] for _, o in rows])
+    ax.plot(places, best, "-", color=BLUE, linewidth=1.4, label=f"{design.goal} {words(design.objective)}")
+    for confirmed, face, text in ((True, VERMILLION, "confirmed"), (False, "none", "not confirmed")):
+        mask = np.array([o.confirmed is confirmed for _, o in rows])
+        if np.any(mask):
+            ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
+    for name in (n for n in design.tune if n != design.objective):
+        for place, value, (_, o) in zip(places, best, rows, strict=True):
+            ax.annotate(f"{words(name)} {design.text(name, o.at[name], 3)}", (place, value), fontsize=7, rotation=30)
+    ax.legend(fontsize=7, framealpha=0.9)
+    return figure
+
+
+def _axes(design: Design, ax: Axes | None, x_label: str, y_label: str) -> tuple[Figure, Axes]:
+    figure, ax = place_of(ax, (6.4, 4.4))
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(y_label)
+    allowed = "" if design.allowed is None else f", {design.allowed} allowed"
+    ax.set_title(f"{design.case}: {design.goal} {words(design.objective)} without a limit cycle{allowed}", fontsize=10)
+    ax.spines[["top", "right"]].set_visible(False)
+    return figure, ax

@@ -1,0 +1,193 @@
+"""What a design returns: the best values, what limits them, what that costs, and how they were confirmed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.bounds.allowed import Allowed
+from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(Brief):
+    """The best values of the tuned parameters.
+
+    Attributes
+    ----------
+    at : dict of str to float
+        The tuned parameters where the active constraint just holds [SI]; empty where nothing is feasible.
+    values : dict of str to float
+        The same a margin to the safe side, where the tests were made: the design to be built [SI].
+    kind : Turn
+        What limits the objective: a fold or border collision of the limit cycle, the allowed size; END: its own range.
+    at_end : str
+        End of the range of the other parameter that limits it, too ("T is at the upper end of its range"); empty where
+        the optimum lies inside.
+    first_order : float
+        The objective that first order proposes at this value of the other parameter [SI]; nan where it proposes none.
+    prices : dict of str to float
+        Relative change of the optimum for a relative change of each parameter (and of what is "allowed").
+    frequency : float
+        Of the cycle at the active constraint [Hz].
+    confirmed : bool
+        No cycle (that is too large) a margin to the safe side, by the exact search and by runs; one a margin beyond.
+    n_runs, n_settled, n_shrinking : int
+        Runs of the test; those that came to rest (or to a cycle that is allowed); those that have not yet, but are
+        smaller than the cycle and still shrink, as beside a fold many do for thousands of periods.
+    orbit : LimitCycle or None
+        The exact orbit at the active constraint.
+    evaluated : array, shape (k, 2)
+        Values of the other parameter with the exact bound there, sorted [SI].
+    message : str
+        What is missing, or which constraint would have to give.
+    """
+
+    at: dict[str, float]
+    values: dict[str, float] = field(default_factory=dict)
+    kind: Turn = Turn.UNKNOWN
+    at_end: str = ""
+    first_order: float = _NAN
+    prices: dict[str, float] = field(default_factory=dict)
+    frequency: float = _NAN
+    confirmed: bool = False
+    n_runs: int = 0
+    n_settled: int = 0
+    n_shrinking: int = 0
+    orbit: LimitCycle | None = None
+    evaluated: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    message: str = ""
+
+    in_json = (
+        "at values kind at_end first_order prices frequency confirmed n_runs n_settled n_shrinking evaluated message"
+    )
+
+    @property
+    def feasible(self) -> bool:
+        """Whether there is any design without a cycle (that is too large)."""
+        return bool(self.at)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design(Result):
+    """The best design without a limit cycle, or with none above what is allowed.
+
+    Attributes
+    ----------
+    case : str
+    objective : str
+        The parameter that is maximised or minimised.
+    goal : {"largest", "smallest"}
+    tune : dict of str to (float, float)
+        Ranges of the tuned parameters [SI].
+    optimum : Optimum
+    front_over : str
+        Parameter of the front; empty where none was asked for.
+    front : tuple of (float, Optimum)
+        Its values [SI], and the optimum at each.
+    margin : float
+        Distance of the tests from the active constraint, relative to the objective.
+    allowed : Allowed or None
+    readable : dict of str to (str, float)
+        The unit that people use for each parameter, and the factor from SI to it.
+    """
+
+    case: str
+    objective: str
+    goal: str
+    tune: dict[str, tuple[float, float]]
+    optimum: Optimum
+    front_over: str = ""
+    front: tuple[tuple[float, Optimum], ...] = ()
+    margin: float = _NAN
+    allowed: Allowed | None = None
+    readable: dict[str, tuple[str, float]] = field(default_factory=dict)
+
+    in_json = "objective goal tune allowed margin status sentence optimum front_over front=_front provenance"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The design to be built [SI]: what `with_values` of the case takes."""
+        return self.optimum.values
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED where all optima are confirmed (or none is feasible, for a reason), else UNDECIDED."""
+        all_of_them = [self.optimum, *(o for _, o in self.front)]
+        return Status.CONVERGED if all(o.confirmed or not o.feasible for o in all_of_them) else Status.UNDECIDED
+
+    def text(self, name: str, value: float, digits: int = 5) -> str:
+        """A value of a parameter in the unit that people use."""
+        unit, factor = self.readable[name]
+        return f"{factor * value:.{digits}g} {unit}".rstrip()
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a design: the front with its optima, or the optimum alone [SI]."""
+        rows = [{self.front_over: value} | self._row(found) for value, found in self.front]
+        units = {name: unit for name, (unit, factor) in self.readable.items() if factor == 1.0}
+        return frame_of(rows or [self._row(self.optimum)], units)
+
+    def _row(self, found: Optimum) -> dict[str, object]:
+        return {
+            **found.at,
+            "first_order": found.first_order,
+            "frequency": found.frequency,
+            "confirmed": found.confirmed,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The optimum, what limits it, and whether that is confirmed."""
+        best = self.optimum
+        rule = "no limit cycle" if self.allowed is None else f"no stable limit cycle above {self.allowed}"
+        if not best.feasible:
+            return f"No design within these ranges has {rule}: {best.message}"
+        others = ", ".join(f"{n} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
+        where = f", at {others}" if others else ""
+        value = self.text(self.objective, best.at[self.objective], 7)
+        told = f"The {self.goal} {self.objective} with {rule} is {value}{where}. {self._limits(best)}"
+        if best.at_end:
+            told += f" {best.at_end}."
+        return f"{told} {self._tests(best)}"
+
+    def _limits(self, best: Optimum) -> str:
+        if best.kind is Turn.END:
+            return f"Only its own range limits it: {self.objective} is at the end of it."
+        what = {
+            Turn.FOLD: "there a limit cycle is born (fold)",
+            Turn.CORNER: "there a limit cycle is born (border collision)",
+            Turn.SIZE: "there the stable limit cycle reaches what is allowed",
+            Turn.STABILITY: "there a limit cycle becomes stable",
+        }[best.kind]
+        return f"Active is the limit cycle: {what}, at {best.frequency:.4g} Hz."
+
+    def _tests(self, best: Optimum) -> str:
+        if best.confirmed:
+            if best.kind is Turn.END:
+                return "The exact search finds no such cycle there."
+            slow = f", {best.n_shrinking} that are below the cycle's size and still shrink" if best.n_shrinking else ""
+            runs = f"{best.n_settled} runs at rest{' or on what is allowed' if self.allowed else ''}{slow}"
+            return f"Confirmed {100 * self.margin:g} % to both sides: no such orbit inside ({runs}), one beyond."
+        return f"Not confirmed: {best.message}"
+
+    def _front(self) -> list[dict[str, object]]:
+        return [{"value": value, **o.to_dict()} for value, o in self.front]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The objective over the other parameter with its optimum, or over the parameter of the front."""
+        return self.drawn("plot_design", ax)

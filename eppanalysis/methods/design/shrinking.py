@@ -1,0 +1,56 @@
+"""Slow runs beside a fold: whether a motion has left the ghost of the cycle behind and still shrinks.
+
+A per cent beside its fold a cycle is gone, but motions pass its ghost slowly, and with play behind an integrator what
+is left decays like a power of time: no run of a finite length comes to rest. Such a run is looked at in windows, each
+twice as late as the one before: it must shrink from window to window, and end below the size of the cycle at the fold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.results import LimitCycle
+
+Array = NDArray[np.float64]
+
+#: The first run in periods of the cycle, how often it is doubled; its windows: how late they end, how long they are.
+_FIRST, _DOUBLED = 800.0, 5
+_WINDOWS, _LENGTH, _SAMPLES = (0.25, 0.5, 1.0), 2.5, 400
+#: A window must be smaller than the one before by this factor, and the last one than the cycle.
+_SHRINKS, _BELOW = 0.98, 0.8
+
+
+def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
+    """Whether the motion from a state ends below the size of a cycle, and becomes smaller from window to window.
+
+    Parameters
+    ----------
+    case : Case
+    x0 : array, shape (states,)
+        State and inputs at the begin.
+    cycle : LimitCycle
+        The cycle at the fold nearby.
+    """
+    names = case.to_system().signals.names
+    size = np.array([cycle.peak_to_peak[name] for name in names])
+    moving = size > 0
+    hybrid = replace(steady_case(case), x0=x0)
+    t = _FIRST * cycle.period
+    for _ in range(_DOUBLED):
+        ends = t * np.array(_WINDOWS)
+        times = (ends[:, None] + np.linspace(-_LENGTH * cycle.period, 0.0, _SAMPLES)).ravel()
+        samples = run_hybrid(hybrid, t, times, 2.0 * hybrid.time_scale, 2_000_000, 600).samples
+        if len(samples) < times.size or not np.all(np.isfinite(samples)):
+            return False
+        spans = np.ptp(samples.reshape(len(ends), _SAMPLES, -1), axis=1)[:, moving] / size[moving]
+        largest = spans.max(axis=1)
+        if largest[-1] < _BELOW and np.all(largest[1:] <= _SHRINKS * largest[:-1]):
+            return True
+        t *= 2.0
+    return False

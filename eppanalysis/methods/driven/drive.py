@@ -1,0 +1,183 @@
+"""A loop driven by a sine at one of its inputs, as one more autonomous hybrid system.
+
+The sine is exact: two states of an undamped oscillator that nothing acts on. What is driven repeats itself after a
+whole number of the input's periods, which are known; so its phase is no unknown, and no event need mark its begin
+(docs/theory/driven.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError, did_you_mean
+from eppanalysis.methods.describing.balance import Balance
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
+
+Array = NDArray[np.float64]
+
+#: Longest step of a run, relative to the period of the input.
+_STEP = 1.0 / 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A loop whose inputs stand still but for one: ``amplitude * sin(omega t)`` about where it is held.
+
+    Attributes
+    ----------
+    system : LureSystem
+    at : OperatingPoint
+        Where the inputs are held, the driven one included.
+    input : str
+    amplitude : float
+        In the unit of the input.
+    omega : float
+        Angular frequency [rad/s].
+    """
+
+    system: LureSystem
+    at: OperatingPoint
+    input: str
+    amplitude: float
+    omega: float
+
+    @property
+    def period(self) -> float:
+        """Of the input [s]."""
+        return 2.0 * np.pi / self.omega
+
+    @property
+    def frequency(self) -> float:
+        """Of the input [Hz]."""
+        return self.omega / (2.0 * np.pi)
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the input, where the loop knows it."""
+        signals = self.system.signals
+        return dict(zip(signals.names, signals.units, strict=False)).get(self.input, "")
+
+    @property
+    def column(self) -> int:
+        """Number of the input."""
+        return self.system.input_names.index(self.input)
+
+    @cached_property
+    def _unit(self) -> HybridSystem:
+        """The hybrid system with a sine of amplitude 1 and 1 rad/s."""
+        held = replace(self.system, v0=self.at.vector(self.system))
+        hybrid = HybridSystem.from_lure(held, {self.input: Sine(1.0, 0.5 / np.pi)})
+        none = {"breakpoint_time": np.zeros(0), "breakpoint_state": np.zeros(0, np.int64)}
+        none |= {"breakpoint_value": np.zeros(0), "breakpoint_memory": np.zeros(0, np.int64)}
+        return replace(hybrid, model=hybrid.model._replace(**none, breakpoint_slope=np.zeros(0)))
+
+    @property
+    def sine(self) -> slice:
+        """Where sine and cosine of the input stand among the states."""
+        first = self.system.A.shape[0] + self.column
+        return slice(first, first + 2)
+
+    @cached_property
+    def hybrid(self) -> HybridSystem:
+        """The hybrid system, begun at the loop's own start with the input at phase zero."""
+        unit, s = self._unit, self.sine.start
+        A, C, Yx = (getattr(unit.model, name).copy() for name in ("A", "C", "Yx"))
+        for matrix in (A[: unit.n_plant], C, Yx):
+            matrix[:, s] *= self.amplitude
+        A[s, s + 1], A[s + 1, s] = self.omega, -self.omega
+        scale = min(unit.time_scale, 0.5 * _STEP * self.period)
+        return replace(unit, model=unit.model._replace(A=A, C=C, Yx=Yx), time_scale=scale)
+
+    @cached_property
+    def balance(self) -> Balance | None:
+        """Of the means, for first order; None where it does not determine them."""
+        try:
+            return Balance.of(self.system, 0, self.at.vector(self.system))
+        except ModelError:
+            return None
+
+    def phase(self, x: Array) -> float:
+        """Phase of the input in a state of the hybrid system [rad], between 0 and 2 pi."""
+        sine, cosine = x[self.sine]
+        return float(np.arctan2(sine, cosine)) % (2.0 * np.pi)
+
+    def changed(self, amplitude: float | None = None, omega: float | None = None) -> Drive:
+        """The same loop under another sine."""
+        new = Drive(
+            self.system,
+            self.at,
+            self.input,
+            self.amplitude if amplitude is None else amplitude,
+            self.omega if omega is None else omega,
+        )
+        new.__dict__.update(_unit=self._unit, balance=self.balance)  # which do not depend on the sine
+        return new
+
+
+def drive_of(
+    loop: LureSystem | CaseLike,
+    input: str | None,
+    amplitude: float | None,
+    frequency: float | None,
+    operating_point: PointLike | None,
+    analysis: str,
+) -> Drive:
+    """The drive that an analysis was asked for; what is not given is that of the case's own sine.
+
+    Raises
+    ------
+    EppError
+        If it has no such input, or the others do not stand still, the sine is not given, or the loop has dead time,
+        sampled controllers or discrete time, which driven loops do not cover.
+    """
+    system = system_of(loop, analysis)
+    own = _own_sines(system, getattr(loop, "input", None))
+    name = _input_named(system, input, own, analysis)
+    if name in own:
+        amplitude = own[name].amplitude if amplitude is None else amplitude
+        frequency = own[name].frequency_hz if frequency is None else frequency
+    for what, number, unit in (("amplitude", amplitude, "the unit of the input"), ("frequency", frequency, "Hz")):
+        if number is None or not (np.isfinite(number) and number > 0):
+            raise EppError(f"{analysis}: {what} is {number}; expected a positive number [{unit}].")
+    assert amplitude is not None and frequency is not None
+    point = OperatingPoint.of(system) if isinstance(loop, LureSystem) else loop.operating_point
+    if operating_point is not None:
+        point = operating_point if isinstance(operating_point, OperatingPoint) else point.with_inputs(operating_point)
+    middle = point.inputs.get(name, float(system.v0[system.input_names.index(name)]))
+    system, at = standing(loop, point.with_inputs({name: middle}), analysis)
+    if system.time_step:
+        raise EppError(f"{analysis}: {system.name} is a loop in discrete time; expected one in continuous time.")
+    if np.any(system.delays > 0):
+        raise EppError(f"{analysis}: {system.name} has dead time; expected a loop without, or simulate.")
+    return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency))
+
+
+def _own_sines(system: LureSystem, given: object) -> dict[str, Sine]:
+    """The sines among the input signals of a case."""
+    if given is None:
+        return {}
+    signals: dict[str, InputSignal] = input_signals_by_name(system.input_names, given)  # type: ignore[arg-type]
+    return {name: one for name, one in signals.items() if isinstance(one, Sine) and one.amplitude > 0}
+
+
+def _input_named(system: LureSystem, input: str | None, own: dict[str, Sine], analysis: str) -> str:
+    """The input that is driven: as given, else the one with a sine, else the only one."""
+    names = tuple(system.input_names)
+    if not names:
+        raise EppError(f"{analysis}: {system.name} has no external input; expected one that a sine can drive.")
+    if input is not None:
+        if input not in names:
+            raise ModelError(f"{system.name} has no input {input!r}", expected=did_you_mean(input, names))
+        return input
+    likely = tuple(own) or names
+    if len(likely) > 1:
+        raise EppError(f"{analysis}: {system.name} has inputs {', '.join(likely)}; expected the name of one.")
+    return likely[0]

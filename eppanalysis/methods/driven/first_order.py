@@ -1,0 +1,263 @@
+"""First order: what sinusoidal-input describing functions say of a driven loop, all solutions of a frequency, and
+branches.
+
+Every element sees a mean and a sine and answers with a mean and a sine. Unlike for a limit cycle the phase is given, by
+the input: with the inputs' phasors Z, ``Z = L(j w) N(|Z|, b) Z + L_v(j w) V`` beside the balance of the means b
+(docs/theory/driven.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.balance import describe
+from eppanalysis.methods.driven.drive import Drive
+from eppanalysis.models.systems.linear import solved
+from eppanalysis.models.systems.means import mean_state
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Sizes of the largest input, relative to thresholds and linear answers, from which Newton's method starts.
+_STARTS = 28
+_MOST_ITERATIONS, _CONVERGED, _DIFFERENCE = 40, 1e-11, 1e-7
+#: Solutions nearer to each other than this, relative to their size, are one.
+_SAME = 1e-6
+#: Longest and shortest step along a branch, relative to the range and the size of the motion; most of its points.
+_LONGEST, _SHORTEST, _MOST_POINTS = 0.03, 1e-5, 1500
+
+
+@dataclass(frozen=True, eq=False)
+class Sinusoid:
+    """A first-order response: phasors of ``Im(P exp(j omega t))``.
+
+    Attributes
+    ----------
+    drive : Drive
+    unknowns : array, shape (3 m,)
+        Real and imaginary parts of the first inputs of the elements, and their means.
+    """
+
+    drive: Drive
+    unknowns: Array
+
+    @cached_property
+    def _outputs(self) -> tuple[Array, ComplexArray]:
+        """Means and phasors of the elements' outputs."""
+        return _Equations(self.drive).outputs(self.unknowns)
+
+    def response(self, signal: str) -> complex:
+        """Phasor of a signal over that of the input."""
+        system, (_, W) = self.drive.system, self._outputs
+        i, k = system.signals.names.index(signal), self.drive.column
+        V = self.drive.amplitude
+        through = system.signals.C[i] @ _state_response(self.drive, W) + system.signals.D[i] @ W
+        return complex((through + system.signals.D_input[i, k] * V) / V)
+
+    @property
+    def start(self) -> Array:
+        """State at phase zero of the input, shape (n,)."""
+        system, (mean, W) = self.drive.system, self._outputs
+        bias = self.unknowns[-len(system.elements) :] if system.elements else np.zeros(0)
+        middle = mean_state(system, self.drive.at.vector(system), bias, mean)
+        return middle + _state_response(self.drive, W).imag
+
+
+def _state_response(drive: Drive, W: ComplexArray) -> ComplexArray:
+    """Phasor of the state from those of the elements' outputs."""
+    system = drive.system
+    into = system.B @ W + system.B_input[:, drive.column] * drive.amplitude
+    return solved(system.characteristic_matrix(1j * drive.omega), into[:, None] + 0j)[:, 0]
+
+
+class _Equations:
+    """First-order balance under one drive; unknowns as in :class:`Sinusoid`."""
+
+    def __init__(self, drive: Drive) -> None:
+        system, balance = drive.system, drive.balance
+        assert balance is not None  # refused by what is public here
+        self.drive, self.balance = drive, balance
+        self.m, self.owner = self.balance.m, self.balance.owner
+        rows, k = self.balance.rows, drive.column
+        self.L = self.balance.linear(np.array([drive.omega]))[0]
+        state = _state_response(drive, np.zeros(system.B.shape[1], complex))
+        self.driven = system.C[rows] @ state + system.D_input[rows, k] * drive.amplitude
+
+    def outputs(self, q: Array) -> tuple[Array, ComplexArray]:
+        """Means and phasors of the outputs, shapes (..., nw), at unknowns (..., 3 m)."""
+        Z, b = self._parts(q)
+        mean, gain = self.gains(np.abs(Z), b)
+        return mean, gain * Z[..., self.owner]
+
+    def _parts(self, q: Array) -> tuple[ComplexArray, Array]:
+        m = self.m
+        return q[..., :m] + 1j * q[..., m : 2 * m], q[..., 2 * m :]
+
+    def gains(self, a: Array, b: Array) -> tuple[Array, ComplexArray]:
+        """Means and gains, shapes (..., nw), at amplitudes and biases (..., m)."""
+        a, omega = np.maximum(a, 1e-12), np.full(a.shape[:-1], self.drive.omega)
+        found = [describe(e, a[..., i], b[..., i], omega) for i, e in enumerate(self.drive.system.elements)]
+        return np.concatenate([m for m, _ in found], -1), np.concatenate([g for _, g in found], -1)
+
+    def residual(self, q: Array) -> Array:
+        """What is left of the balance, shape (..., 3 m)."""
+        (Z, b), (mean, W) = self._parts(q), self.outputs(q)
+        left, s = Z - W @ self.L.T - self.driven, self.balance.static
+        static = b @ s.on_bias.T + mean @ s.on_mean.T - s.prescribed
+        return np.concatenate([left.real, left.imag, static], -1)
+
+    def jacobian(self, q: Array, r: Array) -> Array:
+        """Derivative of the residual, by differences, shape (3 m, 3 m)."""
+        size = _DIFFERENCE * max(float(np.max(np.abs(q), initial=0.0)), 1e-12)
+        return np.asarray((self.residual(q + size * np.eye(q.size)) - r).T / size, float)
+
+    def starts(self) -> list[Array]:
+        """Unknowns of many sizes, each with the phases that the balance has for elements of that size."""
+        share = np.abs(self.driven) / max(float(np.max(np.abs(self.driven))), 1e-300)
+        levels = [t for e in self.drive.system.elements for t in e.thresholds() if np.isfinite(t)]
+        sizes = [*levels, float(np.max(np.abs(self.driven)))]
+        grid = np.geomspace(0.02 * min(sizes), 50.0 * max(sizes), _STARTS)
+        b = np.nan_to_num(self.balance.operating_bias)
+        found = []
+        for size in grid:
+            _, gain = self.gains(size * np.maximum(share, 1e-3), b)
+            loop = np.zeros((self.m, self.m), complex)
+            np.add.at(loop.T, self.owner, (self.L * gain).T)
+            if not (np.all(np.isfinite(loop)) and np.all(np.isfinite(self.driven))):
+                continue  # beyond all range; LAPACK would complain on the terminal
+            Z = np.linalg.lstsq(np.eye(self.m) - loop, self.driven, rcond=None)[0]
+            Z *= size / max(float(np.max(np.abs(Z))), 1e-300)
+            found.append(np.concatenate([Z.real, Z.imag, b]))
+        return found
+
+
+def _newton(equations: Callable[[Array], tuple[Array, Array]], q: Array) -> Array | None:
+    """Damped Newton to rounding; None where it does not converge."""
+    r, J = equations(q)
+    for _ in range(_MOST_ITERATIONS):
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+            return None
+        try:
+            step = np.linalg.solve(J, -r)
+        except np.linalg.LinAlgError:
+            return None
+        size = float(np.max(np.abs(q), initial=1e-300))
+        share = min(1.0, 0.7 * size / max(float(np.max(np.abs(step))), 1e-300))
+        q = q + share * step
+        if np.max(np.abs(step)) < _CONVERGED * size:
+            return q
+        r, J = equations(q)
+    return None
+
+
+def _both(drive: Drive) -> Callable[[Array], tuple[Array, Array]]:
+    """Residual and Jacobian under one drive."""
+    equations = _Equations(drive)
+
+    def both(q: Array) -> tuple[Array, Array]:
+        r = equations.residual(q)
+        return r, equations.jacobian(q, r)
+
+    return both
+
+
+def sinusoids(drive: Drive) -> tuple[Sinusoid, ...]:
+    """The first-order responses that Newton's method finds from many sizes, smallest first.
+
+    There are none where the balance of the means does not determine them.
+    """
+    found: list[Array] = []
+    if drive.balance is None:
+        return ()
+    with np.errstate(all="ignore"):
+        for start in _Equations(drive).starts():
+            q = _newton(_both(drive), start)
+            if q is None:
+                continue
+            if not any(np.max(np.abs(q - k)) < _SAME * np.max(np.abs(k)) for k in found):
+                found.append(q)
+    return tuple(Sinusoid(drive, q) for q in sorted(found, key=lambda q: float(np.linalg.norm(q))))
+
+
+def sinusoid_branches(
+    road: Callable[[float], Drive], limits: tuple[float, float]
+) -> list[tuple[Array, list[Sinusoid]]]:
+    """First-order responses along branches over the logarithm of a parameter: values (k,) and responses, through folds.
+
+    Begun at both ends and in the middle of the range.
+    """
+    branches: list[tuple[Array, list[Sinusoid]]] = []
+    for value in (limits[0], limits[1], 0.5 * sum(limits)):
+        for one in sinusoids(road(value)):
+            if not any(_passes(branch, value, one) for branch in branches):
+                branches.append(_Curve(road, limits).through(value, one.unknowns))
+    return branches
+
+
+def _passes(branch: tuple[Array, list[Sinusoid]], value: float, one: Sinusoid) -> bool:
+    """Whether a branch comes through a response at a value, by its own points beside that."""
+    values, there = branch
+    for k in np.flatnonzero((values[:-1] - value) * (values[1:] - value) <= 0):
+        share = (value - values[k]) / (values[k + 1] - values[k]) if values[k + 1] != values[k] else 0.0
+        q = there[k].unknowns + share * (there[k + 1].unknowns - there[k].unknowns)
+        if np.max(np.abs(q - one.unknowns)) < 0.02 * np.max(np.abs(one.unknowns)):
+            return True
+    return False
+
+
+class _Curve:
+    """One branch of first-order responses under way; unknowns with the value of the parameter behind them."""
+
+    def __init__(self, road: Callable[[float], Drive], limits: tuple[float, float]) -> None:
+        self.road, self.limits = road, limits
+        self.width = limits[1] - limits[0]
+
+    def through(self, value: float, q: Array) -> tuple[Array, list[Sinusoid]]:
+        first = np.append(q, value)
+        ahead = self._along(first, 1.0) if value < self.limits[1] else [first]
+        back = self._along(first, -1.0) if value > self.limits[0] else [first]
+        points = back[::-1][:-1] + ahead
+        return np.array([p[-1] for p in points]), [Sinusoid(self.road(float(p[-1])), p[:-1]) for p in points]
+
+    def _along(self, first: Array, way: float) -> list[Array]:
+        points, ds, direction = [first], 0.25 * _LONGEST, np.append(np.zeros(first.size - 1), way)
+        while len(points) < _MOST_POINTS and ds > _SHORTEST:
+            old = points[-1]
+            scale = np.append(np.full(old.size - 1, max(float(np.max(np.abs(old[:-1]))), 1e-300)), self.width)
+            plane = direction / scale
+            plane = plane / np.linalg.norm(plane)
+            new = self._corrected(old, plane, ds, scale)
+            if new is None or (len(points) > 1 and self._turn(points[-2], old, new, scale) < 0.9):
+                ds *= 0.5
+                continue
+            if not self.limits[0] <= new[-1] <= self.limits[1]:
+                end = self.limits[0] if new[-1] < self.limits[0] else self.limits[1]
+                share = (end - old[-1]) / (new[-1] - old[-1])
+                q = _newton(_both(self.road(end)), old[:-1] + share * (new - old)[:-1])
+                points += [] if q is None else [np.append(q, end)]
+                break
+            direction = new - old
+            points.append(new)
+            ds = min(1.3 * ds, _LONGEST)
+        return points
+
+    def _turn(self, before: Array, old: Array, new: Array, scale: Array) -> float:
+        one, other = (old - before) / scale, (new - old) / scale
+        size = float(np.linalg.norm(one) * np.linalg.norm(other))
+        return float(one @ other) / max(size, 1e-300)
+
+    def _corrected(self, old: Array, plane: Array, ds: float, scale: Array) -> Array | None:
+        def both(u: Array) -> tuple[Array, Array]:
+            here = _Equations(self.road(float(u[-1])))
+            r, shift = here.residual(u[:-1]), _DIFFERENCE * self.width
+            across = (_Equations(self.road(float(u[-1] + shift))).residual(u[:-1]) - r) / shift
+            J = np.vstack([np.column_stack([here.jacobian(u[:-1], r), across]), plane / scale])
+            return np.append(r, plane @ ((u - old) / scale) - ds), J
+
+        with np.errstate(all="ignore"):
+            return _newton(both, old + ds * plane * scale)

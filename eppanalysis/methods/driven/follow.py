@@ -1,0 +1,365 @@
+"""Branches of periodic responses over the frequency or the amplitude of the input: pseudo-arclength, through folds.
+
+The unknowns are the state at a fixed phase of the input and the logarithm of the parameter. Every step of Newton's
+method takes the events that the engine meets, so a branch runs on where events come and go as long as the map of the
+state over the period is smooth enough (docs/theory/driven.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.continuation.steps import bordered, weights
+from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
+from eppanalysis.methods.driven.drive import Drive
+from eppanalysis.methods.orbits.arcs import Arcs
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate
+from eppanalysis.methods.orbits.shooting import restarted
+from eppanalysis.methods.simulation.stability import is_stable, return_map
+from eppanalysis.models.systems.hybrid import HybridSystem
+
+Array = NDArray[np.float64]
+
+#: Steps of the corrector, and the last one that counts as none, relative to the motion and the range.
+_MOST_ITERATIONS, _STILL = 10, 1e-9
+#: Change of the value, relative to the range, with which a corrector has gone astray.
+_ASTRAY = 1.1
+#: Step of the derivative by the parameter, a difference at a fixed sequence of events, and in how many steps it is made
+#: anew. Where a branch turns back does not depend on it.
+_DIFFERENCE, _FRESH = 1e-6, 2
+#: Shortest step along a branch; how much the direction may turn in one, and below which the next one is longer.
+_LEAST_STEP, _MOST_BEND, _LITTLE_BEND = 1e-5, 0.1, 0.02
+#: Residual up to which a response, begun elsewhere, is the same.
+_CARRIED = 1e-6
+#: Distance from where a place is foretold, relative to the step, up to which it is taken for one of the branch.
+_MOST_MISSED = 0.02
+#: Nearest that an event may come to the begin, relative to the longest stretch without events.
+_NEAR_EVENT = 0.1
+#: Bisections and secants on the way to a fold or to a change of stability, and the size of the test that is zero.
+_MOST_LOCATED, _ZERO = 60, 1e-9
+
+
+#: How a branch ends within the range.
+_NO_MORE = "ends where no periodic response continues it"
+_CONTINUUM = "ends where periodic responses become a continuum, as an element that holds its output makes one"
+
+
+class Turning(StrEnum):
+    """What happens at a special point of a branch of periodic responses."""
+
+    FOLD = "fold"
+    PERIOD_DOUBLING = "period doubling"
+    TORUS = "torus"
+    BRANCH_POINT = "branch point"
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them."""
+
+    drive: Callable[[float], Drive]
+    limits: tuple[float, float]
+    multiple: int = 1
+
+    @property
+    def width(self) -> float:
+        """Length of the range."""
+        return self.limits[1] - self.limits[0]
+
+    def at(self, value: float, like: HybridSystem) -> tuple[HybridSystem, float]:
+        """The system, begun as another one, and the time after which what it does repeats itself [s]."""
+        drive = self.drive(value)
+        start = replace(drive.hybrid, x0=like.x0, H0=like.H0, modes0=like.modes0)
+        return start, self.multiple * drive.period
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A periodic response on a branch.
+
+    Attributes
+    ----------
+    value : float
+        Logarithm of the parameter.
+    orbit : Orbit
+    tangent : array, shape (N + 1,)
+        Direction of (start y, value), zero where y is not free; of unit length in the branch's own measure.
+    before : (float, array), optional
+        Distance and tangent of the place from which this one was reached.
+    """
+
+    value: float
+    orbit: Orbit
+    tangent: Array
+    before: tuple[float, Array] | None = None
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether all multipliers lie inside the unit circle."""
+        return is_stable(self.orbit.multipliers, self.orbit.one_of_many)
+
+    @cached_property
+    def unknowns(self) -> Array:
+        """Start and value, shape (N + 1,)."""
+        return np.append(self.orbit.y, self.value)
+
+    def ahead(self, ds: float) -> Array:
+        """Unknowns at a distance along the branch, as this place and the one before foretell them."""
+        plain = self.unknowns + ds * self.tangent
+        if self.before is None:
+            return plain
+        return plain + 0.5 * ds * ds / self.before[0] * (self.tangent - self.before[1])
+
+
+def measure(orbit: Orbit, width: float) -> Array:
+    """Weights of (start y, value), shape (N + 1,): mean square of the relative change, and the value over its range."""
+    w, m = weights(orbit, width), orbit.arcs.free.size
+    whole = np.zeros(orbit.y.size + 1)
+    whole[orbit.arcs.free], whole[-1] = w[:m], w[-1]
+    return whole
+
+
+def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | None = None) -> Place:
+    """A response with the direction of its branch, turned along another direction (N + 1,)."""
+    w = measure(orbit, road.width)
+    slope = _slope(road, value, orbit) if slope is None or slope.size != orbit.r.size else slope
+    m, p = orbit.arcs.free.size, orbit.tau.size
+    row, right = np.zeros(m + p + 1), np.zeros(m + p + 1)
+    row[:m], row[-1], right[-1] = (w * along)[orbit.arcs.free], (w * along)[-1], 1.0
+    t = bordered(orbit, slope, row, right)
+    tangent = np.zeros(w.size)
+    tangent[orbit.arcs.free], tangent[-1] = t[:m], t[-1]
+    return Place(value, orbit, tangent / np.sqrt(np.sum(w * tangent * tangent)))
+
+
+def _slope(road: Road, value: float, orbit: Orbit) -> Array:
+    """Derivative of the residual by the value, at fixed unknowns and events."""
+    hybrid, duration = road.at(value + _DIFFERENCE, orbit.hybrid)
+    arcs = replace(Arcs.build(hybrid, orbit.arcs.event_sequence, orbit.arcs), duration=duration)
+    return np.asarray((evaluate(hybrid, arcs, orbit.y, orbit.tau).r - orbit.r) / _DIFFERENCE, float)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
+def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) -> Place | None:
+    """Newton from u (N + 1,) to a response with ``row @ (u - origin.unknowns) = distance``; None where it fails."""
+    best, modes, slope = np.inf, origin.orbit.arcs.event_sequence.modes[0], np.zeros(0)
+    for i in range(_MOST_ITERATIONS):
+        if not abs(u[-1] - origin.value) < _ASTRAY * road.width:
+            return None
+        like = restarted(origin.orbit.hybrid, origin.orbit.arcs, u[:-1], modes)
+        try:
+            orbit = passed(*road.at(float(u[-1]), like))
+            if orbit is None or not orbit.residual < 1e3:
+                return None
+            if i < _FRESH or slope.size != orbit.r.size:
+                slope = _slope(road, float(u[-1]), orbit)
+        except (EppError, ModelError, OverflowError):
+            return None
+        free, p = orbit.arcs.free, orbit.tau.size
+        right = -np.concatenate([orbit.r, [row @ (u - origin.unknowns) - distance]])
+        change = bordered(orbit, slope, np.concatenate([row[free], np.zeros(p), row[-1:]]), right)
+        size = float(np.max(np.abs(change[: free.size]) / orbit.scale[free], initial=abs(change[-1]) / road.width))
+        # Towards rounding the last steps no longer shrink.
+        if orbit.residual < CONVERGED and (size < _STILL or (i > 2 and size > 0.5 * best and size < 1e-6)):
+            found = ends_as_it_begins(orbit)
+            return place(road, float(u[-1]), orbit, origin.tangent, slope) if found else None
+        if not np.isfinite(size) or (i > 4 and size > best):
+            return None
+        best, u = min(best, size), u.copy()
+        u[free] += change[: free.size]
+        u[-1] += change[-1]
+    return None
+
+
+@dataclass
+class Walk:
+    """One branch under way; lives for one call."""
+
+    road: Road
+    n_places: int
+    max_step: float
+    special: list[tuple[Turning, Place, int]] = field(default_factory=list)
+
+    def both_ways(self, value: float, orbit: Orbit) -> tuple[list[Place], tuple[str, str]]:
+        """The branch through a response: places in its own order, and how it ends at both ends."""
+        first = self._begin(value, orbit, 1.0 if value - self.road.limits[0] <= 0.5 * self.road.width else -1.0)
+        ahead, why = self._along(first, self.n_places)
+        if self._at_limit(value):
+            return ahead, ("begins at the end of the range", why)
+        forward, self.special = self.special, []
+        back, other = self._along(replace(first, tangent=-first.tangent), max(2, self.n_places - len(ahead)))
+        n = len(back) - 1
+        turned = [(kind, there, n - i) for kind, there, i in self.special]
+        self.special = turned[::-1] + [(kind, there, i + n) for kind, there, i in forward]
+        return back[::-1][:-1] + ahead, (other, why)
+
+    def _begin(self, value: float, orbit: Orbit, way: float) -> Place:
+        along = np.zeros(orbit.y.size + 1)
+        along[-1] = way
+        return place(self.road, value, orbit, along)
+
+    def _at_limit(self, value: float) -> bool:
+        return min(abs(value - x) for x in self.road.limits) < 1e-9 * self.road.width
+
+    def _along(self, first: Place, n_places: int) -> tuple[list[Place], str]:
+        """Places from the first on in the direction of its tangent, until the range, the count or the branch ends."""
+        places, ds = [first], 0.25 * self.max_step
+        while len(places) < n_places:
+            old = places[-1] = self._moved_away(places[-1], places[-2:-1])
+            new = self.step(old, ds)
+            shorter = ds if ds < _LEAST_STEP else 0.4 * ds
+            if shorter < ds and (new is None or self._bend(old, new) > _MOST_BEND or self._missed(old, new, ds)):
+                ds = shorter
+                continue
+            if new is None:
+                return places, _NO_MORE
+            # A turn that the shortest step does not take away is a corner of the branch.
+            if new.orbit.one_of_many:
+                return places, _CONTINUUM
+            low, high = self.road.limits
+            out = not low <= new.value <= high
+            if out:
+                end = between(self.road, old, new, low if new.value < low else high)
+                if end is None:
+                    ds *= 0.4
+                    if ds < _LEAST_STEP:
+                        return places, _NO_MORE
+                    continue
+                new = end
+            places += [*self._special_between(old, new, len(places)), new]
+            if out:
+                return places, "leaves the range"
+            if len(places) > 10 and self._same(places[0], new):
+                return places, "closes on itself"
+            ds = min(1.5 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
+        return places, "stops at the number of points asked for"
+
+    def step(self, old: Place, ds: float) -> Place | None:
+        """The response at a distance along the branch."""
+        row = measure(old.orbit, self.road.width) * old.tangent
+        found = corrected(self.road, old, row, ds, old.ahead(ds))
+        return None if found is None or ds == 0.0 else replace(found, before=(ds, old.tangent))
+
+    def _missed(self, old: Place, new: Place, ds: float) -> bool:
+        """Whether a place is not where the last ones foretold it: it may be on another branch close by."""
+        away = new.unknowns - old.ahead(ds)
+        w = measure(old.orbit, self.road.width)
+        return bool(np.sqrt(np.sum(w * away * away)) > _MOST_MISSED * ds)
+
+    def _bend(self, old: Place, new: Place) -> float:
+        """How much the direction turns between two places: one less the cosine of the angle."""
+        w = measure(new.orbit, self.road.width)
+        size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
+        return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+
+    def _same(self, one: Place, other: Place) -> bool:
+        """Whether the branch has come back to a place, whatever phase of the input either begins at."""
+        if abs(one.value - other.value) > 0.5 * self.max_step * self.road.width:
+            return False
+        drive = self.road.drive(other.value)
+        ahead = (drive.phase(one.orbit.y) - drive.phase(other.orbit.y)) % (2.0 * np.pi)
+        there = later(begun(other.orbit), ahead / drive.omega)
+        if there is None or one.tangent[-1] * other.tangent[-1] < 0:
+            return False
+        w, away = measure(one.orbit, self.road.width), np.append(there.x0, there.H0) - one.orbit.y
+        return bool(np.sqrt(np.sum(w[:-1] * away * away)) < 0.5 * self.max_step)
+
+    def _moved_away(self, there: Place, before: list[Place]) -> Place:
+        """The same response begun at another phase of the input, where an event has come near to its begin."""
+        tau = there.orbit.tau
+        if tau.size < 3 or min(tau[0], tau[-1]) > _NEAR_EVENT * max(float(tau[1:-1].max()), tau[0] + tau[-1]):
+            return there
+        placed = quiet(begun(there.orbit), there.orbit.period)
+        moved = None if placed is None else passed(placed, there.orbit.period)
+        if moved is None or moved.residual > _CARRIED or not ends_as_it_begins(moved):
+            return there
+        along = np.zeros(moved.y.size + 1)
+        along[-1] = there.tangent[-1]
+        if before:  # the direction is that from the place before, carried along for as long
+            drive = self.road.drive(there.value)
+            ahead = (drive.phase(moved.y) - drive.phase(there.orbit.y)) % (2.0 * np.pi)
+            aside = later(begun(before[0].orbit), ahead / self.road.drive(before[0].value).omega)
+            if aside is not None:
+                along = np.append(moved.y - np.append(aside.x0, aside.H0), there.value - before[0].value)
+        return place(self.road, there.value, moved, along)
+
+    def _special_between(self, old: Place, new: Place, index: int) -> list[Place]:
+        """The fold or the change of stability between two places, which is noted as the place of that number."""
+        if old.tangent[-1] * new.tangent[-1] < 0:
+            # With stable responses on both sides it is a pair of mirror images that meets in a symmetric one.
+            kind = Turning.BRANCH_POINT if old.stable and new.stable else Turning.FOLD
+            found = self._located(old, new, lambda p: float(p.tangent[-1] / self.road.width))
+        elif old.stable != new.stable:
+            kind, test = _crossing(old, new)
+            found = self._located(old, new, test)
+        else:
+            return []
+        if found is None or found is old or found is new:
+            return []
+        self.special.append((kind, found, index))
+        return [found]
+
+    def _located(self, old: Place, new: Place, test: Callable[[Place], float]) -> Place | None:
+        """Where a test changes its sign between two places, by regula falsi (Illinois)."""
+        row = measure(old.orbit, self.road.width) * old.tangent
+        a, f_a, b, f_b = 0.0, test(old), float(row @ (new.unknowns - old.unknowns)), test(new)
+        if f_a * f_b > 0:
+            return None
+        best, least = (old, abs(f_a)) if abs(f_a) < abs(f_b) else (new, abs(f_b))
+        for _ in range(_MOST_LOCATED):
+            c = (a * f_b - b * f_a) / (f_b - f_a)
+            found = self.step(old, c)
+            if found is None:
+                return best
+            f_c = test(found)
+            if abs(f_c) < least:
+                best, least = found, abs(f_c)
+            if least < _ZERO or abs(b - a) < 1e-13:
+                return best
+            if f_c * f_b > 0:
+                b, f_b, f_a = c, f_c, 0.5 * f_a
+            else:
+                a, f_a, b, f_b = b, f_b, c, f_c
+        return best
+
+
+def response_at(road: Road, near: Place, u: Array, value: float) -> Place | None:
+    """The response at a value, from unknowns u (N + 1,) nearby."""
+    row = np.zeros(near.unknowns.size)
+    row[-1] = 1.0 / road.width
+    return corrected(road, near, row, (value - near.value) / road.width, u)
+
+
+def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
+    """The response at a value between two neighbours on a branch."""
+    share = (value - one.value) / (other.value - one.value) if other.value != one.value else 0.0
+    near = one if share < 0.5 else other
+    drive, u = road.drive(value), near.unknowns.copy()
+    if abs(drive.phase(one.orbit.y) - drive.phase(other.orbit.y)) < 1e-9:
+        u = one.unknowns + share * (other.unknowns - one.unknowns)
+    u[-1] = value
+    return response_at(road, near, u, value)
+
+
+def _crossing(old: Place, new: Place) -> tuple[Turning, Callable[[Place], float]]:
+    """Which way a multiplier crosses the unit circle, and the test function for it."""
+    values = (new if not new.stable else old).orbit.multipliers
+    leading = values[np.abs(values) >= 1.0][-1]
+    if abs(leading.imag) > 1e-9:
+        return Turning.TORUS, lambda p: float(np.max(np.abs(p.orbit.multipliers))) - 1.0
+    sign = 1.0 if leading.real < 0 else -1.0
+    return (Turning.PERIOD_DOUBLING if sign > 0 else Turning.BRANCH_POINT), lambda p: _determinant(p.orbit, sign)
+
+
+def _determinant(orbit: Orbit, sign: float) -> float:
+    """Product of (multiplier + sign), from the scaled derivative of the map."""
+    scale = orbit.scale[orbit.arcs.free]
+    P = return_map(orbit.A, orbit.arcs.free.size) * scale / scale[:, None]
+    return float(np.linalg.det(P + sign * np.eye(len(P))))

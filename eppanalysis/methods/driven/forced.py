@@ -1,0 +1,308 @@
+"""All periodic responses to one sine that runs and first order lead to, and how the run from the start goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import check_counts
+from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, later, passed
+from eppanalysis.methods.driven.drive import Drive, drive_of
+from eppanalysis.methods.driven.first_order import Sinusoid, sinusoids
+from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
+from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
+from eppanalysis.methods.simulation.stability import is_stable, return_map
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
+from eppanalysis.readable import quantity
+from eppanalysis.results import Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+METHOD = "shooting over the input's period"
+#: Periods of the input after which a run is held against periodic responses.
+_CHECKED = (30, 100, 300, 1000)
+#: Distance from a periodic response, relative to its size, that counts as being on it; what a run must have come nearer
+#: within ten of its periods to be on the way there, and from how far.
+_ON_IT, _NEARER, _NEAR = 1e-7, 0.7, 0.3
+#: Change of the state over n periods, relative to the range of all, up to which a response of n periods is sought.
+_RETURNS = 0.15
+#: Periods over which the parting of neighbouring motions is measured, and the rate per period that counts as none.
+_PARTING, _NO_RATE = 300, 0.02
+#: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
+_SAME = 1e-6
+_PARTS = {
+    Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
+    Motion.QUASI_PERIODIC: "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet",
+    Motion.UNDECIDED: "has not come to repeat itself within {1} periods of the input",
+}
+
+
+def forced_response(
+    system: LureSystem | CaseLike,
+    input: str | None = None,
+    *,
+    amplitude: float | None = None,
+    frequency: float | None = None,
+    operating_point: PointLike | None = None,
+    most_periods: int = 6,
+) -> ForcedResponse:
+    """The exact periodic responses of a loop to ``amplitude * sin(2 pi frequency t)`` at one of its inputs.
+
+    The run from the loop's own start, runs from what describing functions say, and these themselves lead to responses
+    that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
+    exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
+    that these are all.
+
+    Parameters
+    ----------
+    system : LureSystem or Case
+    input : str, optional
+        The driven input; by default that of the case's own sine, or the only one.
+    amplitude : float, optional
+        In the SI unit of the input, positive; by default that of the case's own sine.
+    frequency : float, optional
+        [Hz], positive; by default that of the case's own sine.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the inputs are held, the driven one in the mean [SI]; by default that of the case or loop.
+    most_periods : int
+        Responses of up to so many periods of the input are looked for.
+
+    Returns
+    -------
+    ForcedResponse
+
+    Raises
+    ------
+    EppError
+        For a number that is not positive, an input that does not stand still besides, dead time, sampled controllers
+        or discrete time.
+    ModelError
+        If there is no such input.
+
+    References
+    ----------
+    Nayfeh and Balachandran, "Applied Nonlinear Dynamics", 1995, chapters 3 and 6 (shooting, Floquet theory).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import eppanalysis as epp
+    >>> loop = epp.Diagram(
+    ...     parts={
+    ...         "spring": epp.Saturation(lower=-1.0, upper=1.0),
+    ...         "mass": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0]),
+    ...     },
+    ...     connect=["force - mass -> spring", "spring -> mass"],
+    ...     inputs=["force"],
+    ... )
+    >>> found = epp.forced_response(loop, amplitude=0.5, frequency=0.8 / (2 * np.pi))
+    >>> [(round(r.cycle.peak_to_peak["mass"] / 2, 3), r.stable) for r in found]
+    [(1.269, True), (1.76, False), (1.821, True)]
+    """
+    check_counts("forced_response", {"most_periods": (most_periods, 1)})
+    drive = drive_of(system, input, amplitude, frequency, operating_point, "forced_response")
+    search = Search(drive, most_periods)
+    first = sinusoids(drive)
+    motion, exponent = search.run(drive.hybrid, to_the_end=True)
+    search.from_first_order(first)
+    responses = search.responses()
+    facts = facts_of(system) if not isinstance(system, LureSystem) else {}
+    settings = {"system": drive.system.name, "input": drive.input, "most_periods": most_periods}
+    names = drive.system.signals.names
+    return ForcedResponse(
+        input=drive.input,
+        amplitude=drive.amplitude,
+        frequency=drive.frequency,
+        responses=responses,
+        motion=motion,
+        repeats=search.repeats,
+        exponent=exponent,
+        status=Status.CONVERGED if responses else Status.NOT_CONVERGED,
+        message=_sentence(drive, responses, motion, exponent, search),
+        first_order={name: np.array([one.response(name) for one in first]) for name in names} if first else {},
+        provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
+        operating_point=drive.at,
+    )
+
+
+@dataclass
+class Search:
+    """The responses to one sine that have been found; lives for one call."""
+
+    drive: Drive
+    most_periods: int
+    found: list[tuple[int, Orbit]] = field(default_factory=list)
+    reached: int = 0
+    repeats: int = 0
+
+    def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
+        """Responses near those of first order, and those to which runs from there lead."""
+        for one in first:
+            start = self.drive.hybrid.begun(one.start, ())
+            if not np.all(np.isfinite(start.x0)):
+                continue
+            self.closed(start, 1)
+            self.run(start)
+
+    def closed(self, start: HybridSystem, multiple: int) -> tuple[int, Orbit] | None:
+        """The response of so many periods near a start, in the shortest form; None where there is none."""
+        orbit = close(start, multiple * self.drive.period)
+        if orbit is None:
+            return None
+        found = self._shortest(multiple, orbit)
+        for known in self.found:
+            if known[0] == found[0] and self.same(known[1], *found[::-1]):
+                return known
+        self.found.append(found)
+        return found
+
+    def _shortest(self, multiple: int, orbit: Orbit) -> tuple[int, Orbit]:
+        for n in range(1, multiple):
+            end = later(begun(orbit), n * self.drive.period) if multiple % n == 0 else None
+            if end is not None and self._away(orbit, end.x0, orbit.y) < _SAME:
+                once = close(begun(orbit), n * self.drive.period)
+                if once is not None:
+                    return n, once
+        return multiple, orbit
+
+    def same(self, known: Orbit, orbit: Orbit, multiple: int) -> bool:
+        """Whether two responses of as many periods are one motion, begun at any period of the input."""
+        return any(
+            there is not None and self._away(known, there.x0, known.y) < _SAME
+            for there in self._at_phase(begun(orbit), self.drive.phase(known.y), multiple)
+        )
+
+    def _at_phase(self, start: HybridSystem, phase: float, multiple: int) -> Iterator[HybridSystem | None]:
+        """The system at the next times at which the input has a phase."""
+        ahead = (phase - self.drive.phase(start.x0)) % (2.0 * np.pi)
+        ahead = 0.0 if 2.0 * np.pi - ahead < 1e-12 else ahead
+        for k in range(multiple):
+            yield later(start, ahead / self.drive.omega + k * self.drive.period)
+
+    def _away(self, orbit: Orbit, x: Array, y: Array) -> float:
+        """Distance of a state from another one, relative to the size of a response."""
+        n, compared = orbit.arcs.n_state, orbit.hybrid.compared
+        return float(np.max((np.abs(x[:n] - y[:n]) / orbit.scale[:n])[compared], initial=0.0))
+
+    def run(self, start: HybridSystem, to_the_end: bool = False) -> tuple[Motion, float]:
+        """Where a run leads; its responses are noted. Unless `to_the_end`, only while there is reason to go on."""
+        now: HybridSystem | None = start
+        made, states = 0, []
+        for checked in _CHECKED if to_the_end else _CHECKED[:2]:
+            while now is not None and made < checked:
+                now, made = later(now, self.drive.period), made + 1
+                states.append(now.x0 if now is not None else start.x0)
+            if now is None:
+                return Motion.UNDECIDED, float("nan")
+            self.reached = max(self.reached, made) if to_the_end else self.reached
+            settled = self._settles(now, np.array(states[-4 * self.most_periods :]))
+            if settled:
+                self.repeats = settled if to_the_end else self.repeats
+                return Motion.PERIODIC, float("nan")
+        return self._parting(now) if to_the_end and now is not None else (Motion.UNDECIDED, float("nan"))
+
+    def _settles(self, now: HybridSystem, states: Array) -> int:
+        """The periods of the stable response that a run is on, or on the way to; 0 for none."""
+        compared = now.compared
+        span = np.ptp(states, axis=0)[compared]
+        for n in range(1, self.most_periods + 1):
+            change = np.abs(states[-1] - states[-1 - n])[compared] / np.where(span > 0, span, np.inf)
+            if n > 1 and np.max(change, initial=0.0) > _RETURNS:
+                continue
+            found = self.closed(now, n)
+            if found is not None and is_stable(found[1].multipliers, found[1].one_of_many):
+                away = [self._from(found, state) for state in (now, later(now, 10 * found[0] * self.drive.period))]
+                if away[1] < _ON_IT or (away[0] < _NEAR and away[1] < _NEARER * away[0]):
+                    return found[0]
+        return 0
+
+    def _from(self, found: tuple[int, Orbit], state: HybridSystem | None) -> float:
+        """Distance of a run from a response, whichever of the input's periods it is in."""
+        if state is None:
+            return float("inf")
+        multiple, orbit = found
+        there = next(self._at_phase(state, self.drive.phase(orbit.y), 1))
+        if there is None:
+            return float("inf")
+        starts = (later(begun(orbit), k * self.drive.period) for k in range(multiple))
+        return min((self._away(orbit, there.x0, s.x0) for s in starts if s is not None), default=float("inf"))
+
+    def _parting(self, start: HybridSystem) -> tuple[Motion, float]:
+        """The rate at which neighbours of a run part, per period, from the products of its exact derivatives."""
+        now: HybridSystem | None = start
+        direction, total = np.zeros(0), 0.0
+        for _ in range(_PARTING):
+            orbit = None if now is None else passed(now, self.drive.period)
+            if now is None or orbit is None:
+                return Motion.UNDECIDED, float("nan")
+            try:
+                P = return_map(orbit.A, orbit.arcs.free.size)
+            except np.linalg.LinAlgError:
+                return Motion.UNDECIDED, float("nan")
+            if not direction.size:
+                direction = np.ones(orbit.y.size)
+            direction[orbit.arcs.free] = P @ direction[orbit.arcs.free]
+            size = float(np.linalg.norm(direction[: orbit.hybrid.n_plant]))
+            if not (np.isfinite(size) and size > 0.0):
+                return Motion.UNDECIDED, float("nan")
+            total, direction = total + np.log(size), direction / size
+            now = later(now, self.drive.period)
+        rate = (total - 0.5 * np.log(self.drive.hybrid.n_plant)) / _PARTING
+        if rate > _NO_RATE:
+            return Motion.IRREGULAR, rate
+        return (Motion.QUASI_PERIODIC if rate > -_NO_RATE else Motion.UNDECIDED), rate
+
+    def responses(self) -> tuple[PeriodicResponse, ...]:
+        """What was found, as its users see it: by multiple, then by size."""
+        made = [periodic_response(self.drive, n, orbit) for n, orbit in self.found]
+        return tuple(sorted(made, key=lambda r: (r.multiple, *sorted(r.cycle.peak_to_peak.values(), reverse=True)[:1])))
+
+
+def periodic_response(drive: Drive, multiple: int, orbit: Orbit) -> PeriodicResponse:
+    """A response as its users see it, begun where the input has phase zero unless an element switches there."""
+    ahead = (-drive.phase(orbit.y)) % (2.0 * np.pi)
+    placed = later(begun(orbit), ahead / drive.omega)
+    if placed is not None:
+        x = placed.x0.copy()
+        x[drive.sine] = 0.0, 1.0
+        moved = passed(replace(placed, x0=x), orbit.period)
+        if moved is not None and moved.residual < CONVERGED and ends_as_it_begins(moved):
+            orbit = moved
+    cycle = replace(to_limit_cycle(drive.system, orbit), operating_point=drive.at)
+    phase = drive.phase(orbit.y)
+    return PeriodicResponse(multiple, 0.0 if 2 * np.pi - phase < 1e-9 else phase, drive.amplitude, cycle,
+                            orbit.one_of_many)  # fmt: skip
+
+
+def _sentence(
+    drive: Drive, responses: tuple[PeriodicResponse, ...], motion: Motion, exponent: float, search: Search
+) -> str:
+    stable = sum(r.stable for r in responses)
+    multiples = sorted({r.multiple for r in responses} - {1})
+    what = f"{len(responses)} found, {stable} stable" if responses else "none found"
+    sub = f", some of them of {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
+    goes_on = "comes to follow the input" if search.repeats == 1 else f"repeats itself every {search.repeats} periods"
+    if motion is not Motion.PERIODIC:
+        goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
+    return (
+        f"Periodic responses to a sine of amplitude {quantity(drive.amplitude, drive.unit, 4)} and "
+        f"{drive.frequency:.4g} Hz at {drive.input}: {what}{sub}. The run from the loop's own start {goes_on}."
+    )
+
+
+def some_responses(drive: Drive, most: int = 8) -> list[Orbit]:
+    """Responses of one period, from the loop's own start and from first order, at most so many."""
+    search = Search(drive, 1)
+    first = sinusoids(drive)
+    search.run(drive.hybrid)
+    search.from_first_order(first)
+    return list(islice((orbit for n, orbit in search.found if n == 1), most))

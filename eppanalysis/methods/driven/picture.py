@@ -1,0 +1,156 @@
+"""Pictures of driven loops: gain and phase over what runs, and the waveforms of all responses to one sine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, ResponseBranch
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    STABILITY,
+    VERMILLION,
+    chosen,
+    label_of,
+    label_time,
+    legend_below,
+    places_of,
+    with_name,
+)
+from eppanalysis.readable import count, quantity, readable, with_unit, words
+
+Array = NDArray[np.float64]
+
+#: Colours of stable responses, which may be several.
+_STABLE = (BLUE, GREEN, SKY)
+
+
+def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None) -> Figure:
+    """Amplitude and phase of the output over the frequency, or the amplitude, of the input.
+
+    The upper panel is half the peak-to-peak of the output, the lower one the phase of its component at the input's
+    frequency. Stable responses are solid, unstable ones dashed, first order is thin and dotted; folds are diamonds, and
+    arrows show where the motion jumps to. Angles are in degrees, lengths in millimetres.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+    """
+    figure, (upper, *below) = places_of(ax, 2, height=2.6)
+    upper.set_title(with_name(_title(response), response.provenance.subject), fontsize=10)
+    label, factor = label_of(response.output, response.units)
+    unit, across = ("Hz", 1.0) if response.over == "frequency" else readable(response.units.get(response.input, ""))
+    for branch in response.first_order:
+        x = across * getattr(branch, response.over)
+        thin: dict[str, Any] = {"color": "black", "linewidth": 1.0, "label": "first order", "zorder": 2.5}
+        upper.plot(x, 0.5 * factor * branch.peak_to_peak, ":", **thin)
+        for lower in below:
+            lower.plot(x, _phase(branch), ":", **thin)
+    for branch in response.branches:
+        x = across * getattr(branch, response.over)
+        _draw(upper, branch, x, 0.5 * factor * branch.peak_to_peak)
+        _mark(upper, branch, x, 0.5 * factor * branch.peak_to_peak)
+        for lower in below:
+            _draw(lower, branch, x, _phase(branch))
+            _mark(lower, branch, x, _phase(branch))
+    upper.set_ylabel(label + "\nhalf peak to peak")
+    for lower in below:
+        lower.set_ylabel("phase [deg]\nof the component")
+    for panel in (upper, *below):
+        panel.set_xlabel(with_unit(f"{response.over} of {words(response.input)}", unit))
+        panel.margins(x=0.02)
+        panel.grid(True, color="0.9", linewidth=0.6)
+    upper.set_ylim(bottom=0.0)
+    handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
+    upper.legend(handles.values(), handles, fontsize=8, framealpha=0.9)
+    return figure
+
+
+def _title(response: FrequencyResponse) -> str:
+    first = response.branches[0]
+    if response.over == "frequency":
+        what = f"amplitude {quantity(float(first.amplitude[0]), response.units.get(response.input, ''))}"
+    else:
+        what = f"{float(first.frequency[0]):.4g} Hz"
+    return f"response to a sine of {what}"
+
+
+def _phase(branch: ResponseBranch) -> Array:
+    """Phase along a branch [deg], continuous, begun between -180 and 180 degrees."""
+    return np.degrees(np.unwrap(np.angle(branch.response)))
+
+
+def _draw(ax: Axes, branch: ResponseBranch, x: Array, y: Array) -> None:
+    """A branch, solid where it is stable and dashed where not; the pieces meet at the folds."""
+    for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
+        # A piece belongs to the stability of its first point; the other kind leaves a gap.
+        piece = (branch.stable == kind) | np.append(False, branch.stable[:-1] == kind)
+        if np.any(branch.stable == kind):
+            ax.plot(x, np.where(piece, y, np.nan), style, color=colour, linewidth=1.6, label=STABILITY[kind])
+
+
+def _mark(ax: Axes, branch: ResponseBranch, x: Array, y: Array) -> None:
+    """Folds and other special points; with each fold an arrow to the stable response to which the motion jumps."""
+    for special in branch.special:
+        i = special.index
+        fold = special.kind == "fold"
+        style: dict[str, Any] = {"marker": "D", "color": ORANGE}
+        if not fold:
+            style = {"marker": "s", "color": GREEN, "markerfacecolor": "none"}
+        ax.plot(x[i], y[i], linestyle="none", markersize=5, label=special.kind, zorder=3, **style)
+        if fold:
+            _jump(ax, branch, x, y, i)
+
+
+def _jump(ax: Axes, branch: ResponseBranch, x: Array, y: Array, index: int) -> None:
+    """An arrow from a fold to the nearest stable stretch above or below it, where there is one."""
+    ends, at, height = [], float(x[index]), float(y[index])
+    for k in np.flatnonzero((x[:-1] - at) * (x[1:] - at) <= 0):
+        if abs(int(k) - index) > 2 and branch.stable[k] and branch.stable[k + 1]:
+            share = (at - x[k]) / (x[k + 1] - x[k])
+            ends.append(float(y[k] + share * (y[k + 1] - y[k])))
+    if ends:
+        target = min(ends, key=lambda end: abs(end - height))
+        look = {"arrowstyle": "-|>", "color": GREY, "linewidth": 0.9, "shrinkA": 4.0, "shrinkB": 1.0}
+        ax.annotate("", (at, target), (at, height), arrowprops=look)
+
+
+def plot_forced_response(response: ForcedResponse, signals: list[str] | None = None, ax: Axes | None = None) -> Figure:
+    """One period of every response, one panel a signal, with the phase of the input in turns across.
+
+    Parameters
+    ----------
+    response : ForcedResponse
+    signals : sequence of str, optional
+        Which signals, in this order; all by default.
+
+    Raises
+    ------
+    EppError
+        If there is no response, or no such signal.
+    """
+    available = response.responses[0].cycle.waveform if response.responses else {}
+    names = chosen(available, signals)
+    figure, panels = places_of(ax, len(names))
+    panels[0].set_title(with_name(f"{response.frequency:.4g} Hz", response.provenance.subject), fontsize=10)
+    for name, panel in zip(names, panels, strict=False):
+        for number, one in enumerate(response.responses, start=1):
+            label, factor = label_of(name, one.cycle.units)
+            turns = (one.cycle.time - one.cycle.time[0]) * response.frequency + one.phase / (2.0 * np.pi)
+            style: dict[str, Any] = {"linestyle": "--", "color": VERMILLION}
+            if one.stable:
+                style = {"linestyle": "-", "color": _STABLE[number % len(_STABLE)]}
+            text = f"{number}: {STABILITY[one.stable]}, of {count(one.multiple, 'period')}"
+            panel.plot(turns, factor * one.cycle.waveform[name], linewidth=1.3, label=text, **style)
+            panel.set_ylabel(label)
+    label_time(panels, "periods of the input")
+    legend_below(figure, panels[0])
+    return figure

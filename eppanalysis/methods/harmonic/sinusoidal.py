@@ -1,0 +1,71 @@
+"""Higher-order sinusoidal-input describing functions: every harmonic of an element's answer to a sine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eppanalysis.arguments import check_counts
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.harmonic.coefficients import respond
+from eppanalysis.methods.harmonic.elements import PeriodicElement
+from eppanalysis.methods.harmonic.series import ComplexArray
+from eppanalysis.models.elements.base import Nonlinearity
+
+
+def sinusoidal_harmonics(
+    element: Nonlinearity, amplitude: float, bias: float = 0.0, omega: float = 1.0, order: int = 9
+) -> ComplexArray:
+    """Harmonics of an element's settled output for ``x = bias + amplitude * sin(omega t)``, relative to the amplitude.
+
+    The output is ``mean + sum over k of Im(H[k] * amplitude * exp(j k omega t))``; H[1] is the describing function.
+
+    Parameters
+    ----------
+    element : Nonlinearity
+        With one input, or a second one that is the rate of the first (lock pin).
+    amplitude : float
+        Of the sine, positive, in the unit of the input.
+    bias : float
+        Its mean.
+    omega : float
+        Angular frequency [rad/s], for elements whose answer depends on it.
+    order : int
+        Highest harmonic.
+
+    Returns
+    -------
+    complex array, shape (n_outputs, order + 1)
+        H[:, 0] is the mean of the output over the amplitude, real.
+
+    Raises
+    ------
+    ModelError
+        If the amplitude or omega is not positive, or harmonic balance does not cover the element.
+    Unsettled
+        If the element does not answer with the period of its input.
+
+    References
+    ----------
+    Nuij, Bosgra and Steinbuch, "Higher-order sinusoidal input describing functions for the analysis of non-linear
+    systems with harmonic responses", Mechanical Systems and Signal Processing 20, 2006.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import eppanalysis as epp
+    >>> H = epp.sinusoidal_harmonics(epp.Relay(), amplitude=2.0, order=3)
+    >>> (0.25 * np.pi * 2.0 * H[0].real).round(6).tolist()
+    [0.0, 1.0, 0.0, 0.333333]
+    """
+    check_counts("sinusoidal_harmonics", {"order": (order, 1)})
+    for name, value in (("amplitude", amplitude), ("omega", omega)):
+        if not (np.isfinite(value) and value > 0):
+            raise ModelError("sinusoidal_harmonics", value, "a positive number", field=name)
+    roles = ("free", "rate")[: element.n_inputs]
+    if len(roles) < element.n_inputs:
+        raise ModelError(f"{type(element).__name__} has {element.n_inputs} inputs", expected="one, or it and its rate")
+    series = np.zeros((1, order + 1), complex)
+    series[0, 0], series[0, 1] = bias, -1j * amplitude
+    # Coefficients of real parts become those of imaginary parts; the mean is what it is.
+    found = respond(PeriodicElement.of(element, roles), series, omega, slopes=False).coefficients / amplitude
+    return np.asarray(np.hstack([found[:, :1], 1j * found[:, 1:]]), complex)

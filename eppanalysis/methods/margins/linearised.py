@@ -1,0 +1,325 @@
+"""The loop with its elements as gains: closed, and cut open at one place; dead times stay what they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.margins.sampled import from_sample_to_sample
+from eppanalysis.models.elements.dynamic.sampled import SampledController
+from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
+from eppanalysis.models.systems.lure import LureSystem, with_own_states
+from eppanalysis.models.systems.sampled.averaged import averaged
+from eppanalysis.models.systems.sampled.strobe import is_sampled
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Condition number from which an algebraic loop has no unique solution.
+_SINGULAR = 1e13
+#: Numbers whose squares can be told.
+_LARGEST = 1e150
+#: Share of the terms that a response is made of below which it is none.
+_NOTHING = 1e-11
+#: Share of the largest state, in even units, that a state counts as at least: one that nothing reaches holds rounding.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """``dx/dt = sum of A x(t - delay) + B u(t - delay) over the terms, y = C x + D u``, one input, one output.
+
+    Attributes
+    ----------
+    terms : tuple of (float, array (n, n), array (n, 1))
+        Delay [s], A and B; ascending, the first without delay.
+    C, D : arrays, shapes (1, n), (1, 1)
+    time_step : float or None
+        Sample time [s] of a system in discrete time, where ``dx/dt`` is the next state.
+    """
+
+    terms: tuple[tuple[float, Array, Array], ...]
+    C: Array
+    D: Array
+    time_step: float | None
+
+    @property
+    def rational(self) -> bool:
+        """Whether there is no dead time."""
+        return len(self.terms) == 1
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.C.shape[1]
+
+    @property
+    def longest_delay(self) -> float:
+        """Longest dead time [s]."""
+        return self.terms[-1][0]
+
+    @property
+    def all_at_once(self) -> tuple[Array, Array]:
+        """A and B with all dead times left out."""
+        return np.sum([t[1] for t in self.terms], axis=0), np.sum([t[2] for t in self.terms], axis=0)
+
+    def matrices(self, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """A (m, n, n) and B (m, n, 1) at points s of the Laplace variable, (m,); in discrete time of z."""
+        A, B = np.zeros((s.size, self.n, self.n), complex), np.zeros((s.size, self.n, 1), complex)
+        for delay, a, b in self.terms:
+            late = s ** -round(delay / self.time_step) if self.time_step else np.exp(-s * delay)
+            A += late[:, None, None] * a
+            B += late[:, None, None] * b
+        return A, B
+
+    def points(self, omega: Array) -> ComplexArray:
+        """Points of the Laplace variable on the imaginary axis; of z on the unit circle."""
+        return np.asarray(np.exp(1j * omega * self.time_step) if self.time_step else 1j * omega, complex)
+
+    def response(self, omega: Array) -> ComplexArray:
+        """From the input to the output at frequencies (m,) [rad/s]; nan at a pole."""
+        s = self.points(omega)
+        A, B = self.matrices(s)
+        resolvent = s[:, None, None] * np.eye(self.n) - A
+        try:
+            x = np.linalg.solve(resolvent, B)
+        except np.linalg.LinAlgError:
+            x = np.stack([_solved(r, b) for r, b in zip(resolvent, B, strict=True)])
+        return np.asarray((self.C @ x)[:, 0, 0] + self.D[0, 0], complex)
+
+    @cached_property
+    def rates(self) -> ComplexArray:
+        """Poles and zeros [rad/s], those at the origin left out; of the system without its dead times."""
+        A, B = self.all_at_once
+        if not self.n:
+            return np.zeros(0, complex)
+        if not self.time_step:
+            found: ComplexArray = np.concatenate([poles(A), zeros(A, B, self.C, self.D)])
+        else:
+            I = np.eye(self.n)  # noqa: E741  # the unit matrix
+            z = np.concatenate([poles(A - I), zeros(A - I, B, self.C, self.D)]) + 1.0
+            found = np.asarray(np.log(z[np.abs(z) > 1e-9]) / self.time_step, complex)
+        size = np.abs(found)
+        return np.asarray(found[size > 1e-9 * size.max(initial=0.0)], complex)
+
+
+def _solved(resolvent: ComplexArray, right: ComplexArray) -> ComplexArray:
+    try:
+        return np.asarray(np.linalg.solve(resolvent, right), complex)
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.nan, complex)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A loop whose elements are gains.
+
+    Attributes
+    ----------
+    system : LureSystem
+        With its integrators apart.
+    gains : array, shape (nw, nz)
+        ``w = gains @ z``; zero for elements that no gain stands for.
+    without : tuple of int
+        Elements that no gain stands for.
+    executed : tuple of str
+        What stands for sampled controllers, a sentence each.
+    """
+
+    system: LureSystem
+    gains: Array
+    without: tuple[int, ...]
+    executed: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, loop: LureSystem, place: str) -> Linearised:
+        """The loop with every element as the gain that it names (`Nonlinearity.linear_gain`), to be cut at a place.
+
+        Sampled controllers stand with their hold and delay: exactly where the loop is cut at one of them.
+
+        Raises
+        ------
+        ModelError
+            If numbers are beyond all range.
+        """
+        loop = _small_signal(loop)
+        return cls._executed(loop, place) if is_sampled(loop.elements) else cls._of_gains(loop)
+
+    @classmethod
+    def _executed(cls, loop: LureSystem, place: str) -> Linearised:
+        """A loop with sampled controllers, from sample to sample or in the mean."""
+        rest = cls._of_gains(loop)
+        controllers = {n: e for n, e in zip(loop.element_names, loop.elements, strict=True) if is_sampled([e])}
+        others = tuple(i for i in rest.without if loop.element_names[i] not in controllers)
+        exact = None if others else from_sample_to_sample(loop, rest.gains)
+        steps = {n: e.sample_time for n, e in controllers.items() if isinstance(e, SampledController)}
+        if exact is not None and place in exact.places.names:
+            made = cls._of_gains(exact)
+            said = (f"{n}: executed every {step:.6g} s, exact from sample to sample." for n, step in steps.items())
+            told = tuple(line for line in rest.rule() if line.partition(":")[0] not in controllers)
+            return replace(made, executed=(*told, *said))
+        made = cls._of_gains(averaged(loop))
+        said = (
+            f"{n}: executed every {step:.6g} s, in the mean over where its samples fall; near the crossovers good to "
+            f"(omega {step:.6g} s)^2/12."
+            for n, step in steps.items()
+        )
+        return replace(made, executed=tuple(said))
+
+    @classmethod
+    def _of_gains(cls, loop: LureSystem) -> Linearised:
+        """The loop with its elements as gains."""
+        system = loop.with_integrators_apart[0]
+        K = np.zeros((system.B.shape[1], system.C.shape[0]))
+        without = []
+        for i, element in enumerate(system.elements):
+            gain = np.asarray(element.linear_gain(), float)
+            if not np.all(np.isfinite(gain)):
+                without.append(i)
+                gain = np.zeros_like(gain)
+            K[system.output_slices[i], system.input_slices[i]] = gain
+        if max(np.abs(part).max(initial=0.0) for part in (system.A, system.B, system.C, system.D, K)) > _LARGEST:
+            what = f"{system.name}: numbers beyond all range, whose squares are infinite"
+            raise ModelError(what, expected="values of ordinary magnitude")
+        return cls(system, K, tuple(without))
+
+    def rule(self) -> tuple[str, ...]:
+        """Which gain stands for each element, and why, a sentence each."""
+        said = []
+        for i, (name, element) in enumerate(zip(self.system.element_names, self.system.elements, strict=True)):
+            block = self.gains[self.system.output_slices[i], self.system.input_slices[i]]
+            numbers = ", ".join(f"{value:.6g}" for value in block.ravel())
+            none = "none (its output jumps, or its slope has no bound)"
+            said.append(f"{name}: {none if i in self.without else f'{numbers} ({element.linear_gain_is})'}.")
+        return (*said, *self.executed)
+
+    def closed(self) -> Linear:
+        """The closed loop, which nothing drives.
+
+        Raises
+        ------
+        ModelError
+            If the algebraic loop through the elements has no unique solution.
+        """
+        system, n = self.system, len(self.system.A)
+        z = self._inputs(np.eye(len(system.C)) - system.D @ self.gains, system.C)
+        terms = self._terms(self.gains @ z, np.zeros((len(self.gains), 1)), system.A, np.zeros((n, 1)), ())
+        return Linear(terms, np.zeros((1, n)), np.zeros((1, 1)), system.time_step)
+
+    def opened(self, place: str) -> Linear:
+        """The loop cut open: what comes back to a place of what is sent off from it, with the sign of a feedback of -1.
+
+        With ``d = u - y`` at the place, ``y = (C x + D w + F u)/(1 + F)``; all else follows.
+
+        Raises
+        ------
+        ModelError
+            If no place has this name, or the algebraic loop that is left has no unique solution.
+        """
+        system, cuts = self.system, self.system.places
+        i = cuts.number(place)
+        share = 1.0 / (1.0 + cuts.F[i])
+        E, c, dw = cuts.E[:, [i]], share * cuts.C[[i]], share * cuts.D[[i]]
+        z = self._inputs(
+            np.eye(len(system.C)) - (system.D - E @ dw) @ self.gains, np.hstack([system.C - E @ c, share * E])
+        )
+        w = self.gains @ z
+        n = len(system.A)
+        y = np.hstack([c, [[share * cuts.F[i]]]]) + dw @ w
+        d = np.hstack([np.zeros((1, n)), [[1.0]]]) - y
+        own = ((float(cuts.delays[i]), cuts.B[:, [i]] @ d),)
+        terms = self._terms(w[:, :n], w[:, n:], system.A, np.zeros((n, 1)), own)
+        size = share * abs(cuts.F[i]) + (np.abs(dw) @ np.abs(self.gains) @ np.abs(z[:, n:]))
+        D = np.where(np.abs(y[:, n:]) <= ROUNDING * size, 0.0, -y[:, n:])
+        return _in_even_units(Linear(terms, -y[:, :n], D, system.time_step))
+
+    def _inputs(self, left: Array, right: Array) -> Array:
+        """Inputs of the elements, as rows on what drives them."""
+        if left.size and np.linalg.cond(left) > _SINGULAR:
+            raise ModelError(f"{self.system.name}: the algebraic loop through its elements has no unique solution.")
+        return np.asarray(np.linalg.solve(left, right), float)
+
+    def _terms(
+        self, w_x: Array, w_u: Array, A: Array, B: Array, own: tuple[tuple[float, Array], ...]
+    ) -> tuple[tuple[float, Array, Array], ...]:
+        """Matrices by their dead time: what has none first; `own` are rows on (x, u) that come in besides."""
+        n = len(A)
+        parts = {0.0: np.hstack([A, B])}
+        for delay in np.unique(self.system.delays):
+            late = self.system.delays == delay
+            given = self.system.B[:, late] @ np.hstack([w_x, w_u])[late]
+            parts[float(delay)] = parts.get(float(delay), 0.0) + given
+        for delay, given in own:
+            parts[delay] = parts.get(delay, 0.0) + given
+        used = {delay: both for delay, both in sorted(parts.items()) if delay == 0.0 or np.any(both)}
+        return tuple((delay, both[:, :n], both[:, n:]) for delay, both in used.items())
+
+    def in_the_way(self, place: str) -> list[int]:
+        """Elements without a gain through which what is sent off from a place comes back to it."""
+        if not self.without:
+            return []
+        leads = self._leads(place)
+        while np.any(further := ~leads & (leads @ leads)):
+            leads |= further
+        return [i for k, i in enumerate(self.without, start=1) if leads[0, k] and leads[k, 0]]
+
+    def _leads(self, place: str) -> NDArray[np.bool_]:
+        """Whether what a place (0) or an element without a gain (1, ...) sends off (row) reaches another (column).
+
+        Judged by the response at some frequencies, beside the terms that it is made of: whatever the coordinates.
+        """
+        system, cuts, i = self.system, self.system.places, self.system.places.number(place)
+        n, nz, nw = len(system.A), len(system.C), len(self.gains)
+        rates = np.abs(poles(system.A)) if not system.time_step else np.zeros(0)
+        scale = float(np.exp(np.log(rates[rates > 0]).mean())) if np.any(rates > 0) else 1.0 / (system.time_step or 1.0)
+        leads = np.zeros((1 + len(self.without),) * 2, bool)
+        units = balanced(system.A)[1] if n else np.zeros(0)
+        # Rows of z, then of y and d; columns x, z, d, and what the elements send off.
+        seen = np.hstack([system.C, system.D @ self.gains, cuts.E[:, [i]], system.D])
+        back = np.hstack([cuts.C[[i]], cuts.D[[i]] @ self.gains, [[cuts.F[i]]], cuts.D[[i]]])
+        for omega in scale * np.array([0.13, 0.71, 1.9]):
+            s = np.exp(1j * omega * system.time_step) if system.time_step else 1j * omega
+            late, own = np.exp(-1j * omega * system.delays), np.exp(-1j * omega * cuts.delays[i])
+            rate = np.hstack([system.A, (system.B * late) @ self.gains, own * cuts.B[:, [i]], system.B * late])
+            left = np.diag([*np.full(n, s), *np.ones(nz + 1)]) - np.vstack([rate, seen, -back])[:, : n + nz + 1]
+            sent = np.vstack([rate, seen, -back])[:, n + nz + 1 :]
+            for k, outputs in enumerate([slice(0, 0), *(system.output_slices[j] for j in self.without)]):
+                right = sent[:, outputs] if k else np.eye(n + nz + 1)[:, [-1]]
+                x = np.vstack([np.linalg.solve(left, right), np.eye(nw)[:, outputs] if k else np.zeros((nw, 1))])
+                size = self._sizes(x, units, seen, back, nz)
+                for m, rows in enumerate([back, *(seen[system.input_slices[j]] for j in self.without)]):
+                    leads[k, m] |= bool(np.any(np.abs(rows @ x) > _NOTHING * (np.abs(rows) @ size)))
+        return leads
+
+    def _sizes(self, x: ComplexArray, units: Array, seen: Array, back: Array, nz: int) -> Array:
+        """Sizes of the terms of which states, inputs, disturbance and outputs are made; rounding is a share of them."""
+        n = len(units)
+        size = np.abs(x)
+        even = size[:n] / units[:, None]
+        size[:n] = np.maximum(even, _LEAST * even.max(initial=0.0)) * units[:, None]
+        for _ in range(nz + 1):
+            size[n : n + nz] = np.maximum(size[n : n + nz], np.abs(seen) @ size)
+            size[n + nz] = np.maximum(size[n + nz], (np.abs(back) @ size)[0])
+        return size
+
+
+def _small_signal(system: LureSystem) -> LureSystem:
+    """The loop with what stands for elements that are described together with their own states."""
+    if system.given is None:
+        return system
+    elements = tuple(e.small_signal or e for e in system.given.elements)
+    loop = replace(system.given, elements=elements)
+    return with_own_states(loop) if any(e.own_states is not None for e in elements) else loop
+
+
+def _in_even_units(system: Linear) -> Linear:
+    """The same system with its states in units that make rows and columns alike."""
+    if not system.n:
+        return system
+    size = balanced(system.all_at_once[0])[1]
+    terms = tuple((delay, A * size / size[:, None], B / size[:, None]) for delay, A, B in system.terms)
+    return Linear(terms, system.C * size, system.D, system.time_step)

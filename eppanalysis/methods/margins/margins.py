@@ -1,0 +1,171 @@
+"""Gain, phase, disk and delay margins of the linearised loop, cut open at any of its places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.margins.crossovers import Response
+from eppanalysis.methods.margins.linearised import Array, Linearised
+from eppanalysis.methods.margins.result import Margins
+from eppanalysis.methods.margins.stability import is_stable
+from eppanalysis.models.systems.cuts import port_names, require_places
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import CaseLike, facts_of, system_of
+from eppanalysis.results import Status
+from eppanalysis.results.provenance import Provenance
+
+_NAN, _INF = float("nan"), float("inf")
+
+
+@overload
+def margins(loop: LureSystem | CaseLike, at: str | None = None) -> Margins: ...
+@overload
+def margins(loop: LureSystem | CaseLike, at: list[str] | tuple[str, ...]) -> tuple[Margins, ...]: ...
+def margins(
+    loop: LureSystem | CaseLike, at: str | list[str] | tuple[str, ...] | None = None
+) -> Margins | tuple[Margins, ...]:
+    """Gain, phase, disk and delay margins of the linearised loop, cut open at a place.
+
+    Every element is replaced by the gain that it names for it (its ``linear_gain``), and the result says which. No gain
+    stands for an element that jumps, such as a relay: where the loop leads through one, it has no margins.
+
+    Parameters
+    ----------
+    loop : LureSystem or Case
+    at : str, or list or tuple of str, optional
+        Names of places (``LureSystem.places``): the inputs and outputs of elements, "gear.in" and "gear.out", and what
+        else the loop names. By default where the loop says (``margins_at``), at the first place where it names several,
+        else the output of its principal element.
+
+    Returns
+    -------
+    Margins or tuple of Margins
+        One for each place where several are asked for.
+
+    Raises
+    ------
+    ModelError
+        If there is no such place, or the algebraic loop that is left has no unique solution.
+    EppError
+        If `loop` is neither a case nor a loop.
+
+    Notes
+    -----
+    Crossovers are roots of the exact frequency response, dead time included. The closed loop is judged by its poles;
+    with dead time by the argument principle. The numbers do not depend on the order or the coordinates of anything.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(-1.0, 1.0))
+    >>> found = epp.margins(loop)
+    >>> print(f"{found.at}: {found.gain_margin:.6f} at {found.phase_crossover:.6f} rad/s")
+    saturation.out: 6.000000 at 1.414214 rad/s
+    >>> [m.at for m in epp.margins(loop, ["saturation.in", "saturation.out"])]
+    ['saturation.in', 'saturation.out']
+    """
+    system = system_of(loop, "margins")
+    if at is None:
+        names: Sequence[str] = places_of(loop)[:1]
+    else:
+        names = [at] if isinstance(at, str) else list(at)
+    require_places(f"margins: {system.name}", names, system.places)
+    names = [system.places.called(name) for name in names]
+    made_by = Provenance(
+        "margins", {"system": system.name}, case={} if isinstance(loop, LureSystem) else facts_of(loop)
+    )
+    with np.errstate(all="ignore"):
+        found = tuple(_margins(Linearised.of(system, name), name, made_by) for name in names)
+    return found[0] if at is None or isinstance(at, str) else found
+
+
+def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
+    """Names of the places at which margins cut a loop where nothing is asked for.
+
+    Raises
+    ------
+    EppError
+        If the loop has no element and names no place.
+    """
+    system = system_of(loop, "margins")
+    if system.margins_at:
+        return system.margins_at
+    if not system.elements:
+        if system.places.names:
+            return system.places.names[:1]
+        raise EppError(f"margins: {system.name} has no element and names no place; expected a place to cut the loop.")
+    element, label = system.elements[system.principal], system.element_names[system.principal]
+    outputs, inputs = (port_names(label, what, n) for what, n in (("out", element.n_outputs), ("in", element.n_inputs)))
+    gain = element.linear_gain()
+    acting = np.flatnonzero(np.any(gain != 0.0, axis=1))
+    if acting.size > 1 and element.n_inputs == 1:
+        return (inputs[0],)
+    return (outputs[int(acting[0]) if acting.size else 0],)
+
+
+def _margins(linearised: Linearised, at: str, made_by: Provenance) -> Margins:
+    """The margins at one place."""
+    system = linearised.system
+    rule = linearised.rule()
+    in_the_way = linearised.in_the_way(at)
+    if in_the_way:
+        names = " and ".join(system.element_names[i] for i in in_the_way)
+        why = f"The loop leads through {names}, for which no gain stands, so it has no margins."
+        return Margins(at, Status.INCOMPLETE, rule, why, provenance=made_by)
+    loop, closed = linearised.opened(at), linearised.closed()
+    rates = np.concatenate([loop.rates, closed.rates])
+    stable = is_stable(closed, rates)
+    response = Response.of(loop, rates)
+    of_gain, phase_crossover = _gain_margin(*response.phase_crossovers())
+    if not np.any(response.value):
+        why = "What is sent off from there does not come back: no loop of elements with a gain leads through it."
+        return Margins(at, Status.INCOMPLETE, rule, why, stable=stable, provenance=made_by)
+    crossovers = response.gain_crossovers()
+    angles = np.angle(-loop.response(crossovers)) if crossovers.size else np.zeros(0)
+    best = int(np.argmin(np.abs(angles))) if angles.size else -1
+    disk, disk_frequency = response.nearest_to_minus_one()
+    message = ""
+    if stable is None:
+        message = "Whether the linearised loop is stable is not decided: it is on the border, or rounding hides it."
+    elif linearised.without:
+        stable = None
+        names = " and ".join(system.element_names[i] for i in linearised.without)
+        message = f"{names} without a gain: whether the loop is stable with it is not told, the loop cut here is."
+    return Margins(
+        at,
+        Status.CONVERGED if response.complete and stable is not None else Status.INCOMPLETE,
+        rule,
+        message,
+        gain_margin=of_gain,
+        phase_margin=float(angles[best]) if angles.size else _INF,
+        disk_margin=0.0 if stable is False else disk,
+        delay_margin=_delay_margin(angles, crossovers, stable, float(loop.D[0, 0])),
+        phase_crossover=phase_crossover,
+        gain_crossover=float(crossovers[best]) if angles.size else _NAN,
+        disk_frequency=disk_frequency,
+        stable=stable,
+        omega=response.omega,
+        response=response.value,
+        provenance=made_by,
+    )
+
+
+def _gain_margin(omega: Array, real: Array) -> tuple[float, float]:
+    """The factor nearest to one that brings the loop to the border, and its crossover."""
+    if not omega.size:
+        return _INF, _NAN
+    best = int(np.argmin(np.abs(np.log(-real))))
+    return float(-1.0 / real[best]), float(omega[best])
+
+
+def _delay_margin(angles: Array, omega: Array, stable: bool | None, straight: float) -> float:
+    """Least dead time that brings a stable loop to the border [s]; nan where it is not stable."""
+    if not stable:
+        return 0.0 if stable is False else _NAN
+    if abs(straight) >= 1.0:
+        return 0.0
+    return float(np.min(np.mod(angles, 2.0 * np.pi) / omega, initial=_INF))

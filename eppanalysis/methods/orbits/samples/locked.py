@@ -1,0 +1,338 @@
+"""Exact orbits of loops with sampled controllers: those that close after a whole number of samples.
+
+The loop is looked at behind the samples that come round together. From one to the next it is a map with a derivative:
+flows, and at each switch of another element the shift of its instant with the state; the instants of samples stand.
+Newton's method on the map, which the engine runs exactly, closes the orbit; its multipliers are the eigenvalues of the
+derivative, none of them that of a shift along the orbit, which the samples do not let pass. A motion whose period is no
+whole number of samples has no such orbit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.orbits.guess import brought_about, marked
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
+from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.models.systems.starts import remembered
+from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+METHOD = "exact orbit"
+#: Steps of Newton's method that better nothing.
+_IDLE = 5
+#: Change over a period, relative to the motion, of an orbit that is closed, and one at which Newton's method ends.
+CLOSED, _EXACT = 1e-10, 1e-14
+#: Longest step of Newton's method, in sizes of the motion; where a state has gone astray.
+_LONGEST, _ASTRAY = 0.5, 1e6
+#: Two orbits are one, or one is a shorter one gone round several times, where they are as near as this.
+_SAME = 1e-7
+#: Motion, relative to what is looked for, that is rest; a multiplier as near to 1 as this belongs to a continuum.
+_REST, _NEUTRAL = 1e-6, 1e-8
+#: Switches besides samples in a period, and arcs that are put together at once.
+_MOST_SWITCHES, _AT_ONCE = 5_000, 400
+#: Numbers of samples that are tried where the period of a start is none.
+_MOST_LENGTHS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Once round: a start behind a sample, and the run from there to the same sample some whole periods later.
+
+    Attributes
+    ----------
+    strobe : Strobe
+    start : HybridSystem
+        Its clock at zero.
+    n : int
+        Periods of the strobe.
+    run : Run
+    last : int
+        Place of the event that ends it.
+    """
+
+    strobe: Strobe
+    start: HybridSystem
+    n: int
+    run: Run
+    last: int
+
+    @classmethod
+    def of(cls, strobe: Strobe, start: HybridSystem, n: int) -> Round | None:
+        """The run once round; None where it ends before."""
+        t_end = n * strobe.period + 0.25 * min(c.sample_time for c in strobe.controllers)
+        most = strobe.samples_in(t_end) + _MOST_SWITCHES
+        run = run_hybrid(start, t_end, np.zeros(0), 2.0 * start.time_scale, most, most)
+        samples = np.flatnonzero(run.guard[: run.n_kept] == strobe.guard)
+        if run.code or run.count > run.n_kept or samples.size < n * strobe.every:
+            return None
+        return cls(strobe, start, n, run, int(samples[n * strobe.every - 1]))
+
+    @cached_property
+    def rows(self) -> Array:
+        """States and memory values behind the start and each event, shape (events + 1, N)."""
+        after = np.hstack([self.run.state, self.run.memory_values])[: self.last + 1]
+        return np.vstack([np.concatenate([self.start.x0, self.start.H0]), after])
+
+    @cached_property
+    def at_samples(self) -> Array:
+        """What repeats, behind the start and each sample of the strobe, shape (n + 1, m)."""
+        places = np.flatnonzero(self.run.guard[: self.last + 1] == self.strobe.guard) + 1
+        return self.rows[np.append(0, places)][:: self.strobe.every, self.strobe.free]
+
+    @cached_property
+    def change(self) -> Array:
+        """What repeats, at the end less at the start, shape (m,)."""
+        return self.rows[-1, self.strobe.free] - self.rows[0, self.strobe.free]
+
+    @cached_property
+    def motion(self) -> Array:
+        """How far what repeats moves, between samples too, shape (m,)."""
+        free, n = self.strobe.free, self.start.x0.size
+        span = np.ptp(self.rows[:, free], axis=0)
+        on = free < n
+        rates = np.abs(self.run.rate[: self.last + 1, free[on]]).max(axis=0)
+        span[on] = np.maximum(span[on], 0.1 * rates * self.strobe.controllers[-1].sample_time)
+        return span
+
+    @cached_property
+    def scale(self) -> Array:
+        """Size of the motion in each place, never zero."""
+        size = np.abs(self.rows[:, self.strobe.free]).max(axis=0)
+        return np.where(self.motion > 1e-9 * size, self.motion, np.where(size > 0.0, size, 1.0))
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest change relative to the motion; infinite where elements end in other modes."""
+        if not np.array_equal(self.run.modes[self.last], self.start.modes0):
+            return float("inf")
+        return float(np.max(np.abs(self.change) / self.scale, initial=0.0))
+
+    @cached_property
+    def derivative(self) -> Array:
+        """Derivative of the end over the start, shape (m, m); nan where a guard is only touched."""
+        free, N = self.strobe.free, self.rows.shape[1]
+        D = np.zeros((N, free.size))
+        D[free, np.arange(free.size)] = 1.0
+        tau = np.diff(self.run.time[: self.last + 1], prepend=0.0)
+        modes = np.vstack([self.start.modes0, self.run.modes[: self.last]])
+        guards = self.run.guard[: self.last + 1]
+        samples = np.flatnonzero(guards == self.strobe.guard) + 1
+        # Stretches end behind a sample, so that no jump is torn.
+        ends = np.unique(samples[np.searchsorted(samples, np.arange(_AT_ONCE, self.last, _AT_ONCE))])
+        known: dict[tuple[bytes, float], Array] = {}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for part in np.split(np.arange(self.last + 1), ends[ends <= self.last]):
+                D = self._along(modes[part], guards[part], tau[part], self.rows[part], D, known)
+        return D[free]
+
+    def _along(
+        self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
+    ) -> Array:
+        from eppanalysis.kernels.orbits import affine_flow, guard_at, smooth_flow
+        from eppanalysis.kernels.simd.vectors import padded
+
+        it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
+        arcs = Arcs.build(self.start, it)
+        at_once = marked(arcs, starts, tau).at_once
+        n, N = arcs.F.shape[1:]
+        sigma, slope, row = np.zeros(arcs.S.shape[2]), np.zeros(arcs.S.shape[2]), np.zeros(N)
+        square = np.zeros((8, padded(n), padded(n)))
+        for a, y in enumerate(starts):
+            F, end = arcs.F[a], np.empty(N)
+            if arcs.smooth[a]:
+                Phi = np.empty((N, N))
+                smooth_flow(
+                    arcs.channels, arcs.channels.sense[a], F, arcs.S[a], y.copy(), tau[a], end, Phi, sigma, slope
+                )
+            else:
+                sigma[:] = slope[:] = 0.0
+                # Most arcs are as long as a sample, to rounding, in the same modes.
+                key = modes[a].tobytes(), round(float(tau[a]) / self.strobe.period, 13)
+                if key not in known:
+                    known[key] = np.empty((N, N))
+                    affine_flow(F, y.copy(), tau[a], end, known[key], square)
+                Phi = known[key]
+                end = Phi @ y
+            E = Phi @ D
+            guard_at(arcs.channels, arcs.g[a], arcs.gs[a], arcs.smooth[a], end, sigma, slope, row)
+            sooner = row @ E
+            if at_once[a] != 1 and np.any(sooner):  # the instant of a sample stands
+                rate = F @ end + arcs.S[a] @ sigma
+                E[:n] -= rate[:, None] * (sooner / (row[:n] @ rate))
+            D = arcs.J[a] @ E
+        return D
+
+    def moved(self, step: Array) -> HybridSystem:
+        """The start after a step in what repeats."""
+        y, n = self.rows[0].copy(), self.start.x0.size
+        y[self.strobe.free] += step
+        return self.strobe.begun(y[:n], y[n:], self.run.modes[self.last])
+
+    def newton(self) -> Array:
+        """Step that closes the orbit to first order, at most so long; nan where there is none."""
+        with np.errstate(all="ignore"):
+            try:
+                matrix = (self.derivative - np.eye(self.change.size)) / self.scale[:, None] * self.scale
+            except ModelError:
+                return np.full_like(self.change, np.nan)
+            if not np.all(np.isfinite(matrix)):
+                return np.full_like(self.change, np.nan)
+            step = -np.linalg.lstsq(matrix, self.change / self.scale, rcond=1e-13)[0]
+        return step * self.scale * min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+
+
+def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None = None) -> Round | None:
+    """The orbit of n periods of the strobe near a start, once round in the fewest; None where none is found.
+
+    Parameters
+    ----------
+    start : HybridSystem
+        Behind a sample, as :meth:`Strobe.begun` makes it.
+    size : array, shape (m,), optional
+        Of the motion that is looked for: far smaller ones are rest.
+    """
+    best: Round | None = None
+    now, idle = Round.of(strobe, start, n), 0
+    far = _ASTRAY * (1.0 + max(np.abs(start.x0).max(initial=0.0), np.abs(start.H0).max()))
+    while now is not None and idle < _IDLE and not np.any(np.abs(now.rows[0]) > far):
+        idle += 1
+        if best is None or now.residual < best.residual:
+            idle = 0 if best is None or now.residual < 0.5 * best.residual else idle
+            best = now
+        step = now.newton()
+        if now.residual < _EXACT or not np.all(np.isfinite(step)):
+            break
+        now = Round.of(strobe, now.moved(step), n)
+    if best is None or best.residual > CLOSED or (size is not None and not np.any(best.motion > _REST * size)):
+        return None
+    return _once(best)
+
+
+def _once(found: Round) -> Round | None:
+    """Taken back to the fewest periods after which it has closed; None for rest."""
+    away = np.max(np.abs(found.at_samples - found.at_samples[0]) / found.scale, axis=1)
+    for n in range(1, found.n):
+        if found.n % n == 0 and np.max(away[::n]) < _SAME:
+            once = Round.of(found.strobe, found.start, n)
+            return close_locked(found.strobe, found.start, n) if once is not None else None
+    return found
+
+
+def same_round(one: Round, other: Round) -> bool:
+    """Whether two orbits are one, begun at different samples."""
+    if one.n != other.n:
+        return False
+    away = np.max(np.abs(one.at_samples - other.at_samples[0]) / one.scale, axis=1)
+    return bool(np.min(away) < 1e3 * _SAME)
+
+
+def starts_on(strobe: Strobe, run: Run, n: int, most: int) -> Iterator[HybridSystem]:
+    """Starts behind samples of the last n periods of a run, evenly spread, the last one first."""
+    order = run.order[run.guard[run.order] == strobe.guard][::-1][:: max(strobe.every, 1)][:n]
+    for place in order[np.unique(np.linspace(0, order.size - 1, min(most, order.size)).astype(int))]:
+        yield strobe.begun(run.state[place], run.memory_values[place], run.modes[place])
+
+
+def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
+    """What a closed orbit looks like to its user."""
+    strobe, start, run, last = found.strobe, found.start, found.run, found.last
+    period = found.n * strobe.period
+    marks = np.unique(np.concatenate([[0.0], run.time[: last + 1]]))
+
+    def sample(times: Array) -> Array:
+        again = run_hybrid(start, float(marks[-1]), times, 2.0 * start.time_scale, 2 * run.count + 100, 1)
+        return again.samples[: int(again.stats[2])]
+
+    shape = analyse_period(marks, system.delays, start.time_scale, system.signals.names, sample)
+    wanted = int(np.sum(start.compared)) + sum(len(np.asarray(c.x0)) for c in strobe.controllers)
+    values = multipliers(found.derivative, found.scale, wanted)
+    many = bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
+    n, names = start.n_plant, system.signals.names
+    matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
+    noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
+    return LimitCycle(
+        method=METHOD,
+        status=Status.CONVERGED,
+        period=period,
+        mean=shape.mean,
+        peak_to_peak=shape.peak_to_peak,
+        harmonics=shape.harmonics,
+        stable=is_stable(values, many),
+        stability_criterion=describe(values, many),
+        multipliers=values,
+        residual=found.residual,
+        error_estimate=float(np.abs(np.linalg.pinv(matrix, rcond=1e-12)).sum(1).max(initial=0.0) * noise),
+        events=named_events(start, run.time[: last + 1], run.guard[: last + 1], run.modes[: last + 1]),
+        time=shape.time,
+        waveform=shape.waveform,
+        state=start.x0[:n].copy(),
+        memory=remembered(start, start.x0, start.H0, start.modes0),
+        mean_state=found.rows[:-1, :n].mean(axis=0),
+        event_states=found.rows[:-1, :n].copy(),
+        units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
+        note=f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s",
+        provenance=Provenance(METHOD, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}),
+    )
+
+
+def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> LimitCycle:
+    """The orbit of a loop with sampled controllers nearest to an approximate one; see ``exact_orbit``."""
+    if strobe.forgets:
+        return _none(start, "orbits through a dead time are not closed in loops with sampled controllers")
+    if not strobe.every:
+        return _none(start, "its samples never come round together, so no cycle is locked to them")
+    length = start.period / strobe.period
+    run = run_hybrid(
+        hybrid.begun(start.state, start.memory),
+        (2.0 + 1.0 / max(length, 0.1)) * start.period,
+        np.zeros(0),
+        2.0 * hybrid.time_scale,
+        most := strobe.samples_in(3.0 * start.period) + _MOST_SWITCHES,
+        most,
+    )
+    whole = abs(length - round(length)) < 1e-6 * length and round(length) > 0
+    best: list[LimitCycle] = []
+    for n in [round(length)] if whole else lengths_near(length):
+        for begin in starts_on(strobe, run, max(n, 1), 4):
+            found = close_locked(strobe, begin, n)
+            if found is not None:
+                best.append(locked_cycle(system, found))
+                break
+    alike = [c for c in best if away(c, start) < np.log(2.0)]
+    fit = [c for c in alike if start.stable in (None, c.stable)] or alike
+    if fit:
+        return min(fit, key=lambda c: away(c, start))
+    return _none(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
+
+
+def lengths_near(length: float) -> list[int]:
+    """Numbers of samples near one, the nearest first."""
+    within = np.arange(max(1, int(0.75 * length)), int(1.35 * length) + 2)
+    return within[np.argsort(np.abs(within - length), kind="stable")][:_MOST_LENGTHS].tolist()
+
+
+def _none(start: LimitCycle, why: str) -> LimitCycle:
+    return replace(start, method=METHOD, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=why)
+
+
+def away(cycle: LimitCycle, start: LimitCycle) -> float:
+    """How far two cycles are apart in period and sizes, as logarithms."""
+    sizes = [(cycle.peak_to_peak[k], v) for k, v in start.peak_to_peak.items() if v > 0 and cycle.peak_to_peak.get(k)]
+    return abs(float(np.log(cycle.period / start.period))) + float(
+        np.median([abs(np.log(a / b)) for a, b in sizes] or [0.0])
+    )

@@ -1,0 +1,1 @@
+"""A rational model of a measured frequency response."""

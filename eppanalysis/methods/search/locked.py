@@ -1,0 +1,228 @@
+"""All limit cycles of a loop with sampled controllers: those locked to the samples exactly, others as runs have them.
+
+Runs from many states end on stable cycles. From states on the cycles that are known, and on predicted ones, orbits of
+all numbers of samples near are sought by Newton's method, stable and unstable: several may exist side by side.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbits.samples.locked import (
+    Round,
+    away,
+    close_locked,
+    lengths_near,
+    locked_cycle,
+    same_round,
+    starts_on,
+)
+from eppanalysis.methods.search.reach import reach_of_elements
+from eppanalysis.methods.search.result import CycleSearch, undecided
+from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+
+#: Factors on a predicted oscillation, or on the distance of the start from rest, at which runs are started.
+_SCALES = (0.1, 0.3, 0.6, 1.0, 1.6, 3.0)
+_N_RANDOM, _SEED = 16, 20050901
+#: Turns of a predicted cycle in a run, fewest and most samples, how often a run is made three times as long.
+_TURNS, _FEWEST, _MOST, _LONGER = 40.0, 400, 40_000, 3
+#: Starts on a cycle from which orbits of other numbers of samples are sought, and samples in all of those.
+_STARTS, _MOST_SOUGHT = 6, 30_000
+#: Steps of the engine, and what is worth as many, after which a search ends.
+_MOST_WORK = 2e7
+#: Cycles that are not locked are one where they are as near as this, in logarithms of period and size.
+_ALIKE = 0.1
+
+
+@dataclass
+class _Search:
+    """State of one search; lives for one call."""
+
+    system: LureSystem
+    hybrid: HybridSystem
+    strobe: Strobe
+    predicted: Sequence[LimitCycle]
+    rounds: list[Round] = field(default_factory=list)
+    others: list[LimitCycle] = field(default_factory=list)
+    ends: Counter[str] = field(default_factory=Counter)
+    lengths: set[int] = field(default_factory=set)
+    rest: Array = field(default_factory=lambda: np.zeros(0))
+    ended: bool = False
+
+    def run_all(self) -> None:
+        """Runs, then orbits of other numbers of samples."""
+        try:
+            with allotted(_MOST_WORK):
+                for start in self._starts():
+                    self.ends[self._end_of(start)] += 1
+                self._seek()
+        except Spent:
+            self.ended = True
+
+    @property
+    def horizon(self) -> float:
+        """How long a run is before it is judged for the first time [s]."""
+        T = self.strobe.controllers[0].sample_time
+        rates = np.abs(poles(self.system.A))
+        slow = rates[rates > 1e-9 * rates.max(initial=1e-300)]
+        turn = max((c.period for c in self.predicted), default=0.0)
+        want = _TURNS * turn if turn else 30.0 / float(slow.min()) if slow.size else 0.0
+        return float(np.clip(want, _FEWEST * T, _MOST * T))
+
+    def _starts(self) -> list[HybridSystem]:
+        """The loop's own start, predicted cycles in several sizes, and random states of their size."""
+        n, own = self.hybrid.n_plant, self.hybrid.x0
+        sizes = [np.abs(own[:n]), np.abs(reach_of_elements(self.system))]
+        starts = [self.hybrid]
+        starts += [self._at(s * sizes[1]) for s in _SCALES if np.any(sizes[1])]
+        for cycle in self.predicted:
+            centre = cycle.mean_state if cycle.mean_state.size == n else np.zeros(n)
+            for s in _SCALES:
+                begun = self.hybrid.begun(centre + s * (cycle.state - centre), cycle.memory)
+                starts.append(begun)
+            sizes.append(np.abs(cycle.state - centre))
+        size = np.max(sizes, axis=0)
+        size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
+        rng = np.random.default_rng(_SEED)
+        return starts + [self._at(size * rng.uniform(-1.5, 1.5, n)) for _ in range(_N_RANDOM)]
+
+    def _at(self, state: Array) -> HybridSystem:
+        x = self.hybrid.x0.copy()
+        x[: self.hybrid.n_plant] = state
+        x[self.strobe.clock] = 0.0
+        return replace(self.hybrid, x0=x)
+
+    def _end_of(self, start: HybridSystem) -> str:
+        """What a run from a start comes to; the cycle that it ends on is kept."""
+        t = self.horizon
+        for _ in range(_LONGER):
+            run = self._run(start, t)
+            status, found = judge(start, run, t)
+            if status is Status.SETTLED:
+                self.rest = run.x_end[: start.n_plant] if not self.rest.size else self.rest
+                return "rest"
+            if status is Status.DIVERGED:
+                return "leaves"
+            if status is Status.LIMIT_CYCLE:
+                return self._keep(start, run, found)
+            t *= 3.0
+        return "undecided"
+
+    def _run(self, start: HybridSystem, t: float) -> Run:
+        most = self.strobe.samples_in(t) + 20_000
+        return run_hybrid(start, t, np.zeros(0), 2.0 * self.hybrid.time_scale, most, most)
+
+    def _keep(self, start: HybridSystem, run: Run, found: Array) -> str:
+        if not found[5] and not self.strobe.forgets:
+            n = round(found[1] / self.strobe.period)
+            begin = next(starts_on(self.strobe, run, n, 1))
+            orbit = close_locked(self.strobe, begin, n)
+            if orbit is None:
+                return "undecided"
+            self._add(orbit)
+            return "cycle"
+        facts = Provenance("event-exact simulation", {"system": self.system.name})
+        cycle = cycle_of_run(self.system, start, run, found, facts)
+        if cycle is None:
+            return "undecided"
+        if not any(away(cycle, known) < _ALIKE for known in self.others):
+            self.others.append(cycle)
+        return "cycle as runs have it"
+
+    def _add(self, orbit: Round) -> None:
+        if not any(same_round(known, orbit) for known in self.rounds):
+            self.rounds.append(orbit)
+
+    def _seek(self) -> None:
+        """Orbits of all numbers of samples near those known and predicted."""
+        if self.strobe.forgets or not self.strobe.every:
+            return
+        seeds = [
+            (o.n, [o.strobe.begun(*self._split(o, k), o.start.modes0) for k in self._spread(o)]) for o in self.rounds
+        ]
+        for cycle in self.predicted:
+            run = self._run(self.hybrid.begun(cycle.state, cycle.memory), 2.5 * cycle.period + self.strobe.period)
+            n = max(round(cycle.period / self.strobe.period), 1)
+            seeds.append((n, list(starts_on(self.strobe, run, n, _STARTS))))
+        for length, starts in seeds:
+            left = _MOST_SOUGHT // max(len(seeds), 1)
+            size = np.max([o.motion for o in self.rounds], axis=0) if self.rounds else None
+            for n in lengths_near(length):
+                left -= n * len(starts)
+                if left < 0:
+                    break
+                self.lengths.add(n)
+                for start in starts:
+                    orbit = close_locked(self.strobe, start, n, size)
+                    if orbit is not None:
+                        self._add(orbit)
+
+    def _spread(self, orbit: Round) -> list[int]:
+        """Places of some samples of an orbit, evenly spread."""
+        places = np.append(0, np.flatnonzero(orbit.run.guard[: orbit.last] == self.strobe.guard) + 1)
+        places = places[:: self.strobe.every]
+        return places[np.unique(np.linspace(0, places.size - 1, min(_STARTS, places.size)).astype(int))].tolist()
+
+    def _split(self, orbit: Round, k: int) -> tuple[Array, Array]:
+        n = self.hybrid.x0.size
+        return orbit.rows[k, :n], orbit.rows[k, n:]
+
+    def sentence(self) -> str:
+        """How completeness was sought."""
+        ends = ", ".join(f"{n} {what}" for what, n in sorted(self.ends.items()))
+        text = f"{sum(self.ends.values())} runs from predicted and random states ({ends}); "
+        if self.lengths:
+            text += (
+                f"orbits that are locked to the samples were sought by Newton's method at {min(self.lengths)} to "
+                f"{max(self.lengths)} times {self.strobe.period:g} s, near the known ones."
+            )
+        else:
+            text += "no cycle gave a start to seek orbits from that are locked to the samples."
+        if self.others:
+            text += (
+                " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
+                "them, stable ones only."
+            )
+        return text + " The search ended before it had come to its end." * self.ended
+
+
+def search_locked(
+    system: LureSystem, hybrid: HybridSystem, strobe: Strobe, at: OperatingPoint, predicted: Sequence[LimitCycle]
+) -> CycleSearch:
+    """All cycles of a loop with sampled controllers that runs and predictions lead to."""
+    search = _Search(system, hybrid, strobe, predicted)
+    search.run_all()
+    cycles = [*(locked_cycle(system, o) for o in search.rounds), *search.others]
+    name, open_runs = system.signals.names[0], search.ends["undecided"]
+    left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
+    return CycleSearch(
+        cycles=tuple(
+            replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: (c.peak_to_peak[name], c.period))
+        ),
+        status=Status.UNDECIDED if left else Status.CONVERGED,
+        settles=search.ends["rest"] > 0,
+        diverges=search.ends["leaves"] > 0,
+        search=search.sentence(),
+        rest_state=search.rest,
+        unclosed=tuple(c for c in predicted if all(away(found, c) > np.log(2.0) for found in cycles)),
+        left_open=tuple(left),
+        n_runs=sum(search.ends.values()),
+        provenance=Provenance("search for limit cycles", {"system": system.name}, {}, dict(search.ends)),
+        operating_point=at,
+    )

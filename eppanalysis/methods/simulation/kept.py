@@ -1,0 +1,41 @@
+"""What is kept of a run: signals, the last events, where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What one call of the kernel left: signals, event buffer, least and greatest values of the states, end."""
+
+    code: int
+    samples: Array
+    count: int
+    time: Array
+    guard: NDArray[np.int64]
+    state: Array
+    rate: Array
+    memory_values: Array
+    modes: NDArray[np.int64]
+    low: Array
+    high: Array
+    x_end: Array
+    rate_end: Array
+    stats: Array
+
+    @property
+    def n_kept(self) -> int:
+        """Events that the event buffer still holds."""
+        return min(self.count, self.time.size)
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Places of the kept events in the buffer, oldest first."""
+        return np.arange(self.count - self.n_kept, self.count) % max(self.time.size, 1)

@@ -1,0 +1,66 @@
+"""Algebraic loops: what acts straight on itself, and whether it has one answer."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.lure import LureSystem
+
+Array = NDArray[np.float64]
+#: What stands for the slope of a jump, relative to what it is compared with.
+_STEEP = 1e9
+_MOST = 10
+
+
+def parts_on_loops(acts: Array) -> NDArray[np.int64]:
+    """Numbers of those that act on themselves, straight or through others; a row of `acts` is of what is acted on."""
+    acts = acts != 0
+    _, label = connected_components(acts, connection="strong")
+    together = np.bincount(label)[label] > 1
+    return np.flatnonzero(together | np.diag(acts))
+
+
+def acyclic(acts: Array) -> bool:
+    """Whether nothing acts on itself, straight or through others."""
+    return not len(acts) or not parts_on_loops(acts).size
+
+
+def require_unique(system: LureSystem) -> None:
+    """Refuse elements that act straight on themselves in a way that has no answer, or several.
+
+    With slopes K between their bounds the loop has one answer where ``det(I - D K)`` has one sign. As it is linear in
+    each slope, its signs at the ends of all of them tell.
+
+    Raises
+    ------
+    ModelError
+        If there is more or less than one answer.
+    """
+    single = [e for e, el in enumerate(system.elements) if (el.n_inputs, el.n_outputs) == (1, 1)]
+    rows = [system.input_slices[e].start for e in single]
+    columns = [system.output_slices[e].start for e in single]
+    D = system.D[np.ix_(rows, columns)]
+    on = parts_on_loops(D) if len(D) else np.zeros(0, np.int64)
+    if not on.size or on.size > _MOST:
+        return
+    D = D[np.ix_(on, on)]
+    ends = [_finite(system.elements[single[i]].slope_bounds(), D) for i in on]
+    signs = {float(np.sign(np.linalg.det(np.eye(len(on)) - D * np.array(k)))) for k in product(*ends)}
+    if signs not in ({1.0}, {-1.0}):
+        names = ", ".join(system.element_names[single[i]] for i in on)
+        raise ModelError(
+            f"{system.name}: the algebraic loop through {names} has no unique answer",
+            expected="a block with states in it, or slopes around it that stay below one",
+            field="connect",
+        )
+
+
+def _finite(bounds: tuple[float, float], D: Array) -> tuple[float, float]:
+    """Slopes with jumps as very steep ones."""
+    steep = _STEEP / float(np.abs(D[D != 0]).min())
+    return max(bounds[0], -steep), min(bounds[1], steep)

@@ -1,0 +1,131 @@
+"""Mechanical and electrical blocks of a diagram: motor, inertia, gear, shaft."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.devices.declared import quantity, required
+from eppanalysis.models.diagrams.blocks.control import Block, static
+from eppanalysis.models.systems.linear import StateSpace
+
+_TORQUE_CONSTANT = "N*m/A"
+
+
+def _require_ratio(block: Block, ratio: float) -> None:
+    """A gear turns the other way where its ratio is negative, and does nothing where it is zero."""
+    if not ratio:
+        raise ModelError(type(block).__name__, ratio, "a number other than zero", field="ratio")
+
+
+def _moving(mass: float, damping: float, stiffness: float) -> StateSpace:
+    """A mass, or an inertia, with place and speed as its states and outputs."""
+    A = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
+    return StateSpace(A, np.array([[0.0], [1.0 / mass]]), np.eye(2), np.zeros((2, 1)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inertia(Block, kind="inertia"):
+    """``inertia angle'' + damping angle' + stiffness angle = torque``."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("torque",)
+    outputs: ClassVar[tuple[str, ...]] = ("angle", "speed")
+
+    inertia: float = required("Moment of inertia", "kg*m^2", above=0)
+    damping: float = quantity(0.0, "Viscous friction", "N*m*s/rad", at_least=0)
+    stiffness: float = quantity(0.0, "Spring to the ground", "N*m/rad", at_least=0)
+
+    def continuous(self) -> StateSpace:
+        """States: angle and speed."""
+        return _moving(self.inertia, self.damping, self.stiffness)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mass(Block, kind="mass"):
+    """``mass position'' + damping position' + stiffness position = force``."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("force",)
+    outputs: ClassVar[tuple[str, ...]] = ("position", "speed")
+
+    mass: float = required("Mass", "kg", above=0)
+    damping: float = quantity(0.0, "Viscous friction", "N*s/m", at_least=0)
+    stiffness: float = quantity(0.0, "Spring to the ground", "N/m", at_least=0)
+
+    def continuous(self) -> StateSpace:
+        """States: position and speed."""
+        return _moving(self.mass, self.damping, self.stiffness)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motor(Block, kind="motor"):
+    """A direct-current motor with its gear: angle, speed and torques are those behind the gear.
+
+    ``inductance current' + resistance current + ratio back_emf speed = voltage`` and ``(ratio^2 inertia) angle'' +
+    damping angle' = ratio torque_constant current + torque``; without an inductance the current follows at once.
+    """
+
+    inputs: ClassVar[tuple[str, ...]] = ("voltage", "torque")
+    outputs: ClassVar[tuple[str, ...]] = ("angle", "speed", "current")
+
+    resistance: float = required("Resistance of the winding (ohm)", "V/A", "ohm", above=0)
+    torque_constant: float = required("Torque per current", _TORQUE_CONSTANT)
+    inertia: float = required("Moment of inertia of the rotor, before the gear", "kg*m^2", above=0)
+    back_emf: float | None = quantity(None, "Voltage per speed of the rotor; the torque constant by default", "V*s/rad")
+    inductance: float = quantity(0.0, "Inductance of the winding (henry)", "V*s/A", "H", at_least=0)
+    damping: float = quantity(0.0, "Viscous friction behind the gear", "N*m*s/rad", at_least=0)
+    ratio: float = quantity(1.0, "Turns of the motor per turn behind the gear")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_ratio(self, self.ratio)
+
+    def continuous(self) -> StateSpace:
+        """States: angle, speed, and the current where there is an inductance."""
+        J, N, R = self.ratio**2 * self.inertia, self.ratio, self.resistance
+        emf = N * (self.torque_constant if self.back_emf is None else self.back_emf)
+        push = N * self.torque_constant
+        if not self.inductance:
+            A = np.array([[0.0, 1.0], [0.0, -(self.damping + push * emf / R) / J]])
+            B = np.array([[0.0, 0.0], [push / R / J, 1.0 / J]])
+            C = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -emf / R]])
+            return StateSpace(A, B, C, np.array([[0.0, 0.0], [0.0, 0.0], [1.0 / R, 0.0]]))
+        L = self.inductance
+        A = np.array([[0.0, 1.0, 0.0], [0.0, -self.damping / J, push / J], [0.0, -emf / L, -R / L]])
+        B = np.array([[0.0, 0.0], [0.0, 1.0 / J], [1.0 / L, 0.0]])
+        return StateSpace(A, B, np.eye(3), np.zeros((3, 2)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gear(Block, kind="gear"):
+    """An ideal gear: angle and speed are divided by the ratio on their way out, the torque on its way back."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("angle_in", "speed_in", "torque_in")
+    outputs: ClassVar[tuple[str, ...]] = ("angle", "speed", "torque")
+
+    ratio: float = required("Turns before the gear per turn behind it")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_ratio(self, self.ratio)
+
+    def continuous(self) -> StateSpace:
+        """No states."""
+        return static(np.eye(3) / self.ratio)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Block, kind="shaft"):
+    """A spring and a damper: ``torque = stiffness twist + damping rate``."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("twist", "rate")
+    outputs: ClassVar[tuple[str, ...]] = ("torque",)
+
+    stiffness: float = required("Stiffness", "N*m/rad", at_least=0)
+    damping: float = quantity(0.0, "Damping", "N*m*s/rad", at_least=0)
+
+    def continuous(self) -> StateSpace:
+        """No states."""
+        return static([[self.stiffness, self.damping]])

@@ -1,0 +1,95 @@
+"""Linear blocks of a diagram, closed among one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.models.diagrams.algebraic import acyclic, parts_on_loops
+from eppanalysis.models.diagrams.blocks import Block
+from eppanalysis.models.diagrams.wiring import Port, incidence
+from eppanalysis.models.systems.linear import StateSpace
+from eppanalysis.models.systems.own_states import diagonal
+
+Array = NDArray[np.float64]
+Wires = Mapping[Port, list[tuple[float, Port]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A linear block as it stands in a network."""
+
+    system: StateSpace
+    input_ports: tuple[Port, ...]
+    output_ports: tuple[Port, ...]
+    start: np.ndarray
+    state_names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, name: str, block: Block) -> Linear:
+        """A block of a diagram under its name.
+
+        Raises
+        ------
+        ModelError
+            If the states at the start are not as many as the block has.
+        """
+        system = block.state_space()
+        n = len(system.A)
+        start = np.zeros(n) if block.start is None else np.asarray(block.start, float)
+        if start.shape != (n,):
+            raise ModelError(name, start.tolist(), f"{n} numbers, one for each state", field="start")
+        given: Sequence[str] | None = getattr(block, "state_names", None)
+        default = (name,) if n == 1 else tuple(f"{name}_{i + 1}" for i in range(n))
+        inputs, outputs = (tuple((name, port) for port in ports) for ports in (block.inputs, block.outputs))
+        return cls(system, inputs, outputs, start, default if given is None else tuple(given))
+
+
+def closed_blocks(blocks: Mapping[str, Linear], wires: Wires, who: str) -> StateSpace:
+    """Linear blocks with their connections among one another closed: from a drive at each input to all outputs.
+
+    Parameters
+    ----------
+    blocks : mapping of str to Linear
+        State space and names of the ports of each.
+    wires : mapping of Port to list of (float, Port)
+    who : str
+
+    Raises
+    ------
+    ModelError
+        If a loop without states among them has no unique answer.
+    """
+    parts = list(blocks.values())
+    A, B, C, D = (diagonal([getattr(part.system, name) for part in parts]) for name in "ABCD")
+    inputs = [port for part in parts for port in part.input_ports]
+    outputs = [port for part in parts for port in part.output_ports]
+    W = incidence({port: wires[port] for port in inputs}, inputs, outputs)
+    M = _straight_through(D @ W, outputs, who)
+    y_x, y_e = M @ C, M @ D
+    return StateSpace(A + B @ (W @ y_x), B @ (np.eye(len(inputs)) + W @ y_e), y_x, y_e)
+
+
+def _straight_through(DW: Array, outputs: Sequence[Port], who: str) -> Array:
+    """``(I - D W)^-1``: what goes straight from output to output, any number of times."""
+    unit = np.eye(len(DW))
+    if acyclic(DW):
+        total = term = unit
+        for _ in range(len(DW)):
+            term = DW @ term
+            if not np.any(term):
+                break
+            total = total + term
+        return total
+    if np.linalg.cond(unit - DW) > 1e12:
+        loop = ", ".join(dict.fromkeys(outputs[i][0] for i in parts_on_loops(DW)))
+        raise ModelError(
+            f"{who}: the algebraic loop through {loop} has no unique answer",
+            expected="a gain other than one around it, or a block with states in it",
+            field="connect",
+        )
+    return np.asarray(np.linalg.inv(unit - DW))

@@ -1,0 +1,156 @@
+"""Piecewise-linear curves that go by names of their own: springs with freeplay, quantisers that round down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
+from eppanalysis.models.elements.phases import require, require_numbers
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+
+Array = NDArray[np.float64]
+#: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
+_MOST_LEVELS = 100_000
+
+
+@dataclass(frozen=True)
+class BilinearSpring(PiecewiseLinear, kind="bilinear_spring"):
+    """Freeplay: the slope `inner` between `lower` and `upper`, the slope `outer` beyond either, without a jump.
+
+    A dead band with a gain inside, and a control surface or a hinge that is soft between its stops.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Edges of the freeplay, ascending [unit of the input].
+    outer : float
+        [unit of the output per unit of the input]
+    inner : float, optional
+        [unit of the output per unit of the input]
+    preload : float, optional
+        Output that is added everywhere [unit of the output].
+
+    Raises
+    ------
+    ModelError
+        If the edges do not ascend or a field is not a finite number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import BilinearSpring
+    >>> hinge = BilinearSpring(lower=-0.5, upper=1.0, outer=10.0, inner=1.0, preload=2.0)
+    >>> hinge.output([-1.0, 0.0, 1.0, 2.0])[0].tolist()
+    [-3.5, 2.0, 3.0, 13.0]
+    """
+
+    units = MappingProxyType({"lower": IN, "upper": IN, "outer": SLOPE, "inner": SLOPE, "preload": OUT})
+
+    lower: float
+    upper: float
+    outer: float
+    inner: float = 0.0
+    preload: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "lower", "upper", "outer", "inner", "preload")
+        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
+        excess = self.inner - self.outer
+        offsets = [self.preload + excess * self.lower, self.preload, self.preload + excess * self.upper]
+        self._set_pieces([self.lower, self.upper], [self.outer, self.inner, self.outer], offsets)
+
+
+class _Quantising(PiecewiseLinear):
+    """Steps of one width and height; at an edge the output is the higher level, not the middle of the step."""
+
+    same_unit = True
+    step: float
+    levels: int
+
+    def _set_steps(self, shift: float) -> None:
+        """Check the fields and store the steps: levels are the multiples of one, and `shift` of it."""
+        require_numbers(self, "step", "levels")
+        require(self, "step", self.step > 0, "a positive number")
+        whole = self.levels == int(self.levels) and 1 <= self.levels <= _MOST_LEVELS
+        require(
+            self, "levels", whole, f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
+        )
+        n = int(self.levels)
+        edges = np.arange(1 - n, n if shift else n + 1)
+        levels = -n + shift + np.arange(edges.size + 1)
+        self._set_pieces(self.step * edges, np.zeros(edges.size + 1), self.step * levels)
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Output of the map for any array `x`; `memory` is handed through unused."""
+        x = floats(x, "output: x")
+        level = self.intercepts[np.searchsorted(self.breakpoints, x, side="right")]
+        return np.asarray(np.where(np.isnan(x), np.nan, level)), memory
+
+
+@dataclass(frozen=True)
+class FloorQuantiser(_Quantising, kind="floor_quantiser"):
+    """Quantiser that rounds down, as a converter that cuts digits off: the greatest multiple of `step` up to the input.
+
+    Parameters
+    ----------
+    step : float
+        Width and height of a step [unit of input and output], positive.
+    levels : int
+        Steps on each side of zero, a positive whole number.
+
+    Raises
+    ------
+    ModelError
+        If the step is not positive or `levels` is not a positive whole number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import FloorQuantiser
+    >>> FloorQuantiser(step=0.5, levels=4).output([0.2, 0.5, -0.1, 9.0])[0].tolist()
+    [0.0, 0.5, -0.5, 2.0]
+    """
+
+    units = MappingProxyType({"step": IN, "levels": RATIO})
+
+    step: float
+    levels: int
+
+    def __post_init__(self) -> None:
+        self._set_steps(0.0)
+
+
+@dataclass(frozen=True)
+class MidRiseQuantiser(_Quantising, kind="mid_rise_quantiser"):
+    """Quantiser with a step at zero: levels are the odd multiples of half a step, and there is none at zero.
+
+    Parameters
+    ----------
+    step : float
+        Width and height of a step [unit of input and output], positive.
+    levels : int
+        Levels on each side of zero, a positive whole number; with one it is a relay.
+
+    Raises
+    ------
+    ModelError
+        If the step is not positive or `levels` is not a positive whole number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import MidRiseQuantiser
+    >>> MidRiseQuantiser(step=0.5, levels=4).output([0.2, 0.5, -0.1, 9.0])[0].tolist()
+    [0.25, 0.75, -0.25, 1.75]
+    """
+
+    units = MappingProxyType({"step": IN, "levels": RATIO})
+
+    step: float
+    levels: int
+
+    def __post_init__(self) -> None:
+        self._set_steps(0.5)

@@ -1,0 +1,219 @@
+"""Dry friction with a part that grows with speed: viscous and Coulomb in one, and the Stribeck curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
+from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
+from eppanalysis.models.elements.static import Coulomb
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, NDArray[np.complex128]]
+
+
+class _Sliding(Nonlinearity):
+    """What the two share: a force that jumps with the direction, and holds at rest."""
+
+    output_is = "force"
+    coulomb: float
+    viscous: float
+
+    @property
+    def breakaway(self) -> float:
+        """Greatest force at rest."""
+        return self.coulomb
+
+    def _coulomb_and_viscous(self, amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> Answer:
+        mean, gain = Coulomb(self.coulomb).describing_function(amplitude, bias, omega)
+        return mean + self.viscous * floats(bias, "describing_function: bias"), gain + self.viscous
+
+    def linear_gain(self) -> Array:
+        """The viscous part: the margins of the linearised loop leave dry friction out."""
+        return np.array([[self.viscous]])
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Least and greatest slope; infinite at the jump at rest."""
+        return self.viscous, np.inf if self.breakaway > 0 else self.viscous
+
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``: the viscous part far out, infinite at rest."""
+        return self.viscous, np.inf if self.breakaway > 0 else self.viscous
+
+
+@dataclass(frozen=True)
+class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
+    """Friction force of a velocity v, ``coulomb*sgn(v) + viscous*v``; at rest it holds up to `coulomb`.
+
+    Parameters
+    ----------
+    coulomb : float
+        At least zero [N or N*m].
+    viscous : float
+        At least zero [N*s/m or N*m*s/rad].
+
+    Raises
+    ------
+    ModelError
+        If a field is negative or not a finite number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import ViscousCoulomb
+    >>> mean, gain = ViscousCoulomb(coulomb=2.0, viscous=0.5).describing_function(amplitude=4.0)
+    >>> round(float(gain.real), 4)  # 4 coulomb/(pi A) + viscous
+    1.1366
+    """
+
+    units = MappingProxyType({"coulomb": OUT, "viscous": SLOPE})
+
+    coulomb: float
+    viscous: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "coulomb", "viscous")
+        require(self, "coulomb", self.coulomb >= 0, "zero or more")
+        require(self, "viscous", self.viscous >= 0, "zero or more")
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
+        v = floats(x, "output: x")
+        return np.asarray(self.coulomb * np.sign(v) + self.viscous * v), memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain (real) for a velocity ``bias + amplitude * sin(omega t)``, which never rests.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        return self._coulomb_and_viscous(amplitude, bias, omega)
+
+    def automaton(self) -> Automaton:
+        """Slips either way, sticks at rest."""
+        return _automaton(self.coulomb, self.coulomb, self.viscous)
+
+
+@dataclass(frozen=True)
+class StribeckFriction(_Sliding, kind="stribeck_friction"):
+    """Friction ``(coulomb + (static - coulomb) exp(-(v/velocity)**2))*sgn(v) + viscous*v`` of a velocity v.
+
+    At rest the force takes whatever value keeps v at zero, up to `static`.
+
+    Parameters
+    ----------
+    coulomb : float
+        Dry friction at speed, at least zero [N or N*m].
+    static : float
+        Greatest force at rest, at least `coulomb` [N or N*m].
+    velocity : float
+        Stribeck velocity, positive [m/s or rad/s].
+    viscous : float, optional
+        At least zero [N*s/m or N*m*s/rad].
+
+    Raises
+    ------
+    ModelError
+        If a field is out of its range.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import StribeckFriction
+    >>> stem = StribeckFriction(coulomb=1.0, static=1.5, velocity=0.1, viscous=0.2)
+    >>> stem.output([0.0, 0.1, 1.0])[0].round(4).tolist()
+    [0.0, 1.2039, 1.2]
+    """
+
+    units = MappingProxyType({"coulomb": OUT, "static": OUT, "velocity": IN, "viscous": SLOPE})
+
+    coulomb: float
+    static: float
+    velocity: float
+    viscous: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "coulomb", "static", "velocity", "viscous")
+        require(self, "coulomb", self.coulomb >= 0, "zero or more")
+        require(self, "static", self.static >= self.coulomb, "at least coulomb", "coulomb")
+        require(self, "velocity", self.velocity > 0, "a positive number")
+        require(self, "viscous", self.viscous >= 0, "zero or more")
+
+    @property
+    def breakaway(self) -> float:
+        """Greatest force at rest."""
+        return self.static
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
+        v = floats(x, "output: x")
+        dry = self.coulomb + (self.static - self.coulomb) * np.exp(-((v / self.velocity) ** 2))
+        return np.asarray(dry * np.sign(v) + self.viscous * v), memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain (real) for a velocity ``bias + amplitude * sin(omega t)``, which never rests.
+
+        Without a bias the falling part has ``(static - coulomb) 4 F(p)/(pi p A)``, with Dawson's integral F and
+        p the amplitude over the Stribeck velocity; with one it is integrated, accurate to about 1e-12.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        from scipy.special import dawsn
+
+        a, b, _ = broadcast(amplitude, bias, omega)
+        mean, gain = self._coulomb_and_viscous(a, b, omega)
+        excess = self.static - self.coulomb
+        p, offset = a / self.velocity, b / self.velocity
+        phi, weight = layers(p, offset)
+        v = offset[..., None] + p[..., None] * np.sin(phi)
+        falling = weight * np.exp(-(v**2)) * np.sign(v)
+        moves = np.where(a > 0, a, 1.0)
+        centred = 4 / np.pi * np.where(p > 0, dawsn(p) / np.where(p > 0, p, 1.0), 1.0)
+        slope = -2 * np.abs(offset) * np.exp(-(offset**2)) / self.velocity
+        drop = np.where(b == 0, centred, 2 * (falling * np.sin(phi)).sum(-1)) / moves
+        drop = np.where(a > 0, drop, np.where(b == 0, np.inf if excess > 0 else 0.0, slope))
+        with np.errstate(invalid="ignore"):
+            falls = np.where(excess > 0, excess * drop, 0.0)
+        return with_nan(a, b, mean + excess * falling.sum(-1), gain.real + falls)
+
+    @property
+    def sticks_and_slips(self) -> bool:
+        """Whether the force at rest is greater than in motion."""
+        return self.static > self.coulomb
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """The Stribeck velocity, as an amplitude."""
+        return np.array([self.velocity])
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Least slope, at ``velocity/sqrt(2)``, and greatest; infinite at the jump at rest."""
+        steepest = (self.static - self.coulomb) / self.velocity * np.sqrt(2 / np.e)
+        return float(self.viscous - steepest), super().slope_bounds()[1]
+
+    def automaton(self) -> Automaton:
+        """Slips either way, sticks at rest."""
+        return _automaton(self.coulomb, self.static, self.viscous, self.velocity)
+
+
+def _automaton(coulomb: float, static: float, viscous: float, velocity: float = 0.0) -> Automaton:
+    """Slips either way, sticks at zero while it can hold; falls from `static` with speed if a velocity is given."""
+    law = (Smooth("gaussian", np.array([1 / velocity]), 0.0, static - coulomb),) if velocity else ()
+    build = AutomatonBuilder(smooth=law)
+    stick = build.mode("stuck", sticking=True)
+    forward = build.mode("slips forward", from_input=viscous, from_smooth=float(len(law)), constant=coulomb)
+    backward = build.mode("slips backward", from_input=viscous, from_smooth=-float(len(law)), constant=-coulomb)
+    build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
+    build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
+    build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)
+    build.guard("sticks", backward, stick, on_input=1.0, bypass=forward)
+    return build.build(stick)

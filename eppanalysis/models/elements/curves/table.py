@@ -1,0 +1,116 @@
+"""A curve that was measured or tabulated: straight lines between its points."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.base import IN, OUT
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+
+Array = NDArray[np.float64]
+
+
+class LookupTable(PiecewiseLinear, kind="lookup_table"):
+    """Straight lines through the points of a table; its describing function is exact.
+
+    Parameters
+    ----------
+    inputs : array_like, shape (k,)
+        At least two, ascending [unit of the input]; two that are the same make a jump.
+    outputs : array_like, shape (k,)
+        [unit of the output]
+    beyond : {"line", "hold"}
+        Beyond the table: "line" goes on with the slope of the end, "hold" with its value.
+
+    Raises
+    ------
+    ModelError
+        If there are fewer than two points, numbers are not finite, inputs do not ascend, or three are the same.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import LookupTable
+    >>> valve = LookupTable([0.0, 0.2, 1.0], [0.0, 0.0, 5.0], beyond="hold")
+    >>> valve.output([-1.0, 0.1, 0.6, 2.0])[0].tolist()
+    [0.0, 0.0, 2.5, 5.0]
+    """
+
+    units = MappingProxyType({"inputs": IN, "outputs": OUT})
+
+    inputs: Array
+    outputs: Array
+    beyond: Literal["line", "hold"]
+
+    def __init__(self, inputs: ArrayLike, outputs: ArrayLike, beyond: Literal["line", "hold"] = "line") -> None:
+        x, y = floats(inputs, "LookupTable: inputs", ndmin=1), floats(outputs, "LookupTable: outputs", ndmin=1)
+        _check(x, y)
+        if not isinstance(beyond, str) or beyond not in ("line", "hold"):
+            raise ModelError("LookupTable", beyond, "'line' or 'hold'", field="beyond")
+        for name, values in (("inputs", x), ("outputs", y)):
+            kept = np.array(values)
+            kept.flags.writeable = False
+            object.__setattr__(self, name, kept)
+        object.__setattr__(self, "beyond", beyond)
+        self._set_pieces(*_pieces(x, y, beyond == "hold"))
+
+    @classmethod
+    def from_csv(cls, file: str | Path, beyond: Literal["line", "hold"] = "line") -> LookupTable:
+        """The table in the first two columns of a file with commas; a first line that is no numbers is a heading.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, or a line has no two numbers; and as the table itself.
+        """
+        try:
+            with Path(file).open(newline="", encoding="utf-8-sig") as stream:
+                rows = [(number, row) for number, row in enumerate(csv.reader(stream), start=1) if any(row)]
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise ModelError(f"LookupTable: {file} cannot be read: {error}.") from None
+        points = []
+        for number, row in rows:
+            try:
+                points.append((float(row[0]), float(row[1])))
+            except (ValueError, IndexError):
+                if (number, row) != rows[0]:
+                    shown = ",".join(row)[:60]
+                    raise ModelError(f"LookupTable: line {number} of {file}", shown, "two numbers") from None
+        table = np.array(points, float).reshape(-1, 2)
+        return cls(table[:, 0], table[:, 1], beyond)
+
+
+def _check(x: Array, y: Array) -> None:
+    if x.ndim != 1 or x.size < 2:
+        raise ModelError("LookupTable", x.tolist(), "two numbers or more", field="inputs")
+    if y.shape != x.shape:
+        raise ModelError(f"LookupTable: outputs has shape {y.shape}", expected=f"shape {x.shape}", field="outputs")
+    for name, values in (("inputs", x), ("outputs", y)):
+        if not np.all(np.isfinite(values)):
+            raise ModelError("LookupTable", values.tolist(), "finite numbers", field=name)
+    steps = np.diff(x)
+    thrice = np.any((steps[1:] == 0) & (steps[:-1] == 0))
+    if np.any(steps < 0) or thrice or steps[0] == 0 or steps[-1] == 0:
+        expected = "ascending numbers, two the same for a jump within"
+        raise ModelError("LookupTable", x.tolist(), expected, field="inputs")
+
+
+def _pieces(x: Array, y: Array, hold: bool) -> tuple[Array, Array, Array]:
+    """Breakpoints, slopes and intercepts; where the table is held its ends are breakpoints too."""
+    left, right = np.flatnonzero(np.diff(x) > 0), np.flatnonzero(np.diff(x) > 0) + 1
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+        slopes = (y[right] - y[left]) / (x[right] - x[left])
+        intercepts = y[left] - slopes * x[left]
+    edges = x[right][:-1]
+    if hold:
+        edges = np.concatenate([x[:1], edges, x[-1:]])
+        slopes = np.concatenate([[0.0], slopes, [0.0]])
+        intercepts = np.concatenate([y[:1], intercepts, y[-1:]])
+    return edges, slopes, intercepts

@@ -1,0 +1,1 @@
+"""Elements with linear states or a clock of their own: limited rates, sampled controllers."""

@@ -1,0 +1,201 @@
+"""Limited rates: the ideal rate limiter, and the servo whose rate is limited.
+
+Each brings one linear state, its output y, which the law inside it drives by the error ``u - y``: a relay, which slides
+along zero error where the limiter follows its input, or a saturation. That law is what stands in the loop; what is said
+here, from u to y, is what the element does, and first order takes it for: the answer to a sine, not the law's answer to
+an error that would be one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.automaton import Automaton
+from eppanalysis.models.elements.base import Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.own import AutomatonElement
+from eppanalysis.models.elements.phases import broadcast, require, require_numbers
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, NDArray[np.complex128]]
+_UNITY = PiecewiseLinear([], [1.0], [0.0])
+_PER_TIME: Role = (0, 0, -1)
+_RATE: Role = (0, 1, -1)
+
+
+@dataclass(frozen=True)
+class _Chasing(PiecewiseLinear):
+    """From the error of a limiter to the rate of its output: a saturation, or a relay where the bandwidth is infinite.
+
+    Its describing function is not that of an error which is a sine, but of the one that a sine at the limiter's input
+    makes, for its fundamental: with the output's state about it, it balances where the limiter's own does.
+    """
+
+    of_frequency: ClassVar[bool] = True
+
+    rate: float
+    bandwidth: float = np.inf
+
+    def __post_init__(self) -> None:
+        if np.isinf(self.bandwidth):
+            self._set_pieces([0.0], [0.0, 0.0], [-self.rate, self.rate])
+            return
+        edge = self.rate / self.bandwidth
+        self._set_pieces([-edge, edge], [0.0, self.bandwidth, 0.0], [-self.rate, 0.0, self.rate])
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean of the law alone, which a periodic motion has only without a bias, and gain without one."""
+        from eppanalysis.kernels.rate_limit import describe_inside
+
+        a, _, w = broadcast(amplitude, bias, omega)
+        mean, _ = super().describing_function(amplitude, bias, omega)
+        error, kappa = np.array(a * w / self.rate, order="C").ravel(), np.array(self.bandwidth / w, order="C").ravel()
+        gain = np.empty(error.size, complex)
+        describe_inside(error, kappa, gain)
+        return mean, np.asarray(w * gain.reshape(a.shape))
+
+
+class _RateLimited(Nonlinearity):
+    """What the two share: an output that is a state, and what a sine makes of it."""
+
+    same_unit = True
+    of_frequency: ClassVar[bool] = True
+    rate: float
+
+    def _set_parts(self, bandwidth: float, small_signal: Nonlinearity) -> None:
+        """Store the state, what drives it and what the element is below its limit; subclasses call it when they are
+        valid.
+        """
+        C, D = np.array([[-1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0]])
+        state = OwnStates(np.zeros((1, 1)), np.array([[0.0, 1.0]]), C, D)
+        parts = {"own_states": state, "inside": _Chasing(self.rate, bandwidth), "small_signal": small_signal}
+        for name, part in parts.items():
+            object.__setattr__(self, name, part)
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Array, Array]:
+        """Output for an input `x` that is approached slowly: x itself."""
+        y = floats(x, "output: x")
+        return y, y
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean (the bias) and gain; exact, with the phases at which the ramps begin and end, which are roots.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude or a frequency is negative.
+        """
+        from eppanalysis.kernels.rate_limit import describe
+
+        a, b, w = broadcast(amplitude, bias, omega)
+        if np.any(w < 0):
+            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            alpha, kappa = a * w / self.rate, np.where(w > 0, self._chasing.bandwidth / w, w + np.inf)
+        gain = np.empty(alpha.size, complex)
+        describe(np.array(alpha, order="C").ravel(), np.array(kappa, order="C").ravel(), gain)
+        undefined = np.isnan(a) | np.isnan(b)
+        return np.where(undefined, np.nan, b), np.where(undefined, np.nan, gain.reshape(a.shape))
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """None: where the form changes depends on the frequency."""
+        return np.zeros(0)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Infinite: the output moves on while the input rests."""
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> Array:
+        """One, below the limit."""
+        return np.ones((1, 1))
+
+    def automaton(self) -> Automaton:
+        """That of the law inside, from the error to the rate of the output."""
+        return self._chasing.automaton()
+
+    @property
+    def _chasing(self) -> _Chasing:
+        assert isinstance(self.inside, _Chasing)
+        return self.inside
+
+
+@dataclass(frozen=True)
+class RateLimiter(_RateLimited, kind="rate_limiter"):
+    """Ideal rate limiter: the output follows the input, but no faster than `rate`.
+
+    It begins at its memory, which is zero where none is given.
+
+    Parameters
+    ----------
+    rate : float
+        Greatest rate of the output, either way [unit of the output per s], positive.
+
+    Raises
+    ------
+    ModelError
+        If the rate is not a positive number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import RateLimiter
+    >>> mean, gain = RateLimiter(rate=1.0).describing_function(amplitude=[1.0, 1.5, 3.0], omega=1.0)
+    >>> abs(gain).round(5).tolist(), (-np.angle(gain)).round(5).tolist()
+    ([1.0, 0.83836, 0.42441], [-0.0, 0.276, 1.01973])
+    """
+
+    units = MappingProxyType({"rate": _RATE})
+
+    rate: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "rate")
+        require(self, "rate", self.rate > 0, "a positive number")
+        self._set_parts(np.inf, _UNITY)
+
+
+@dataclass(frozen=True)
+class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
+    """First-order servo whose rate is limited: ``dy/dt = clip(bandwidth (u - y), -rate, rate)``.
+
+    It begins at its memory, which is zero where none is given.
+
+    Parameters
+    ----------
+    bandwidth : float
+        [rad/s], positive.
+    rate : float
+        Greatest rate of the output, either way [unit of the output per s], positive.
+
+    Raises
+    ------
+    ModelError
+        If a field is not a positive number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import RateLimitedServo
+    >>> mean, gain = RateLimitedServo(bandwidth=10.0, rate=1.0).describing_function(amplitude=[0.5, 2.0], omega=2.0)
+    >>> gain.round(4).tolist()
+    [(0.9615-0.1923j), (0.1221-0.2938j)]
+    """
+
+    units = MappingProxyType({"bandwidth": _PER_TIME, "rate": _RATE})
+
+    bandwidth: float
+    rate: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "bandwidth", "rate")
+        require(self, "bandwidth", self.bandwidth > 0, "a positive number")
+        require(self, "rate", self.rate > 0, "a positive number")
+        k = self.bandwidth
+        C, D = np.array([[1.0], [0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]])
+        lag = OwnStates(np.array([[-k]]), np.array([[k, 0.0]]), C, D)
+        self._set_parts(k, AutomatonElement(_UNITY.automaton(), lag))

@@ -1,0 +1,1 @@
+"""Loops from and to python-control."""

@@ -1,0 +1,1 @@
+"""A linear part that is known by its measured frequency response alone."""

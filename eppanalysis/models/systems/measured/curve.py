@@ -1,0 +1,142 @@
+"""The curve through a measured frequency response: splines of log magnitude and unwrapped phase over log frequency.
+
+Without a standard deviation the curve passes through every point (a cubic interpolating spline). With one it is a cubic
+spline fitted by least squares, with so few knots that the points scatter about it as their deviation says: what is
+between two neighbours is then told by all the points around. Either way the curve is linear in the data, so that its
+own standard deviation is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Fewest spans of a fitted spline, and fewest points to each of its coefficients.
+_FEWEST_SPANS, _POINTS_EACH = 3, 3
+#: More spans than the fit needs, by this factor: a spline's bias falls with their fourth power, its scatter rises with
+#: their square root alone.
+_SPARE = 2
+#: Points on either side from which the error between two points is told.
+_BESIDE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """``ln G(j omega)``: two splines over ``ln omega``.
+
+    Attributes
+    ----------
+    log_omega : array, shape (m,)
+        Of the points, ascending.
+    points : array, shape (m, 2)
+        Log magnitude and phase [rad], unwrapped.
+    deviation : array, shape (m,), or None
+        Standard deviation of either; None where the curve passes through the points.
+    spline : BSpline
+        Values of shape (2,).
+    """
+
+    log_omega: Array
+    points: Array
+    deviation: Array | None
+    spline: BSpline
+
+    @classmethod
+    def through(cls, omega: Array, value: ComplexArray, deviation: Array | None) -> Curve:
+        """The curve through points, or fitted to them where they have a deviation."""
+        x = np.log(omega)
+        y = np.column_stack([np.log(np.abs(value)), np.unwrap(np.angle(value))])
+        if deviation is None:
+            return cls(x, y, None, make_interp_spline(x, y, k=3))
+        return cls(x, y, deviation, _fitted(x, y, deviation))
+
+    def at(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Response and its derivative by omega, at frequencies [rad/s] within the data."""
+        x = np.log(omega)
+        value = self.spline(x)
+        slope = self.spline.derivative()(x)
+        G = np.asarray(np.exp(value[..., 0] + 1j * value[..., 1]), complex)
+        return G, np.asarray(G * (slope[..., 0] + 1j * slope[..., 1]) / omega, complex)
+
+    @cached_property
+    def scatter(self) -> float:
+        """Root mean square of the points about a fitted curve over their deviation, degrees of freedom counted; 1 where
+        it passes through them.
+        """
+        if self.deviation is None:
+            return 1.0
+        return float(np.sqrt(_chi_square(self.spline, self.log_omega, self.points, self.deviation)[1]))
+
+    def deviation_at(self, omega: float) -> float:
+        """Standard deviation of log magnitude and phase of a fitted curve at a frequency; zero without one.
+
+        Where the points scatter more than their deviation says, that scatter counts.
+        """
+        if self.deviation is None:
+            return 0.0
+        t, k = self.spline.t, self.spline.k
+        B = BSpline.design_matrix(self.log_omega, t, k).toarray() / self.deviation[:, None]
+        here = BSpline.design_matrix(np.array([np.log(omega)]), t, k).toarray()[0]
+        root = np.linalg.solve(np.asarray(np.linalg.qr(B, mode="r")).T, here)
+        return float(np.linalg.norm(root)) * max(self.scatter, 1.0)
+
+    def error_between(self, omega: float) -> float:
+        """Estimated error of ``ln G`` between two points: how far points beside lie off a curve without them.
+
+        A curve of every second point has gaps twice as wide; where the response is smooth, its error is some sixteen
+        times that of the curve itself. Zero for a fitted curve, whose deviation says it.
+        """
+        if self.deviation is not None:
+            return 0.0
+        size = np.abs(self._left_out)
+        i = int(np.searchsorted(self.log_omega, np.log(omega)))
+        return float(size[max(0, i - _BESIDE) : i + _BESIDE].max(initial=0.0))
+
+    @cached_property
+    def _left_out(self) -> ComplexArray:
+        """What each inner point lies off the curve through every second point, itself left out, shape (m,)."""
+        out = np.zeros(len(self.log_omega), complex)
+        for first in (0, 1):
+            kept = np.unique(np.append(np.arange(first, len(out), 2), [0, len(out) - 1]))
+            left = np.setdiff1d(np.arange(len(out)), kept)
+            if len(kept) < 4:
+                continue
+            off = make_interp_spline(self.log_omega[kept], self.points[kept], k=3)(self.log_omega[left])
+            off -= self.points[left]
+            out[left] = off[:, 0] + 1j * off[:, 1]
+        return out
+
+
+def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
+    """The spline with the least of Akaike's criterion, and a few more knots.
+
+    Akaike (1974): the weighted sum of squares and twice the number of coefficients.
+    """
+    most = max(_FEWEST_SPANS, len(x) // _POINTS_EACH - 3)
+    counts = np.unique(np.geomspace(_FEWEST_SPANS, most, 24).astype(int))
+    loss = [
+        _chi_square(spline := _with_spans(x, y, deviation, int(n)), x, y, deviation)[0] + 4.0 * len(spline.c)
+        for n in counts
+    ]
+    best = int(counts[int(np.argmin(loss))])
+    return _with_spans(x, y, deviation, min(_SPARE * best, most))
+
+
+def _with_spans(x: Array, y: Array, deviation: Array, spans: int) -> BSpline:
+    """Least-squares cubic spline with as many spans, each with as many points as the others."""
+    inner = np.interp(np.linspace(0.0, len(x) - 1.0, spans + 1)[1:-1], np.arange(len(x)), x)
+    t = np.concatenate([np.full(4, x[0]), inner, np.full(4, x[-1])])
+    return make_lsq_spline(x, y, t, k=3, w=1.0 / deviation)
+
+
+def _chi_square(spline: BSpline, x: Array, y: Array, deviation: Array) -> tuple[float, float]:
+    """Weighted sum of squares of the points about a spline, and the same over its degrees of freedom."""
+    total = float((((spline(x) - y) / deviation[:, None]) ** 2).sum())
+    return total, total / max(2 * (len(x) - len(spline.c)), 1)

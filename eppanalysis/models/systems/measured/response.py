@@ -1,0 +1,191 @@
+"""A frequency response as it was measured: frequencies, complex values, their standard deviation, the static gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import checked, checked_class, floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.systems.measured.curve import Curve
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Fewest points of a curve.
+_FEWEST = 8
+#: Step of the phase between two neighbours from which it is open which way it turned [rad].
+_TURN = 2.5
+#: Deviation from which log magnitude and phase are no longer as likely to be off one way as the other.
+_NOISY = 0.3
+
+
+@checked_class
+@dataclass(frozen=True, eq=False)
+class MeasuredResponse:
+    """Measured frequency response of a linear part with one input and one output.
+
+    Between the points it is a curve of log magnitude and unwrapped phase over log frequency; outside them it has no
+    value. Points with a standard deviation are smoothed, others are passed through.
+
+    Parameters
+    ----------
+    omega : array_like, shape (m,)
+        Angular frequencies [rad/s], positive and ascending; eight or more.
+    value : array_like, shape (m,)
+        Complex response at each of them.
+    deviation : array_like, shape (m,), or float, optional
+        Standard deviation of its real and of its imaginary part, over its magnitude: 0.01 is one per cent of magnitude
+        and 0.01 rad of phase. That of a mean of several sweeps is that of one over the square root of their number.
+    static_gain : float, optional
+        Response at frequency zero, which only oscillations with a mean need; infinite for a part that integrates.
+    unstable_poles : int
+        How many poles of the part lie right of the imaginary axis, for the stability of cycles: none where it was
+        measured as it stands by itself.
+    name : str
+        What results call it.
+
+    Raises
+    ------
+    ModelError
+        If lengths differ, frequencies are not positive and ascending, a value is zero or not finite, there are fewer
+        than eight, a deviation is not positive or 0.3 and more, or the phase turns by more than 2.5 rad between two
+        neighbours, so that it is open which way.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> omega = np.geomspace(0.1, 10.0, 101)
+    >>> response = epp.MeasuredResponse(omega, 1.0 / (1.0 + 1j * omega))
+    >>> f"{response.at(2.0):.5f}"
+    '0.20000-0.40000j'
+    """
+
+    omega: ArrayLike
+    value: Any
+    deviation: ArrayLike | float | None = None
+    static_gain: float | None = None
+    unstable_poles: int = 0
+    name: str = "response"
+
+    def __post_init__(self) -> None:
+        omega, value = _numbers(self.omega, float, "omega"), _numbers(self.value, complex, "value")
+        if omega.ndim != 1 or omega.shape != value.shape:
+            _refuse("value", f"of shape {value.shape}", f"as many values as frequencies, shape {omega.shape}")
+        if len(omega) < _FEWEST:
+            _refuse("omega", f"{len(omega)} frequencies", f"{_FEWEST} or more")
+        if not (np.all(np.isfinite(omega)) and omega[0] > 0 and np.all(np.diff(omega) > 0)):
+            _refuse("omega", "not positive and ascending", "finite frequencies above zero, each once, in order")
+        if not (np.all(np.isfinite(value)) and np.all(np.abs(value) > 0)):
+            at = omega[int(np.argmin(np.isfinite(value) & (np.abs(value) > 0)))]
+            _refuse("value", f"zero or not finite at {at:.6g} rad/s", "a finite response with a magnitude")
+        steps = np.abs(np.angle(value[1:] / value[:-1]))
+        if steps.max() > _TURN:
+            i = int(np.argmax(steps))
+            between = f"{omega[i]:.6g} and {omega[i + 1]:.6g} rad/s"
+            _refuse("value", f"{steps[i]:.3g} rad of phase apart at {between}", "neighbours less than 2.5 rad apart")
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "value", value)
+        if self.deviation is not None:
+            object.__setattr__(self, "deviation", self._checked_deviation())
+        if self.unstable_poles < 0:
+            _refuse("unstable_poles", str(self.unstable_poles), "zero or more")
+        gain = self.static_gain
+        if gain is not None and (np.isnan(gain) or gain == -np.inf):
+            _refuse("static_gain", str(gain), "a number, or infinity for a part that integrates")
+
+    def _checked_deviation(self) -> Array:
+        size = _numbers(self.deviation, float, "deviation")
+        if size.ndim and size.shape != self._omega.shape:
+            _refuse("deviation", f"of shape {size.shape}", f"one number, or shape {self._omega.shape}")
+        size = np.broadcast_to(size, self._omega.shape).copy()
+        wrong = np.flatnonzero(~((size > 0) & (size < _NOISY)))
+        if wrong.size:
+            at = f"{size[wrong[0]]:.4g} at {self._omega[wrong[0]]:.6g} rad/s"
+            _refuse("deviation", at, f"shares of the magnitude above 0 and below {_NOISY}; leave noisier points out")
+        return size
+
+    @classmethod
+    @checked
+    def from_control(
+        cls,
+        data: control.FrequencyResponseData,
+        deviation: ArrayLike | float | None = None,
+        static_gain: float | None = None,
+        unstable_poles: int = 0,
+        name: str = "response",
+    ) -> MeasuredResponse:
+        """From python-control's frequency response data; a point at frequency zero is the static gain.
+
+        Raises
+        ------
+        ModelError
+            If it is something else, has several inputs or outputs, or its points are refused.
+        """
+        if not (hasattr(data, "omega") and hasattr(data, "frdata")):
+            raise ModelError(f"from_control: the data are a {type(data).__name__}", expected="FrequencyResponseData")
+        values = np.asarray(data.frdata)
+        if values.shape[:2] != (1, 1):
+            shown = f"{values.shape[1]} inputs and {values.shape[0]} outputs"
+            raise ModelError(f"from_control: the data have {shown}", expected="one of each")
+        omega, value = np.asarray(data.omega, float), np.asarray(values[0, 0], complex)
+        at_rest = omega == 0.0
+        if np.any(at_rest) and static_gain is None:
+            static_gain = float(value[at_rest][0].real)
+        if deviation is not None and np.ndim(deviation):
+            deviation = np.asarray(deviation, float)[~at_rest]
+        return cls(omega[~at_rest], value[~at_rest], deviation, static_gain, unstable_poles, name)
+
+    @property
+    def _omega(self) -> Array:
+        return np.asarray(self.omega, float)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest measured frequency [rad/s]."""
+        return float(self._omega[0]), float(self._omega[-1])
+
+    @cached_property
+    def curve(self) -> Curve:
+        """The curve through the points, or fitted to them."""
+        return Curve.through(
+            self._omega, np.asarray(self.value, complex), None if self.deviation is None else self._of()
+        )
+
+    def _of(self) -> Array:
+        return np.asarray(self.deviation, float)
+
+    def at(self, omega: ArrayLike) -> ComplexArray:
+        """Response at frequencies [rad/s]; not a number outside the data."""
+        return self.with_slope(omega)[0]
+
+    def with_slope(self, omega: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
+        """Response at frequencies [rad/s], and its derivative by them; not a number outside the data."""
+        omega = floats(omega, "MeasuredResponse: omega")
+        low, high = self.band
+        inside = (omega >= low * (1.0 - 1e-12)) & (omega <= high * (1.0 + 1e-12))
+        G, dG = self.curve.at(np.clip(omega, low, high))
+        return np.where(inside, G, np.nan), np.where(inside, dG, np.nan)
+
+    def __repr__(self) -> str:
+        low, high = self.band
+        noise = "" if self.deviation is None else f", deviation {np.median(self._of()):.2g}"
+        return f"MeasuredResponse({self.name!r}, {len(self._omega)} points, {low:.4g} to {high:.4g} rad/s{noise})"
+
+
+def _numbers(given: object, kind: type, field: str) -> NDArray:
+    try:
+        return np.array(given, kind)
+    except (TypeError, ValueError, OverflowError):
+        raise ModelError("MeasuredResponse", given, "numbers", field=field) from None
+
+
+def _refuse(field: str, found: str, expected: str) -> None:
+    raise ModelError(f"MeasuredResponse: {field} is {found}", expected=expected, field=field)

@@ -1,0 +1,138 @@
+"""Where a loop with sampled controllers is looked at once in a while: at samples that come round together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.dynamic.sampled import SampledController
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
+    """Whether there is a sampled controller among the elements of a loop."""
+    return any(isinstance(e, SampledController) for e in elements)
+
+
+def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
+    """Refuse a loop with sampled controllers.
+
+    Raises
+    ------
+    EppError
+        If there is one.
+    """
+    if is_sampled(elements):
+        raise EppError(
+            f"{analysis} does not cover loops with sampled controllers; simulate, predict_limit_cycles, exact_orbit "
+            "and find_limit_cycles do."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Strobe:
+    """The samples of a hybrid system's slowest controller, and how many of them go round together with all others.
+
+    Attributes
+    ----------
+    hybrid : HybridSystem
+    numbers : tuple of int
+        Of the sampled controllers among the elements, the slowest one first.
+    """
+
+    hybrid: HybridSystem
+    numbers: tuple[int, ...]
+
+    @classmethod
+    def of(cls, hybrid: HybridSystem) -> Strobe | None:
+        """That of a hybrid system; None where nothing is sampled."""
+        times = {i: e.sample_time for i, e in enumerate(hybrid.elements) if isinstance(e, SampledController)}
+        return cls(hybrid, tuple(sorted(times, key=lambda i: -times[i]))) if times else None
+
+    @property
+    def controllers(self) -> tuple[SampledController, ...]:
+        """The controllers, the slowest one first."""
+        return tuple(e for i in self.numbers if isinstance(e := self.hybrid.elements[i], SampledController))
+
+    @cached_property
+    def guard(self) -> int:
+        """Number of the guard that takes the samples of the slowest controller."""
+        model = self.hybrid.model
+        return int(model.guard_first[model.mode_first[self.numbers[0]]])
+
+    @cached_property
+    def of_samples(self) -> BoolArray:
+        """Which guards are those of sampled controllers."""
+        return np.isin(self.hybrid.model.guard_element, self.numbers)
+
+    @cached_property
+    def every(self) -> int:
+        """Samples of the slowest controller until all samples come round; 0 where they never do."""
+        counts = [c.counted(c.sample_time) for c in self.controllers]
+        if len({c.unit for c in self.controllers}) > 1 or any(n % 1.0 for n in counts):
+            return 0 if len(counts) > 1 else 1
+        return math.lcm(*map(int, counts)) // int(counts[0])
+
+    @property
+    def forgets(self) -> bool:
+        """Whether states and memory values do not tell all, as something is on its way through a dead time."""
+        return bool(np.any(self.hybrid.model.smooth_kind == DELAY_LINE))
+
+    @property
+    def period(self) -> float:
+        """Time until all samples come round [s]; infinite where they never do."""
+        return self.every * self.controllers[0].sample_time if self.every else math.inf
+
+    def samples_in(self, time: float) -> int:
+        """About how many events the controllers have in a time [s]."""
+        return sum(math.ceil(time / c.sample_time) * (2 if c.delay or c.state_last else 1) for c in self.controllers)
+
+    @cached_property
+    def counting(self) -> BoolArray:
+        """Memory values that count ticks, shape (h,)."""
+        model = self.hybrid.model
+        out = np.zeros(model.K.shape[1], bool)
+        for guard in np.flatnonzero(self.of_samples):
+            e = model.guard_element[guard]
+            h, end = model.first[e : e + 2, 2]
+            out[h:end] |= model.guard_h[guard, : end - h] != 0.0
+        return out
+
+    @cached_property
+    def held(self) -> BoolArray:
+        """Memory values of the elements that repeat on a cycle: those that do not count, shape (h,)."""
+        out = ~self.counting
+        out[int(self.hybrid.model.first[-1, 2]) :] = False
+        return out
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Places of what repeats on a cycle among states and memory values."""
+        return np.flatnonzero(np.concatenate([self.hybrid.compared, self.held]))
+
+    def begun(self, x: Array, H: Array, modes: NDArray[np.int64]) -> HybridSystem:
+        """The hybrid system begun behind one of its samples, with the clock turned back to zero."""
+        model, x, H = self.hybrid.model, x.copy(), H.copy()
+        for e, controller in zip(self.numbers, self.controllers, strict=True):
+            own = np.flatnonzero(self.counting[model.first[e, 2] : model.first[e + 1, 2]]) + model.first[e, 2]
+            passed = x[self.clock] / controller.unit
+            H[own] -= round(passed) if self.every else passed
+        x[self.clock] = 0.0
+        return replace(self.hybrid, x0=x, H0=H, modes0=np.array(modes, np.int64))
+
+    @cached_property
+    def clock(self) -> int:
+        """Number of the state that is the clock."""
+        model = self.hybrid.model
+        row = model.first[self.numbers[0] + 1, 0] - 1
+        return int(np.flatnonzero(model.C[row])[0])

@@ -1,0 +1,156 @@
+"""How a result shows itself on a console and in a notebook: its sentence, its table, its picture, what made it.
+
+A result says three things of its own: a sentence (``__str__``), a table in SI units (``to_frame``) and a picture
+(``plot``). What people see is made of them here, once for all results.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.errors import EppError
+from eppanalysis.readable import number, readable, with_unit, words
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eppanalysis.results.provenance import Provenance
+
+#: Rows of a table that are shown; of a longer one those at both ends.
+_MOST_ROWS = 12
+#: Size of the picture beside the table [inch], and its dots per inch.
+_SMALL, _DOTS = (4.6, 3.0), 110
+_STYLE = "display: flex; flex-wrap: wrap; gap: 1.5em; align-items: flex-start"
+_CELL = '<td style="text-align: left; padding-right: 1em">'
+#: How the columns end whose rad/s are no turning of a shaft; they stay in rad/s.
+_ANGULAR = ("omega", "crossover")
+#: Parts of the provenance that fill pages and have tables of their own.
+_LONG = ("parameters",)
+
+
+class Shown:
+    """What people see of a result, made of its own sentence, table and picture."""
+
+    provenance: Provenance
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The result as a table in SI units; ``attrs["units"]`` of it says which."""
+        raise NotImplementedError
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The picture; see :meth:`eppanalysis.results.Result.drawn`."""
+        raise NotImplementedError
+
+    def in_brief(self) -> pandas.DataFrame:
+        """What of the table is shown with the sentence: all of it, where nothing else is said."""
+        return self.to_frame()
+
+    def __repr__(self) -> str:
+        """The sentence, and below it the table where the result is a list of things."""
+        if not hasattr(self, "__len__") or not len(self):
+            return str(self)
+        return f"{self}\n{for_people(self.in_brief()).to_string(index=False)}"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the sentence, the table, a small picture, and folded away what made the result."""
+        table = for_people(self.in_brief()).to_html(index=False, border=0, justify="left").replace("<td>", _CELL)
+        return (
+            f'<div class="eppanalysis"><p><strong>{html.escape(str(self))}</strong></p>'
+            f'<div style="{_STYLE}"><div>{table}</div>{self._picture()}</div>'
+            f"<details><summary>Where this comes from</summary>{_facts(self.provenance.to_dict())}</details></div>"
+        )
+
+    def _picture(self) -> str:
+        """The small picture as inline PNG, or why there is none."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=_SMALL, layout="constrained")
+        try:
+            self.plot(figure.add_subplot())
+        except EppError as reason:
+            return f"<div>No picture: {html.escape(str(reason))}</div>"
+        data = base64.b64encode(png(figure, _DOTS)).decode()
+        return f'<img alt="{html.escape(str(self))}" src="data:image/png;base64,{data}">'
+
+
+def frame_of(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None = None) -> pandas.DataFrame:
+    """A table of rows of SI values that carries the units of its columns.
+
+    Examples
+    --------
+    >>> frame_of([{"gap": 0.002}], {"gap": "m"}).attrs["units"]
+    {'gap': 'm'}
+    """
+    import pandas
+
+    frame = pandas.DataFrame(list(rows))
+    frame.attrs["units"] = {name: unit for name, unit in (units or {}).items() if unit and name in frame.columns}
+    return frame
+
+
+def for_people(frame: pandas.DataFrame) -> pandas.DataFrame:
+    """A table as texts, in the units that people read; a long one is cut in the middle.
+
+    Examples
+    --------
+    >>> print(for_people(frame_of([{"play.gap": 0.002, "stable": True}], {"play.gap": "m"})).to_string(index=False))
+    play gap [mm] stable
+                2    yes
+    """
+    import pandas
+
+    units: Mapping[str, str] = frame.attrs.get("units", {})
+    shown = {}
+    for name in frame.columns:
+        angular = str(name).endswith(_ANGULAR)
+        unit, factor = (units.get(name, ""), 1.0) if angular else readable(units.get(name, ""))
+        shown[with_unit(words(str(name)), unit)] = [_cell(value, factor) for value in frame[name].tolist()]
+    table = pandas.DataFrame(shown)
+    if len(table) <= _MOST_ROWS:
+        return table
+    half = _MOST_ROWS // 2
+    left_out = pandas.DataFrame({name: ["..."] for name in table.columns})
+    return pandas.concat([table.head(half), left_out, table.tail(half)])
+
+
+def _cell(value: Any, factor: float) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, int | float):
+        return str(value)
+    return number(value if factor == 1.0 else factor * value)
+
+
+def png(figure: Figure, dots: float = 110.0) -> bytes:
+    """A figure as PNG."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dots, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _facts(facts: Mapping[str, Any]) -> str:
+    """Facts as a table of two columns; those of a fact go below its name."""
+    rows = "".join(
+        f"<tr>{_CELL}{html.escape(words(name))}</td>{_CELL}{html.escape(text)}</td></tr>"
+        for name, text in _leaves(facts)
+    )
+    return f"<table><tbody>{rows}</tbody></table>"
+
+
+def _leaves(facts: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in facts.items():
+        if name in _LONG:
+            continue
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{name}: ")
+        else:
+            yield f"{above}{name}", str(value)

@@ -1,0 +1,281 @@
+"""Tables for manuals and drawings: few columns, plain words, numbers rounded to the safe side, ready to be pasted.
+
+What is written is what a reader of a manual needs: a title, a table, the notes that say how to read it. Everything else
+(tests, tolerances, provenance) is in the tables that programs read.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+from eppanalysis.errors import EppError
+from eppanalysis.tables.files import atomic, check_target, csv_cell
+
+#: Most that is given away by rounding, relative to the smallest value of a column.
+_GIVEN_AWAY = 0.02
+_LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
+    "\\": "\\textbackslash{}",
+    "~": "\\textasciitilde{}",
+    "^": "\\textasciicircum{}",
+    "<": "\\textless{}",
+    ">": "\\textgreater{}",
+}
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; color: #222; }
+table { border-collapse: collapse; margin: 1rem 0; }
+caption { text-align: left; font-weight: 600; margin-bottom: .5rem; }
+th, td { border: 1px solid #999; padding: .3rem .6rem; vertical-align: top; text-align: left; }
+th { background: #f0f0f0; } td.number { text-align: right; white-space: nowrap; }
+"""
+
+
+@dataclass(frozen=True)
+class ManualTable:
+    """A table that goes into a manual as it is.
+
+    Attributes
+    ----------
+    title : str
+    columns : tuple of str
+        Headings, with units in brackets.
+    rows : tuple of tuple of (Decimal or str)
+        Numbers have as many decimals as are to be printed.
+    notes : tuple of str
+        How to read it, a sentence each.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Decimal | str, ...], ...]
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if any(len(row) != len(self.columns) for row in self.rows):
+            raise EppError(f"{self.title}: a row has other cells than headings; expected {len(self.columns)} a row.")
+
+    def texts(self) -> tuple[tuple[str, ...], ...]:
+        """The rows as they are printed."""
+        return tuple(tuple(_printed(cell) for cell in row) for row in self.rows)
+
+    def is_number(self, column: int) -> bool:
+        """Whether a column holds numbers (and dashes where there is none)."""
+        return any(isinstance(row[column], Decimal) for row in self.rows)
+
+    def __str__(self) -> str:
+        """The table in Markdown, which is text that people read as it is."""
+        return _markdown(self)
+
+    def _repr_html_(self) -> str:
+        return _html_table(self)
+
+    def write(self, path: Path | str) -> None:
+        """Write it as Markdown, LaTeX, HTML, Word or Excel, by the ending of the name.
+
+        Raises
+        ------
+        EppError
+            If the ending is not known, a library that it needs is not installed, or the file cannot be written.
+        """
+        path = Path(path)
+        check_manual(path)
+        with atomic(path) as part:
+            _WRITERS[path.suffix.lower()](self, part)
+
+
+def check_manual(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed for it.
+
+    Raises
+    ------
+    EppError
+        If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
+    """
+    from importlib.util import find_spec
+
+    check_target(path, MANUALS)
+    package, module = _NEEDED.get(path.suffix.lower(), ("", ""))
+    if module and find_spec(module) is None:
+        raise EppError(
+            f"{path}: needs the package {package}; expected it installed: pip install 'eppanalysis[tables]'."
+        )
+
+
+def drawing_step(values: Sequence[float]) -> Decimal:
+    """The step in which values are rounded for a drawing: 1, 2 or 5 of a decimal place, at most 2 % of the smallest.
+
+    Examples
+    --------
+    >>> print(drawing_step([0.6875, 0.98]), drawing_step([14.2]))
+    0.01 0.2
+    """
+    known = [abs(value) for value in values if math.isfinite(value) and value]
+    most = _GIVEN_AWAY * min(known, default=1.0)
+    place = math.floor(math.log10(most))
+    digit = max(d for d in (1, 2, 5) if d * 10.0**place <= most * (1 + 1e-12))
+    return Decimal(digit).scaleb(place)
+
+
+def to_step(value: float, step: Decimal, *, up: bool = False) -> Decimal:
+    """A value rounded down (or up) to a whole number of steps; what is one but for rounding errors stays.
+
+    Examples
+    --------
+    >>> print(to_step(0.6875, Decimal("0.05")), to_step(0.6875, Decimal("0.05"), up=True), to_step(0.3, Decimal("0.1")))
+    0.65 0.70 0.3
+    """
+    number = value / float(step)
+    whole = math.ceil(number - 1e-9) if up else math.floor(number + 1e-9)
+    found = whole * step
+    return found.quantize(Decimal(1)) if found.as_tuple().exponent > 0 else found  # type: ignore[operator]
+
+
+def _printed(cell: Decimal | str) -> str:
+    """A cell on one line; a number without powers of ten."""
+    return f"{cell:f}" if isinstance(cell, Decimal) else _one_line(cell)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _markdown(table: ManualTable) -> str:
+    def line(cells: Sequence[str]) -> str:
+        return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+    rule = line(["---:" if table.is_number(i) else "---" for i in range(len(table.columns))])
+    rows = [line(table.columns), rule, *map(line, table.texts())]
+    notes = "\n".join(f"* {note}" for note in table.notes)
+    return "\n".join([f"**{table.title}**", "", *rows, "", notes])
+
+
+def _latex_text(text: str) -> str:
+    return "".join(_LATEX.get(character, character) for character in _one_line(text))
+
+
+def _latex(table: ManualTable) -> str:
+    n = len(table.columns)
+    width = f"\\dimexpr{1 / n:.4f}\\linewidth-2\\tabcolsep"
+    kinds = ["\\raggedleft" if table.is_number(i) else "\\raggedright" for i in range(n)]
+    columns = "".join(f">{{{kind}\\arraybackslash}}p{{{width}}}" for kind in kinds)
+    lines = [" & ".join(map(_latex_text, row)) + " \\\\" for row in table.texts()]
+    head = " & ".join(f"\\textbf{{{_latex_text(name)}}}" for name in table.columns) + " \\\\"
+    notes = "\n".join(f"  \\item {_latex_text(note)}" for note in table.notes)
+    return "\n".join(
+        [
+            "% Needs the packages array, booktabs and longtable.",
+            f"\\begin{{longtable}}{{{columns}}}",
+            f"\\caption{{{_latex_text(table.title)}}} \\\\",
+            f"\\toprule\n{head}\n\\midrule\n\\endhead",
+            *lines,
+            "\\bottomrule\n\\end{longtable}",
+            f"\\begin{{itemize}}\n{notes}\n\\end{{itemize}}",
+        ]
+    )
+
+
+def _html_table(table: ManualTable) -> str:
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in table.columns)
+    kinds = ['<td class="number">' if table.is_number(i) else "<td>" for i in range(len(table.columns))]
+    rows = "\n".join(
+        f"<tr>{''.join(f'{kind}{html.escape(cell)}</td>' for kind, cell in zip(kinds, row, strict=True))}</tr>"
+        for row in table.texts()
+    )
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
+    caption = html.escape(_one_line(table.title))
+    return (
+        f"<table><caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody></table>"
+        f"\n<ul>{notes}</ul>"
+    )
+
+
+def _html(table: ManualTable) -> str:
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(_one_line(table.title))}'
+        f"</title><style>{_STYLE}</style></head>\n<body>\n{_html_table(table)}\n</body></html>"
+    )
+
+
+def _word(table: ManualTable, path: Path) -> None:
+    from docx import Document
+    from docx.enum.text import WD_ALIGN_PARAGRAPH
+    from docx.oxml import OxmlElement
+
+    document = Document()
+    document.add_heading(_one_line(table.title), level=2)
+    grid = document.add_table(rows=1, cols=len(table.columns), style="Table Grid")
+    for cell, name in zip(grid.rows[0].cells, table.columns, strict=True):
+        cell.paragraphs[0].add_run(name).bold = True
+    # The headings stand again on every page.
+    grid.rows[0]._tr.get_or_add_trPr().append(OxmlElement("w:tblHeader"))
+    for texts in table.texts():
+        for i, (cell, text) in enumerate(zip(grid.add_row().cells, texts, strict=True)):
+            cell.text = text
+            if table.is_number(i):
+                cell.paragraphs[0].alignment = WD_ALIGN_PARAGRAPH.RIGHT
+    document.add_paragraph()
+    for note in table.notes:
+        document.add_paragraph(note, style="List Bullet")
+    document.save(str(path))
+
+
+def _excel(table: ManualTable, path: Path) -> None:
+    from openpyxl import Workbook
+    from openpyxl.styles import Alignment, Border, Font, PatternFill, Side
+    from openpyxl.utils import get_column_letter
+
+    book = Workbook()
+    sheet = book.active
+    sheet.title = "guideline"
+    sheet.append([csv_cell(_one_line(table.title))])
+    sheet["A1"].font = Font(bold=True, size=13)
+    sheet.append([csv_cell(name) for name in table.columns])
+    line = Side(style="thin", color="999999")
+    wrapped = Alignment(wrap_text=True, vertical="top")
+    for row in table.rows:
+        sheet.append([float(cell) if isinstance(cell, Decimal) else csv_cell(_one_line(cell)) for cell in row])
+        for cell, value in zip(sheet[sheet.max_row], row, strict=True):
+            if isinstance(value, Decimal):
+                places = max(0, -int(value.as_tuple().exponent))
+                cell.number_format = "0." + "0" * places if places else "0"
+    for cells in sheet.iter_rows(min_row=2):
+        for cell in cells:
+            cell.alignment, cell.border = wrapped, Border(line, line, line, line)
+    for cell in sheet[2]:
+        cell.font, cell.fill = Font(bold=True), PatternFill("solid", start_color="F0F0F0")
+    for i in range(1, len(table.columns) + 1):
+        sheet.column_dimensions[get_column_letter(i)].width = 24
+    for note in table.notes:
+        sheet.append([csv_cell(note)])
+        sheet.merge_cells(start_row=sheet.max_row, end_row=sheet.max_row, start_column=1, end_column=len(table.columns))
+        sheet.cell(sheet.max_row, 1).alignment = wrapped
+        sheet.row_dimensions[sheet.max_row].height = 15.0 * math.ceil(len(note) / 110)
+    sheet.freeze_panes = "A3"
+    sheet.print_title_rows = "2:2"
+    sheet.page_setup.orientation, sheet.page_setup.fitToHeight = "landscape", 0
+    sheet.sheet_properties.pageSetUpPr.fitToPage = True
+    book.save(path)
+
+
+def _text(make: Callable[[ManualTable], str]) -> Callable[[ManualTable, Path], None]:
+    def write(table: ManualTable, path: Path) -> None:
+        path.write_text(f"{make(table)}\n", encoding="utf-8")
+
+    return write
+
+
+_WRITERS: dict[str, Callable[[ManualTable, Path], None]] = {
+    ".md": _text(_markdown),
+    ".tex": _text(_latex),
+    ".html": _text(_html),
+    ".docx": _word,
+    ".xlsx": _excel,
+}
+#: Endings of the files that manuals take their tables from.
+MANUALS = tuple(_WRITERS)
+#: The package to be installed for an ending, and the module that it brings.
+_NEEDED = {".docx": ("python-docx", "docx"), ".xlsx": ("openpyxl", "openpyxl")}

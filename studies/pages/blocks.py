@@ -1,0 +1,107 @@
+"""The page on the blocks of a diagram, made from their declared fields: ``python -m studies.pages.blocks``.
+
+It is under version control, for it is read where nothing is built; a test compares it with the code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Iterable
+
+from eppanalysis.models.devices.declared import Declared, Form, declared_fields
+from eppanalysis.models.diagrams import BLOCKS, Block
+from studies import DOCS
+
+PAGE = DOCS / "reference" / "blocks.md"
+
+_INTRODUCTION = """\
+# Blocks of a diagram
+
+<!-- Made by "python -m studies.pages.blocks" from the code; changes belong there. -->
+
+What stands behind `kind =` in `[blocks]` of a diagram ({doc}`diagrams`), with its ports and fields. A field without a
+default must be given. A value is a quantity (`"2 ohm"`, or a plain number in SI units) or an expression of parameters
+({ref}`expressions`). In Python the class of the same fields, all of them by name and in SI units:
+`epp.blocks.Motor(resistance=2.0, torque_constant=0.05, inertia=2e-5)`.
+
+"""
+
+_COMMON = """\
+## All blocks
+
+Every block takes these besides its own:
+
+"""
+
+_PORTS_OF_MATRICES = "`in` and `out`, or `in1`, `in2`, ... where there are several, or those named"
+
+
+def page() -> str:
+    """The page as Markdown."""
+    contents = "".join(
+        f"| [`{kind}`](#{kind}) | {_summary(made)} | {_inputs(made)} | {_outputs(made)} |\n"
+        for kind, made in BLOCKS.items()
+    )
+    head = "| kind | what it is | inputs | outputs |\n| --- | --- | --- | --- |\n"
+    common = _fields(declared_fields(Block).items(), Block)
+    return _INTRODUCTION + head + contents + f"\n{_COMMON}{common}" + "".join(map(_section, BLOCKS))
+
+
+def _section(kind: str) -> str:
+    """Heading, docstring, ports and the fields of a block."""
+    made = BLOCKS[kind]
+    says = _markdown(inspect.cleandoc(made.__doc__ or "").split("\n\nAttributes\n")[0].replace("\n\n", "\n"))
+    own = [(name, about) for name, about in declared_fields(made).items() if name not in declared_fields(Block)]
+    ports = f"In Python `epp.blocks.{made.__name__}`. Inputs: {_inputs(made)}. Outputs: {_outputs(made)}."
+    return f"\n## {kind}\n\n{says}\n\n{ports}\n" + (f"\n{_fields(own, made)}" if own else "")
+
+
+def _fields(fields: Iterable[tuple[str, Declared]], made: type[Block]) -> str:
+    """A table of fields."""
+    defaults = {field.name: field.default for field in dataclasses.fields(made)}
+    rows = [f"| `{name}` | {_default(defaults[name])} | {_meaning(about)} |\n" for name, about in fields]
+    return "| field | default | meaning [unit] |\n| --- | --- | --- |\n" + "".join(rows)
+
+
+def _meaning(about: Declared) -> str:
+    unit = f" [{about.unit}]" if about.unit else ""
+    words = f": {', '.join(f'`{word}`' for word in about.choices)}" if about.choices else ""
+    held = {Form.NUMBERS: " (numbers)", Form.NAMES: " (a list)"}.get(about.form, "")
+    least = "; more than zero" if about.above == 0 else "; zero or more" if about.at_least == 0 else ""
+    return f"{about.about}{words}{held}{unit}{least}"
+
+
+def _default(value: object) -> str:
+    if value is dataclasses.MISSING:
+        return "must be given"
+    if isinstance(value, str):
+        return f"`{value}`"
+    return f"{value:g}" if isinstance(value, float) else "none"
+
+
+def _inputs(made: type[Block]) -> str:
+    return _PORTS_OF_MATRICES if made.kind == "state_space" else _listed(made.inputs)
+
+
+def _outputs(made: type[Block]) -> str:
+    return "likewise" if made.kind == "state_space" else _listed(made.outputs)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(f"`{name}`" for name in names) or "none"
+
+
+def _summary(made: type[Block]) -> str:
+    """The first sentence of the docstring."""
+    return _markdown((made.__doc__ or "").split("\n\nAttributes\n")[0].partition("\n")[0])
+
+
+def _markdown(text: str) -> str:
+    """Literals of a docstring as those of Markdown."""
+    return re.sub(r"``([^`]+)``", r"`\1`", text)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

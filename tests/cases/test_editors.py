@@ -1,0 +1,84 @@
+"""The JSON schema of case files: what ships is valid by it, and what it refuses is refused by the models too."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from eppanalysis.cases import shipped_cases_folder
+from eppanalysis.cases.editors import case_schema
+from eppanalysis.cli import app
+
+jsonschema = pytest.importorskip("jsonschema")
+FILES = sorted(shipped_cases_folder().glob("*.toml"))
+
+
+@pytest.fixture(scope="module")
+def validator():
+    schema = case_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def read(name: str) -> dict:
+    return tomllib.loads((shipped_cases_folder() / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_shipped_case_is_valid(validator, path):
+    validator.validate(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+def test_the_shipped_cases_are_of_all_kinds_and_some_inherit():
+    files = [tomllib.loads(path.read_text(encoding="utf-8")) for path in FILES]
+    assert {"elbow", "loop", "diagram"} <= {file.get("kind") for file in files}
+    assert any("base" in file for file in files)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("relay_deadzone", {"kind": "arm"}),
+        ("relay_deadzone", {"title": 3}),
+        ("relay_deadzone", {"lop": {}}),
+        ("relay_deadzone", {"run": {"t_end": "1 s", "tend": "1 s"}}),
+        ("elbow", {"lock_pin": {"backlesh": "1 deg"}}),
+        ("fig8a_original", {"lock_pin": {"backlesh": "1 deg"}}),
+        ("x15_flare", {"conect": []}),
+    ],
+)
+def test_a_mistake_is_found(validator, name, change):
+    assert not validator.is_valid({**read(name), **change})
+
+
+@pytest.mark.parametrize("missing", ["kind", "title", "loop", "run"])
+def test_what_is_missing_is_found_unless_it_may_be_inherited(validator, missing):
+    file = {name: part for name, part in read("relay_deadzone").items() if name != missing}
+    assert not validator.is_valid(file)
+    assert validator.is_valid({**file, "base": "relay_deadzone"})
+
+
+def test_every_reference_leads_somewhere():
+    schema = case_schema()
+    references = {
+        line.partition("#/$defs/")[2].rstrip('",')
+        for line in json.dumps(schema, indent=1).splitlines()
+        if '"$ref"' in line
+    }
+    assert references and references <= set(schema["$defs"])
+
+
+def test_command_prints_and_writes_the_same(tmp_path: Path):
+    printed = CliRunner().invoke(app, ["schema"])
+    path = tmp_path / "case.schema.json"
+    assert CliRunner().invoke(app, ["schema", "-o", str(path)]).exit_code == 0
+    assert json.loads(printed.stdout) == json.loads(path.read_text()) == case_schema()
+
+
+def test_command_refuses_another_ending(tmp_path: Path):
+    result = CliRunner().invoke(app, ["schema", "-o", str(tmp_path / "case.yaml")])
+    assert result.exit_code == 2 and "expected one of .json" in result.stderr

@@ -1,0 +1,62 @@
+"""The command ``eppanalysis certify``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from eppanalysis.cli.commands import app
+
+
+def run(*args: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["certify", *args])
+    return result.exit_code, result.output
+
+
+def test_roots_are_written_and_checked(tmp_path: Path) -> None:
+    file = str(tmp_path / "roots.json")
+    code, text = run("backlash_servo", "--roots", "-o", file)
+    assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
+    code, text = run("--check", file)
+    assert code == 0 and text.startswith("Proved: the first-order balance of backlash servo has exactly 2 roots")
+
+
+def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Path) -> None:
+    file = tmp_path / "absence.json"
+    code, text = run("sat_am165", "--set", "loop.gain=0.5", "--absence", "-o", str(file))
+    assert code == 0 and "no periodic motion but rest" in text and "with loop.gain = 0.5" in text
+    file.write_text(file.read_text().replace('"9/2"', '"4"'))
+    code, text = run("--check", str(file))
+    assert code == 1 and "refused: a file that was changed" in text
+
+
+def test_what_is_not_decided_is_a_result_but_no_file(tmp_path: Path) -> None:
+    code, text = run("sat_am165", "--absence")
+    assert code == 0 and "Not decided" in text
+    code, text = run("sat_am165", "--absence", "-o", str(tmp_path / "none.json"))
+    assert code == 2 and "no certificate to write" in text and not list(tmp_path.iterdir())
+
+
+def test_json_and_pictures(tmp_path: Path) -> None:
+    picture = tmp_path / "cover.png"
+    code, text = run("relay_deadzone", "--json", "-o", str(picture))
+    result = json.loads(text)["cases"][0]["result"]
+    assert code == 0 and result["proved"] and len(result["roots"]) == 2 and picture.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("args", "why"),
+    [
+        ([], "there is no case"),
+        (["sat_am165", "--roots", "--absence"], "both --roots and --absence"),
+        (["sat_am165", "--check", "x.json"], "expected it alone"),
+        (["--check", "nowhere.json"], "expected the file of a certificate"),
+        (["sat_am165", "-o", "roots.csv"], "roots.csv"),
+    ],
+)
+def test_wrong_arguments_end_in_a_sentence(args: list[str], why: str) -> None:
+    code, text = run(*args)
+    assert code == 2 and why in text and "Traceback" not in text

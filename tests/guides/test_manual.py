@@ -1,0 +1,189 @@
+"""Tables for manuals: five columns, every limit on the safe side, read back by the readers of each format."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given, strategies as st
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+from eppanalysis.errors import EppError
+from eppanalysis.guides.guideline import Guide, GuideRow
+from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Quantile
+from eppanalysis.results.provenance import Provenance
+from eppanalysis.tables.manual import MANUALS, drawing_step, to_step
+from tests.made_bounds import bounds_of
+
+LBF, DEGREE = 4.4482216152605, np.pi / 180.0
+BAD = '=HYPERLINK("x") <b>50 % & more</b> \\input{x} a|b'
+
+
+def cell(gain: float, bound: float, **more) -> BoundCell:
+    tested = {"safe_value": 0.99 * bound * DEGREE, "n_runs": 1000, "verified": True, "frequency": 8.123456}
+    return BoundCell(gain * LBF, "bound", exact=bound * DEGREE, **{**tested, **more})
+
+
+@pytest.fixture
+def bounds() -> DesignBounds:
+    none = BoundCell(4.0 * LBF, Finding.NONE)
+    cells = (cell(2.5, 0.98), cell(3.0, 1.1677, verified=False), none)
+    return bounds_of(epp.case("fig8a_original"), "bands.range", "lock_pin.backlash", *cells)
+
+
+@pytest.fixture
+def guide() -> Guide:
+    case = replace(epp.case("fig8a_original"), title=BAD)
+    radius, stiffness = case.value("pulley.radius"), case.value("cable.stiffness")
+    rows = []
+    for gain, bound in ((1.5, 0.6), (2.5, 0.98)):
+        allowed = bound * DEGREE
+        forces = (allowed, radius * allowed, stiffness * radius * allowed)
+        rows.append(GuideRow({"bands.range": gain * LBF}, cell(gain, bound), *forces, None, 0.02, 0.04, 0.001))
+    return Guide(case, (), tuple(rows), {}, provenance=Provenance("guide", case=case.provenance()))
+
+
+def test_five_columns_rounded_down_from_where_the_design_was_tested(guide):
+    table = epp.manual_table(guide)
+    assert len(table.columns) == 5 and all(len(row) == 5 for row in table.rows)
+    # 99 % of 0.6 deg and of 0.98 deg are 0.594 deg and 0.9702 deg; 2 % of the first is 0.0119 deg.
+    assert [row[:2] for row in table.texts()] == [("Profile range 1.5 lbf", "0.59"), ("Profile range 2.5 lbf", "0.97")]
+    radius = 1e3 * guide.case.value("pulley.radius")
+    for row, tested in zip(table.rows, (0.594, 0.9702), strict=True):
+        assert float(row[2]) <= radius * tested * DEGREE < float(row[2]) + 0.005
+    assert "in steps of 0.01 deg, 0.002 mm, 0.005 lbf" in table.notes[0]
+    assert not any(re.search(r"[{}\[\]]|sha256", note) for note in table.notes)
+
+
+def test_a_step_of_the_drawing_is_kept(guide):
+    table = epp.manual_table(guide, 0.05)
+    assert [row[1] for row in table.texts()] == ["0.55", "0.95"]
+    assert "in steps of 0.05 deg" in table.notes[0]
+
+
+def test_tolerances_and_factors_of_safety_are_taken_off(guide):
+    worst = epp.ToleranceBound(
+        "lock_pin.backlash", "rad", 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0, (Quantile(0.95, 0, 0, 0),),
+        np.zeros(0), 0.0,
+    )  # fmt: skip
+    rows = tuple(replace(row, tolerance=worst, allowed=row.allowed / 2, pulley=row.pulley / 2) for row in guide.rows)
+    table = epp.manual_table(replace(guide, rows=rows, margins={"lock_pin.backlash": 2.0}), 0.01)
+    assert table.columns[3] == "Backlash with all tolerances used up, at most [deg]"
+    assert [row[1] for row in table.texts()] == ["0.30", "0.49"]
+    assert [row[3] for row in table.texts()] == ["0.25", "0.25"]
+    assert "Factors of safety that are taken off already: 2 on lock pin backlash." in table.notes
+
+
+def test_what_is_not_checked_and_what_has_no_bound_says_so(bounds):
+    table = epp.manual_table(bounds)
+    assert [row[-1] for row in table.texts()][:2] == ["yes, 1000 simulations", "no"]
+    assert table.texts()[2][1:4] == ("-", "-", "-") and table.texts()[2][4] == Finding.NONE.sentence
+    assert "1 of 2 limits are not checked: do not use them without a test." in table.notes
+    assert "from the case fig8a_original." in table.notes[-1]
+    assert table.texts()[0] == ("2.5", "0.97", "0.98", "8.123", "yes, 1000 simulations")
+
+
+def test_a_limit_from_below_is_rounded_up(bounds):
+    above = cell(2.5, 0.98, sign=-1.0, safe_value=0.9898 * DEGREE)
+    table = epp.manual_table(replace(bounds, cells=(above,)))
+    assert "at least" in table.columns[1] and table.texts()[0][1] == "0.99" and "rounded up" in table.notes[0]
+    with pytest.raises(EppError, match="one side for all"):
+        epp.manual_table(replace(bounds, cells=(above, *bounds.cells)))
+
+
+@given(st.floats(1e-6, 1e6), st.sampled_from(["1", "0.05", "0.002", "0.25", "2E+1"]), st.booleans())
+def test_rounding_is_safe_and_loses_less_than_a_step(value, text, up):
+    step = Decimal(text)
+    found = float(to_step(value, step, up=up))
+    lost = found - value if up else value - found
+    assert -1e-8 * float(step) - 1e-12 * value <= lost < float(step)
+    assert Decimal(str(to_step(value, step, up=up))) % step == 0
+
+
+@given(st.lists(st.floats(1e-6, 1e6), min_size=1))
+def test_the_chosen_step_gives_away_two_per_cent_at_most(values):
+    step = float(drawing_step(values))
+    assert 0.02 * min(values) / 2.500001 < step <= 0.02 * min(values) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, float("nan"), 5.0])
+def test_a_step_that_cannot_be_is_refused(bounds, step):
+    with pytest.raises(EppError, match="manual_table: step is .*; expected"):
+        epp.manual_table(bounds, step)
+
+
+def test_no_bound_at_all_is_refused(bounds):
+    with pytest.raises(EppError, match="no bound was found"):
+        epp.manual_table(replace(bounds, cells=bounds.cells[2:]))
+
+
+@pytest.mark.parametrize("ending", MANUALS)
+def test_every_format_is_written_whole(guide, tmp_path: Path, ending):
+    path = tmp_path / f"guide{ending}"
+    epp.manual_table(guide).write(path)
+    assert path.stat().st_size > 300 and [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_excel_holds_numbers_with_their_decimals_and_no_formula(guide, tmp_path: Path):
+    import openpyxl
+
+    epp.manual_table(guide).write(tmp_path / "g.xlsx")
+    sheet = openpyxl.load_workbook(tmp_path / "g.xlsx").active
+    assert [c.value for c in sheet["B"]][2:4] == [0.59, 0.97]
+    assert sheet["B3"].number_format == "0.00" and sheet["C3"].number_format == "0.000"
+    assert all(c.font.bold and c.alignment.wrap_text for c in sheet[2])
+    assert all(c.data_type != "f" for row in sheet.iter_rows() for c in row)
+    frame = pandas.read_excel(tmp_path / "g.xlsx", header=1, nrows=2)
+    assert frame.columns[1] == "Backlash at the elbow, at most [deg]"
+
+
+def test_word_holds_the_table_with_bold_headings_that_repeat(guide, tmp_path: Path):
+    docx = pytest.importorskip("docx")
+    epp.manual_table(guide).write(tmp_path / "g.docx")
+    document = docx.Document(str(tmp_path / "g.docx"))
+    (table,) = document.tables
+    assert [c.text for c in table.rows[1].cells] == list(epp.manual_table(guide).texts()[0])
+    assert all(run.bold for c in table.rows[0].cells for run in c.paragraphs[0].runs)
+    assert "w:tblHeader" in table.rows[0]._tr.xml
+    assert document.paragraphs[0].text.endswith(BAD)
+
+
+def test_markdown_latex_and_html_keep_texts_as_texts(guide, tmp_path: Path):
+    table = epp.manual_table(guide)
+    lines = [line for line in str(table).splitlines() if line.startswith("|")]
+    assert len(lines) == 4 and {line.count("|") for line in lines} == {6}
+    for ending in (".tex", ".html"):
+        table.write(tmp_path / f"g{ending}")
+    latex, page = ((tmp_path / f"g{ending}").read_text() for ending in (".tex", ".html"))
+    assert "\\input{x}" not in latex and "50 \\% \\& more" in latex and latex.count(" & ") == 3 * 4
+    assert "<b>" not in page and "&lt;b&gt;50 % &amp; more" in page and page.count("<tr>") == 3
+
+
+def test_command_writes_the_table_and_refuses_before_it_computes(monkeypatch, bounds, tmp_path: Path):
+    calls = []
+    monkeypatch.setattr("eppanalysis.methods.bounds.design.design_bounds", lambda *_, **__: calls.append(1) or bounds)
+    command = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
+
+    def refusal(*options: str) -> str:
+        result = CliRunner().invoke(app, [*command, *options])
+        assert result.exit_code == 2 and not calls
+        return result.stderr
+
+    assert "expected one of .md" in refusal("--manual", str(tmp_path / "g.odt"))
+    assert "expected a file for it" in refusal("--step", "0.1 deg")
+    assert "lock_pin.backlash" in refusal("--manual", str(tmp_path / "g.md"), "--step", "2 mm")
+    assert "expected a positive one" in refusal("--manual", str(tmp_path / "g.md"), "--step", "0 deg")
+    with monkeypatch.context() as missing:
+        missing.setitem(sys.modules, "docx", None)
+        missing.setattr("importlib.util.find_spec", lambda name: None)
+        assert "python-docx" in refusal("--manual", str(tmp_path / "g.docx"))
+    result = CliRunner().invoke(app, [*command, "--manual", str(tmp_path / "g.md"), "--step", "0.1 deg"])
+    assert result.exit_code == 0 and "| 2.5 | 0.9 | 0.98 |" in (tmp_path / "g.md").read_text()

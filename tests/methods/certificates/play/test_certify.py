@@ -1,0 +1,197 @@
+"""No cycle where none is: certificates against the exact onset of cycles, and against exact orbits."""
+
+from __future__ import annotations
+
+import builtins
+import time
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+from hypothesis import given, strategies as st
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.certificates.play.loop import rational_loop, simplest_between
+from tests.coordinates import in_coordinates, orthogonal
+
+Coefficients = list[float]
+THIRD = [0.2, 1.2, 1.0, 0.0]
+
+
+def servo(num: Coefficients, den: Coefficients, gap: float = 0.3) -> epp.LureSystem:
+    return epp.LureSystem.from_tf((num, den), epp.Play(gap=gap))
+
+
+def overshoot(loop: epp.LureSystem) -> float:
+    """How far the output passes zero, as a share of where it was, where the play rested for long before it moves.
+
+    The longer it rests, the farther (the gap is crossed at a speed that the integrator sets in the end). So cycles
+    begin, at a size that vanishes against the gap, where this is 1. In speeds the gap drops out.
+    """
+    A, F, C = loop.A, loop.A + loop.B @ loop.C, loop.C[0]
+    start, kept = scipy.linalg.null_space(A)[:, 0], scipy.linalg.null_space(A.T)[:, 0]
+    sign, step, state = np.sign(C @ start), scipy.linalg.expm(F * 0.01), start
+    for _ in range(6000):
+        before, state = state, step @ state
+        if sign * (C @ state) <= 0.0:
+            break
+    else:
+        return 0.0  # it creeps in
+    last = scipy.optimize.brentq(lambda t: C @ scipy.linalg.expm(F * t) @ before, 0.0, 0.01, xtol=1e-14)
+    return float(-(kept @ scipy.linalg.expm(F * last) @ before) / (kept @ start))
+
+
+def onset(num: Coefficients, den: Coefficients, low: float, high: float) -> float:
+    def excess(gain: float) -> float:
+        return overshoot(servo([gain * c for c in num], den)) - 1.0
+
+    return float(scipy.optimize.brentq(excess, low, high, xtol=1e-6))
+
+
+@pytest.fixture(autouse=True)
+def _needs_a_solver() -> None:
+    pytest.importorskip("clarabel")
+
+
+def test_servo_of_third_order_is_proved_up_to_its_onset() -> None:
+    # 2.077624 is what branches of the exact engine say.
+    assert onset([1.0], THIRD, 1.9, 2.3) == pytest.approx(2.077624, abs=2e-6)
+    began = time.process_time()
+    found = epp.certify_absence_with_play(servo([2.07], THIRD))
+    assert found.proved and found.method == "sectors" and time.process_time() - began < 5.0
+    began = time.process_time()
+    assert found.check() == found.message
+    assert time.process_time() - began < 0.5
+    assert found.numerator == ("207/20",) and found.denominator == ("1", "6", "5", "0")
+
+
+@pytest.mark.parametrize(
+    ("num", "den", "low", "high", "share"),
+    [
+        ([1.0], [1.0, 1.0, 0.0], 2.0, 4.0, 0.99),
+        ([0.1, 1.0], [1.0, 1.0, 0.0], 2.0, 20.0, 0.99),
+        ([1.0], THIRD, 1.5, 3.0, 0.98),
+        ([1.0], [0.02, 0.3, 1.0, 0.0], 1.0, 8.0, 0.98),
+        ([1.0], [1.0, 2.0, 1.0, 0.0], 0.3, 2.0, 0.98),
+        ([0.1, 1.0], THIRD, 1.0, 5.0, 0.98),
+        ([0.3, 1.0], THIRD, 1.0, 5.0, 0.96),
+    ],
+)
+def test_bounds_stand_within_two_per_cent_of_the_onset(
+    num: Coefficients, den: Coefficients, low: float, high: float, share: float
+) -> None:
+    exact = onset(num, den, low, high)
+    below, above = ([gain * c for c in num] for gain in (share * exact, 1.001 * exact))
+    assert epp.certify_absence_with_play(servo(below, den), sectors=24).proved
+    assert not epp.certify_absence_with_play(servo(above, den), sectors=10).proved
+
+
+@pytest.mark.parametrize("gain", [2.08, 2.3, 5.0])
+def test_nothing_is_proved_where_an_exact_orbit_is(gain: float) -> None:
+    found = epp.certify_absence_with_play(servo([gain], THIRD), sectors=24)
+    assert not found.proved and found.status is epp.Status.INCOMPLETE and not found.text
+    with pytest.raises(EppError, match="No proof"):
+        found.check()
+    with pytest.raises(EppError, match="No proof"):
+        found.plot()
+
+
+@pytest.mark.parametrize(
+    ("num", "den"),
+    [
+        ([2.3], THIRD),
+        ([4.0], [1.0, 1.0, 0.0]),
+        ([0.4, 4.5], THIRD),
+        ([1.5], [1.0, 2.0, 1.0, 0.0]),
+    ],
+)
+def test_no_loop_with_an_exact_orbit_is_proved_to_have_none(num: Coefficients, den: Coefficients) -> None:
+    loop = servo(num, den)
+    run = epp.simulate(loop, t_end=200.0)
+    assert run.limit_cycle is not None
+    assert epp.exact_orbit(loop, run.limit_cycle).status is epp.Status.CONVERGED
+    assert not epp.certify_absence_with_play(loop, sectors=16).proved
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_servos_are_proved_below_their_onset_and_never_above(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = (float(p) for p in rng.uniform(0.3, 5.0, 2).round(3))
+    den = [1.0, a + b, a * b, 0.0]
+    exact = onset([1.0], den, 1e-3, 0.999 * a * b * (a + b))
+    above, below = rng.uniform(1.002, 2.0), rng.uniform(0.5, 0.95)
+    assert not epp.certify_absence_with_play(servo([above * exact], den), sectors=6).proved
+    assert epp.certify_absence_with_play(servo([below * exact], den), sectors=12).proved
+
+
+@pytest.mark.parametrize("gap", [1e-6, 0.3, 40.0])
+def test_the_gap_does_not_matter_but_must_be_there(gap: float) -> None:
+    assert epp.certify_absence_with_play(servo([1.9], THIRD, gap), sectors=6).proved
+    with pytest.raises(ModelError, match="gap above zero"):
+        epp.certify_absence_with_play(servo([1.9], THIRD, 0.0))
+
+
+def test_coordinates_of_the_state_do_not_matter() -> None:
+    loop = servo([1.9], THIRD)
+    turned = in_coordinates(loop, orthogonal(3, 5))
+    assert rational_loop(turned).denominator == rational_loop(loop).denominator
+    assert epp.certify_absence_with_play(turned, sectors=6).proved
+
+
+def test_a_loop_whose_motions_all_grow_has_no_cycle_and_is_said_to_grow() -> None:
+    num, den = [-5.45, 95.9], [1.0, 0.92, 0.0]
+    found = epp.certify_absence_with_play(servo(num, den), sectors=10)
+    assert found.proved and "grow without bound" in str(found)
+    size = np.abs(epp.simulate(servo(num, den), t_end=10.0).signals["x"])
+    assert np.max(size[-len(size) // 10 :]) > 1e3 * np.max(size[: len(size) // 10])
+
+
+def test_what_is_not_covered_is_said() -> None:
+    slow = epp.certify_absence_with_play(servo([80.0, 3.0], [1.0, 3.0, 2.0, 0.0]))
+    assert not slow.proved and "slower than its poles" in str(slow)
+    two = epp.certify_absence_with_play(servo([8.0, 0.1, 30.0], [1.0, 3.0, 2.0, 0.0]))
+    assert not two.proved and "two zeros" in str(two)
+    swinging = epp.certify_absence_with_play(servo([3.0], [1.0, 0.2, 1.0, 0.0]))
+    assert not swinging.proved and "real poles" in str(swinging)
+    fourth = epp.certify_absence_with_play(servo([3.0], [1.0, 4.0, 6.0, 4.0, 0.0]))
+    assert not fourth.proved and "order 4" in str(fourth)
+    unstable = epp.certify_absence_with_play(servo([30.0], [1.0, 1.0, -2.0]))
+    assert not unstable.proved
+    for loop, words in (
+        (epp.LureSystem.from_tf(([1.0], THIRD), epp.Saturation(-1.0, 1.0)), "one Play"),
+        (epp.LureSystem.from_tf(([1.0], THIRD), epp.Play(1.0), delay=0.1), "dead time"),
+        (epp.LureSystem.from_tf(([0.5, 1.0], [1.0, 2.0]), epp.Play(1.0)), "strictly proper"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            epp.certify_absence_with_play(loop)
+    with pytest.raises(EppError, match="2 to 200"):
+        epp.certify_absence_with_play(servo([1.0], THIRD), sectors=1)
+
+
+def test_without_the_solver_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    load = builtins.__import__
+
+    def without(name: str, *args: object) -> object:
+        if name == "clarabel":
+            raise ImportError(name)
+        return load(name, *args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(EppError, match="clarabel"):
+        epp.certify_absence_with_play(servo([1.9], THIRD))
+
+
+def test_plain_data_and_pictures() -> None:
+    for gain, words in ((1.9, "sectors"), (0.5, "right of -1")):
+        found = epp.certify_absence_with_play(servo([gain], THIRD), sectors=6)
+        assert found.to_dict()["proved"] is True and found.provenance.subject == "loop"
+        assert words in found.plot().figure.axes[0].get_title()
+
+
+@given(st.fractions(min_value=-100, max_value=100, max_denominator=50))
+def test_simple_rationals_are_found_again(value) -> None:
+    near = type(value)(float(value))
+    within = type(value)(1, 10**9)
+    assert simplest_between(near - within, near + within) == value

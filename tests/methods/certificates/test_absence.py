@@ -1,0 +1,254 @@
+"""Absence that is proved: sharp where the criterion is, never where there is a cycle, from a file."""
+
+from __future__ import annotations
+
+import json
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings, strategies as st
+
+import eppanalysis as epp
+from eppanalysis.methods.certificates import check_absence
+from eppanalysis.methods.certificates.check_absence import Refused, criterion, positive, sector, times
+from eppanalysis.methods.certificates.rational import element_data
+from eppanalysis.methods.certificates.registry import sealed
+
+#: Third order without an integrator, and with one, each with the gain at which the linear loop oscillates.
+TEXTBOOK = (([1.0, 2.0, 2.0, 1.0], 3.0), ([1.0, 3.0, 2.0, 0.0], 6.0))
+
+
+def limited(gain: float, den: list[float], element: epp.Nonlinearity | None = None) -> epp.LureSystem:
+    return epp.LureSystem.from_tf(([gain], den), element or epp.Saturation())
+
+
+@pytest.mark.parametrize(("den", "border"), TEXTBOOK)
+def test_the_criterion_is_sharp_for_textbook_loops(den: list[float], border: float) -> None:
+    for share in (0.1, 0.5, 0.9, 0.999, 1.0 - 1e-6):
+        begun = time.process_time()
+        found = epp.certify(limited(share * border, den), "absence")
+        assert found.proved and time.process_time() - begun < 2.0
+    for share in (1.0, 1.0 + 1e-9, 1.001, 1.5, 10.0):
+        found = epp.certify(limited(share * border, den), "absence")
+        assert not found.proved and not found.document and found.message.startswith("Not decided")
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize(("den", "border"), TEXTBOOK)
+def test_units_change_nothing(den: list[float], border: float, scale: float) -> None:
+    powers = scale ** np.arange(3, -1, -1.0)
+    for share in (0.999, 1.001):
+        slow = epp.LureSystem.from_tf(([share * border], np.array(den) * powers), epp.Saturation(-3e-7, 3e-7))
+        assert epp.certify(slow, "absence").proved == (share < 1.0)
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=150, deadline=None)
+def test_sturm_counts_as_the_roots_say(seed: int) -> None:
+    """Polynomials of known roots: positive ones single or double, negative and complex ones, far and near."""
+    rng = np.random.default_rng(seed)
+
+    def some() -> Fraction:
+        return Fraction(int(rng.integers(1, 50)), int(rng.integers(1, 50)))
+
+    p = [some()]
+    for _ in range(rng.integers(0, 4)):
+        p = times(p, [some(), Fraction(1)])  # negative
+    for _ in range(rng.integers(0, 3)):
+        re, im = Fraction(int(rng.integers(-20, 20)), 7), some() / 1000
+        p = times(p, [re * re + im * im, -2 * re, Fraction(1)])  # a complex pair, hardly off the axis
+    has_root = bool(rng.integers(0, 2))
+    if has_root:
+        root = some()
+        p = times(p, [-root, Fraction(1)])
+        if rng.integers(0, 2):
+            p = times(p, [-root, Fraction(1)])  # it touches zero
+    assert positive([Fraction(0)] * int(rng.integers(0, 3)) + p) == (not has_root)
+    assert not positive([-c for c in p]) and not positive([])
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=60, deadline=None)
+def test_the_polynomial_is_the_criterion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    num, den = ([Fraction(int(c), 8) for c in rng.integers(-40, 40, n)] for n in (3, 5))
+    low, width, rate = (Fraction(int(c), 8) for c in rng.integers(1, 40, 3))
+    polynomial = criterion(num, den, low, low + width, rate)
+    for omega in np.exp(rng.normal(size=3)):
+        s = 1j * omega
+        N, D = (np.polyval([float(c) for c in p[::-1]], s) for p in (num, den))
+        D = D + float(low) * N
+        by_hand = ((1 + s * float(rate)) * N * np.conj(D)).real + abs(D) ** 2 / float(width)
+        value = np.polyval([float(c) for c in polynomial[::-1]], omega**2)
+        assert value == pytest.approx(by_hand, rel=1e-9, abs=1e-9 * abs(D) ** 2)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        epp.Saturation(-0.5, 2.0, 1.5),
+        epp.DeadZone(-0.4, 0.9, 2.0),
+        epp.DeadZoneSaturation(dead_zone=0.5, slope=2.0, limit=1.0),
+        epp.Relay(-1.0, 2.0),
+        epp.RelayDeadZone(threshold=0.5, level=2.0),
+        epp.Preload(level=0.5, slope=2.0),
+        epp.Quantiser(step=0.5, levels=4),
+        epp.BilinearSpring(lower=-0.5, upper=1.0, outer=3.0, inner=0.5),
+        epp.PiecewiseLinear([-1.0, -0.5, 1.0], [0.0, 2.0, 0.5, -0.25], [-1.5, 0.5, -0.25, 0.5]),
+        epp.Cube(2.0),
+    ],
+    ids=lambda e: type(e).__name__,
+)
+def test_sectors_are_those_of_the_elements(element: epp.Nonlinearity) -> None:
+    """Against a dense sampling of the map itself, up to what samples beside a jump leave out."""
+    try:
+        data = element_data(element)
+    except epp.EppError:
+        pytest.fail("the element is covered")
+    least, most = sector(data)
+    x = np.concatenate([np.geomspace(1e-9, 1e9, 40_001), -np.geomspace(1e-9, 1e9, 40_001)])
+    ratio = element.output(x)[0] / x
+    if least is not None:
+        assert ratio.min() >= float(least) - 1e-9 and ratio.min() == pytest.approx(float(least), abs=2e-3)
+    assert most is None or ratio.max() <= float(most) + 1e-9
+    assert ratio.max() > 1e8 if most is None else ratio.max() == pytest.approx(float(most), rel=2e-3)
+
+
+def test_an_element_that_misses_the_origin_is_not_covered() -> None:
+    shifted = epp.PiecewiseLinear([0.5], [1.0, 2.0], [0.3, -0.2])
+    found = epp.certify(limited(0.1, [1.0, 1.0, 1.0], shifted), "absence")
+    assert not found.proved and not found.document
+
+
+def border_loops() -> list[tuple[list[float], float]]:
+    """Loops of s^3 + a s^2 + b s + c, and the gain at which the linear loop has a pair of poles on the axis."""
+    rng = np.random.default_rng(11)
+    made = []
+    for _ in range(60):
+        a, b = rng.integers(1, 30, 2) / 4.0
+        c = 0.0 if rng.random() < 0.3 else rng.integers(1, 30) / 8.0
+        if a * b - c > 0:
+            made.append(([1.0, a, b, c], a * b - c))
+    return made
+
+
+def test_no_loop_with_a_known_cycle_is_certified() -> None:
+    """On the border a saturation's linear part holds a sine of any amplitude up to the limit: an exact cycle; beyond it
+    there is none that is known, and no proof either. Just below it the criterion is as sharp as Hurwitz's."""
+    loops = border_loops()
+    assert len(loops) >= 50
+    for den, border in loops:
+        assert not epp.certify(limited(border, den), "absence").proved
+        assert not epp.certify(limited(1.1 * border, den), "absence").proved
+    sharp = [epp.certify(limited(0.999 * border, den), "absence").proved for den, border in loops]
+    assert sum(sharp) == len(sharp)
+
+
+def relay_cycle(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> float | None:
+    """Half a period of a symmetric cycle of a relay, x = -G y, by Tsypkin's exact condition; None without one."""
+    eye = np.eye(len(A))
+
+    def crossing(half: float) -> float:
+        flow = scipy.linalg.expm(half * A)
+        reached = np.linalg.solve(A, (flow - eye) @ b)
+        state = np.linalg.solve(eye + flow, reached)  # at the end of a half period of y = 1, minus that at its begin
+        return float(c @ state)
+
+    halves = np.geomspace(0.05, 60.0, 150)
+    values = [crossing(h) for h in halves]
+    for i in range(len(halves) - 1):
+        if values[i] * values[i + 1] < 0:
+            return float(halves[i])
+    return None
+
+
+def test_no_relay_with_an_exact_cycle_is_certified() -> None:
+    """Random stable plants of third to fifth order, in which a relay oscillates by an exact half period."""
+    rng = np.random.default_rng(5)
+    found = 0
+    for _ in range(70):
+        poles = -np.round(np.exp(rng.uniform(-1.0, 1.5, rng.integers(3, 6))), 3)
+        den = np.poly(poles)
+        n = len(den) - 1
+        A, b = np.diag(np.ones(n - 1), -1), np.zeros(n)
+        A[0], b[0] = -den[1:], 1.0
+        c = np.zeros(n)
+        c[-1] = 1.0
+        if relay_cycle(A, b, c) is None:
+            continue
+        found += 1
+        assert not epp.certify(epp.LureSystem.from_tf(([1.0], den), epp.Relay()), "absence").proved
+    assert found >= 50
+
+
+def test_a_relay_that_cannot_oscillate_is_certified_for_all_gains() -> None:
+    """Second order: Popov's multiplier turns the response by up to 90 degrees, which is all that is missing."""
+    found = epp.certify(limited(50.0, [1.0, 1.0, 1.0], epp.Relay()), "absence")
+    assert found.proved and found.document["claim"]["sector"] == ["0", None]
+
+
+@pytest.mark.parametrize(
+    ("loop", "why"),
+    [
+        (limited(1.0, [1.0, 1.0, 0.0], epp.Play(gap=1.0)), "memoryless"),
+        (limited(1.0, [1.0, 1.0, 0.0], epp.HysteresisRelay(-1.0, 1.0)), "memoryless"),
+        (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Saturation(), delay=0.5), "dead time"),
+        (epp.LureSystem.from_tf(([1.0, 2.0], [1.0, 1.0]), epp.Saturation()), "straight through"),
+        (limited(1.0, [1.0, 0.0, 0.0]), "neither"),
+        (limited(0.0, [1.0, 2.0, 1.0]), "come back"),
+        (
+            epp.LureSystem.from_tf(([1.0, 0.0, 4.0], np.polymul([1.0, 0.0, 4.0], [1.0, 1.0])), epp.Saturation()),
+            "neither",
+        ),
+        (limited(1.0, [1.0, 0.0, 4.0]), "neither"),
+        (epp.LureSystem.from_tf(([1.0, 0.0], [1.0, 1.0, 0.0]), epp.Saturation()), "integrator"),
+        (epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[1.0]], [[0.1]], [[0.0]], 1.0), epp.Saturation()), "discrete"),
+    ],
+)
+def test_hypotheses_that_fail_are_named(loop: epp.LureSystem, why: str) -> None:
+    found = epp.certify(loop, "absence")
+    assert not found.proved and not found.document and found.message.startswith("Not decided") and why in found.message
+
+
+def tampered() -> list[tuple[str, dict]]:
+    whole = epp.certify(limited(5.9, [1.0, 3.0, 2.0, 0.0]), "absence").document
+    made = []
+
+    def change(name: str, edit) -> None:
+        copy = json.loads(json.dumps(whole))
+        edit(copy)
+        made.append((name, sealed(copy)))
+
+    def multiplier(d: dict) -> None:
+        d["claim"]["multiplier"] = d["evidence"]["multiplier"] = "1/10"
+
+    change("gain", lambda d: d["loop"].update(num=["5.9000000001"]))
+    change("gain beyond the border", lambda d: d["loop"].update(num=["6.1"]))
+    change("pole", lambda d: d["loop"]["den"].__setitem__(1, "2.9"))
+    change("slope", lambda d: d["loop"]["element"].update(slope="2"))
+    change("bend", lambda d: d["loop"]["element"]["bends"][0].__setitem__(1, "1"))
+    change("dead time", lambda d: d["loop"].update(delay="1/10"))
+    change("discrete time", lambda d: d["loop"].update(time_step="1/10"))
+    change("polynomial", lambda d: d["evidence"]["polynomial"].__setitem__(1, "1"))
+    change("polynomial shortened", lambda d: d["evidence"]["polynomial"].pop())
+    change("multiplier", lambda d: d["evidence"].update(multiplier="7/5"))
+    change("multiplier in claim too", multiplier)
+    change("sector", lambda d: d["claim"].update(sector=["0", "2"]))
+    change("number that is none", lambda d: d["loop"].update(num=[5.9]))
+    return made
+
+
+@pytest.mark.parametrize(("name", "document"), tampered(), ids=lambda x: x if isinstance(x, str) else "")
+def test_changed_certificates_are_refused(name: str, document: dict) -> None:
+    with pytest.raises((Refused, ValueError, LookupError)):
+        check_absence.verify(document)
+
+
+def test_a_changed_file_is_refused_even_where_it_still_proves_something() -> None:
+    document = json.loads(json.dumps(epp.certify(limited(1.0, [1.0, 3.0, 2.0, 0.0]), "absence").document))
+    document["loop"]["name"] = "another"
+    with pytest.raises(Refused, match="changed"):
+        check_absence.verify(document)

@@ -1,0 +1,184 @@
+"""Predictions on measured data against those of the model that the data were made of, and intervals against draws."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import eppanalysis as epp
+from eppanalysis.methods.describing.error import Estimate
+
+ONE_ELEMENT = (
+    "backlash_servo", "band_two_cycles", "quantised_sensor_ct", "quantised_sensor_ct_large", "relay_deadzone",
+    "relay_fopdt_closed", "relay_hyst_goncalves6", "relay_hyst_servo", "relay_ideal_khalil79", "sat_am165",
+    "sat_khalil710", "sat_pycontrol_doc", "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_deadzone",
+    "van_der_pol_mu1", "x15_flare",
+)  # fmt: skip
+
+
+def measured(system, cycles, per_decade=200, **options):
+    """Data of the linear part from a thirtieth to sixty times the frequencies of cycles."""
+    low, high = min(c.omega for c in cycles) / 30.0, 60.0 * max(c.omega for c in cycles)
+    omega = np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 1)
+    return epp.MeasuredResponse(omega, -system.frequency_response(omega)[:, 0, 0], **options)
+
+
+def first(cycle):
+    return next(iter(cycle.elements.values()))["amplitude"]
+
+
+@pytest.mark.parametrize("name", ONE_ELEMENT)
+def test_data_of_shipped_loops_have_the_cycles_of_the_model(name):
+    system = epp.case(name).to_system()
+    known = epp.predict_limit_cycles(epp.case(name))
+    found = epp.predict_limit_cycles(epp.MeasuredLoop(measured(system, known), system.elements[0]))
+    for cycle in known:
+        same = min(found, key=lambda c: abs(np.log(c.omega / cycle.omega)) + abs(np.log(first(c) / first(cycle))))
+        assert same.omega == pytest.approx(cycle.omega, rel=1e-3)
+        assert first(same) == pytest.approx(first(cycle), rel=1e-3)
+        assert abs(first(same) / first(cycle) - 1.0) <= max(same.interpolation_error, 1e-8)
+        assert same.stable in (cycle.stable, None)
+    # Dead time makes faster cycles that the model's search leaves out.
+    assert len(found) == len(known) or name == "relay_fopdt_closed"
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(0.2, 5.0), st.floats(0.2, 5.0), st.floats(0.1, 10.0), st.integers(30, 200))
+def test_relay_behind_two_lags_and_an_integrator_is_its_closed_form(p, q, gain, per_decade):
+    """Phase crossover at sqrt(p q), amplitude 4 K / (pi p q (p + q)), within what is said to be lost between points."""
+    omega = np.geomspace(0.01, 100.0, 4 * per_decade)
+    s = 1j * omega
+    data = epp.MeasuredResponse(omega, gain / (s * (s + p) * (s + q)))
+    (cycle,) = epp.predict_limit_cycles(epp.MeasuredLoop(data, epp.Relay()))
+    said = max(cycle.interpolation_error, 1e-9)
+    assert cycle.omega == pytest.approx(np.sqrt(p * q), rel=said)
+    assert cycle.amplitude("x") == pytest.approx(4.0 * gain / (np.pi * p * q * (p + q)), rel=said)
+    assert cycle.stable
+
+
+def test_cycles_with_a_mean_need_the_static_gain():
+    model = epp.LureSystem.from_tf(([20.0], [1.0, 3.0, 3.0, 1.0]), epp.Saturation(-1.0, 2.0))
+    known = epp.predict_limit_cycles(model)[0]
+    with pytest.raises(epp.ModelError, match="static gain"):
+        epp.MeasuredLoop(measured(model, [known]), model.elements[0])
+    loop = epp.MeasuredLoop(measured(model, [known], static_gain=20.0), model.elements[0])
+    found = epp.predict_limit_cycles(loop)[0]
+    assert found.mean["x"] == pytest.approx(known.mean["x"], rel=1e-6)
+    assert found.stable
+    ninth, same = (epp.harmonic_balance(which, guess, order=9) for which, guess in ((loop, found), (model, known)))
+    assert ninth.omega == pytest.approx(same.omega, rel=1e-8)
+    assert ninth.mean["x"] == pytest.approx(same.mean["x"], rel=1e-8)
+
+
+def test_a_part_that_integrates_lets_no_mean_pass():
+    model = epp.LureSystem.from_tf(([4.0], [1.0, 2.0, 1.0, 0.0]), epp.Saturation(-1.0, 2.0))
+    known = epp.predict_limit_cycles(model)[0]
+    loop = epp.MeasuredLoop(measured(model, [known], static_gain=np.inf), model.elements[0])
+    found = epp.predict_limit_cycles(loop)[0]
+    assert found.mean["x"] == pytest.approx(known.mean["x"], rel=1e-6)
+    assert found.mean["y"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [3, 9, 25])
+def test_harmonic_balance_on_data_is_that_of_the_model(order):
+    case = epp.case("relay_ideal_khalil79")
+    model = case.to_system()
+    known = epp.predict_limit_cycles(case)
+    loop = epp.MeasuredLoop(measured(model, known), model.elements[0])
+    found = epp.harmonic_balance(loop, epp.predict_limit_cycles(loop)[0], order=order)
+    same = epp.harmonic_balance(model, known[0], order=order)
+    assert found.omega == pytest.approx(same.omega, rel=1e-7)
+    assert found.amplitude("x") == pytest.approx(same.amplitude("x"), rel=1e-7)
+    assert found.state.size == 0
+
+
+def test_harmonic_balance_refuses_orders_beyond_the_data():
+    model = epp.case("relay_ideal_khalil79").to_system()
+    loop = epp.MeasuredLoop(measured(model, epp.predict_limit_cycles(model)), model.elements[0])
+    guess = epp.predict_limit_cycles(loop)[0]
+    with pytest.raises(epp.EppError, match="at most 60 .the end of the data"):
+        epp.harmonic_balance(loop, guess, order=61)
+
+
+def short(top):
+    """Data of 1/(s (s + 1) (s + 2)) with a relay, whose cycle is at sqrt(2) rad/s, up to `top`."""
+    omega = np.geomspace(0.05, top, 400)
+    s = 1j * omega
+    return epp.MeasuredLoop(epp.MeasuredResponse(omega, 1.0 / (s * (s + 1.0) * (s + 2.0))), epp.Relay())
+
+
+@pytest.mark.parametrize("top", [1.6, 2.5, 4.0])
+def test_data_that_end_below_the_harmonics_are_refused(top):
+    with pytest.raises(epp.ModelError, match="below harmonics that matter to the cycle at 1.414 rad/s"):
+        epp.predict_limit_cycles(short(top))
+
+
+def test_data_that_end_below_the_cycle_are_not_called_complete():
+    found = epp.predict_limit_cycles(short(1.3))
+    assert len(found) == 0
+    assert found.status is epp.Status.INCOMPLETE
+    assert any("not excluded" in w for w in found.warnings)
+
+
+def test_error_estimate_is_the_model_s_where_data_are_dense():
+    model = epp.case("sat_am165").to_system()
+    known = epp.predict_limit_cycles(model)[0]
+    found = epp.predict_limit_cycles(epp.MeasuredLoop(measured(model, [known]), model.elements[0]))[0]
+    assert found.error_estimate == pytest.approx(known.error_estimate, rel=0.05)
+    assert found.highest_harmonic == 60
+    assert json.dumps(found.to_dict())
+
+
+def test_interval_covers_the_model_in_as_many_draws_as_it_says(monkeypatch):
+    # Binomial with 200 draws: of 95 %, fewer than 180 or more than 198 hits come in less than one of 200 series.
+    element, poles, gain = epp.Relay(), [0.0, -1.0, -2.0], 1.0
+    # What harmonics do to each draw is not asked for, and takes longest.
+    monkeypatch.setattr("eppanalysis.methods.describing.predict.error_estimate", lambda *_: Estimate(0.0))
+    omega = np.geomspace(0.1, 40.0, 261)
+    true = gain / np.prod([1j * omega - p for p in poles], axis=0)
+    known = epp.predict_limit_cycles(epp.LureSystem.from_tf(([gain], np.poly(poles)), element))[0]
+    rng = np.random.default_rng(11)
+    hits = np.zeros(2, int)
+    for _ in range(200):
+        noise = 1.0 + 0.01 * (rng.standard_normal(omega.size) + 1j * rng.standard_normal(omega.size))
+        found = epp.predict_limit_cycles(
+            epp.MeasuredLoop(epp.MeasuredResponse(omega, true * noise, deviation=0.01), element)
+        )
+        assert len(found) == 1
+        for i, (name, value) in enumerate([("amplitude", known.amplitude("x")), ("frequency", known.frequency)]):
+            low, high = found[0].intervals[name]
+            hits[i] += low <= value <= high
+    assert np.all((hits >= 180) & (hits <= 198)), hits
+
+
+def test_noise_without_a_deviation_is_said():
+    omega = np.geomspace(0.1, 40.0, 521)
+    s = 1j * omega
+    rng = np.random.default_rng(2)
+    noise = 1.0 + 0.01 * (rng.standard_normal(omega.size) + 1j * rng.standard_normal(omega.size))
+    data = epp.MeasuredResponse(omega, noise / (s * (s + 1.0) * (s + 2.0)))
+    found = epp.predict_limit_cycles(epp.MeasuredLoop(data, epp.Relay()))
+    assert any("standard deviation" in w for w in found.warnings)
+
+
+def test_an_unstable_part_is_not_taken_for_a_stable_one():
+    model = epp.LureSystem.from_tf(([2.0, 2.0], [1.0, -1.0, 0.0]), epp.Play(gap=1.0))
+    known = epp.predict_limit_cycles(model)
+    assert len(known)
+    for poles in (0, 1):
+        data = measured(model, known, static_gain=np.inf, unstable_poles=poles)
+        found = epp.predict_limit_cycles(epp.MeasuredLoop(data, model.elements[0]))
+        for one, cycle in zip(found, known, strict=True):
+            assert one.stable == (cycle.stable if poles else None)
+
+
+def test_what_needs_states_is_refused():
+    loop = short(100.0)
+    for analysis in (epp.exact_orbit, epp.find_limit_cycles, epp.simulate, epp.margins):
+        with pytest.raises(epp.EppError, match="has no states|expected"):
+            analysis(loop) if analysis is not epp.exact_orbit else analysis(loop, epp.predict_limit_cycles(loop)[0])
+    with pytest.raises(epp.ModelError, match="states of its own"):
+        epp.MeasuredLoop(loop.response, epp.RateLimiter(rate=1.0))
+    with pytest.raises(epp.ModelError, match="feedback"):
+        epp.MeasuredLoop(loop.response, epp.Relay(), feedback=0)

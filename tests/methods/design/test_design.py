@@ -1,0 +1,173 @@
+"""Designs against independent answers: onsets known from elsewhere, searches on a grid, the fold of a branch."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.cli.design import _write, design_columns, tuned, values_of
+from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.design.design import _described, _refine, _Task
+from eppanalysis.methods.design.frontier import Frontier, first_turn
+from eppanalysis.methods.design.result import Optimum
+from eppanalysis.methods.design.shrinking import shrinks
+from tests import made_bounds
+
+SERVO = """
+kind = "diagram"
+title = "Position servo with lead and play"
+connect = ["-play -> lead", "lead -> plant", "plant -> play"]
+[parameters]
+k = 2.5
+T = 0.5
+[blocks]
+lead = { kind = "transfer_function", num = ["T", 1], den = ["0.1*T", 1] }
+plant = { kind = "transfer_function", num = ["k"], den = [0.2, 1.2, 1, 0] }
+[elements]
+play = { element = "play", gap = 1.0 }
+[run]
+t_end = "100 s"
+"""
+#: Onset of cycles without the lead, as an exact search has it.
+ONSET = 2.077624
+GAIN = "loop.gain"
+
+
+@pytest.fixture(scope="module")
+def servo() -> epp.Case:
+    return epp.case_from_text(SERVO)
+
+
+@pytest.fixture(scope="module")
+def found(servo: epp.Case) -> epp.Design:
+    """The best lead, from a cycle at hand; finding one from nothing is what the other tests do."""
+    task = _Task("k", "T", {"k": (5.0, 8.5), "T": (0.0, 2.0)}, 1.0, None, False, 0.01, 0, 0)
+    frontier = Frontier(task.question(servo), 1.0)
+    assert frontier.add(
+        1.0, 8.0, list(epp.find_limit_cycles(servo.with_values({"T": 1.0, "k": 8.0}), by_balance=False))
+    )
+    _refine(frontier, 0.98, 1.02, 2.0)
+    here = max(frontier.bounds, key=lambda T: frontier.worth(frontier.bounds[T]))
+    best = replace(_described(frontier, task, here, frontier.at(here)), message="it was not tested.")
+    readable = {"k": ("", 1.0), "T": ("", 1.0)}
+    return epp.Design("servo", "k", "largest", task.ranges, best, margin=0.01, readable=readable)
+
+
+def turn_from(case: epp.Case, low: float, value: float) -> float:
+    """The fold below a value of the gain at which there is a cycle."""
+    (cycle,) = epp.find_limit_cycles(case.with_values({"k": value}), by_balance=False)
+    bound = first_turn(Question(case, "k", low, value), value, cycle, 1.0)
+    assert bound is not None and bound.kind is Turn.FOLD
+    return bound.value
+
+
+def test_without_the_lead_the_turn_is_the_known_onset(servo: epp.Case) -> None:
+    assert turn_from(servo.with_values({"T": 0.0}), 1.0, 2.3) == pytest.approx(ONSET, rel=5e-7)
+
+
+def test_the_largest_gain_over_the_lead_is_that_of_a_grid(servo: epp.Case, found: epp.Design) -> None:
+    """A per cent above the optimum the exact search finds a cycle everywhere."""
+    best = found.optimum.at
+    assert best["T"] == pytest.approx(1.0006, abs=1e-3) and best["k"] == pytest.approx(7.5182, rel=1e-4)
+    for T in (0.95, best["T"], 1.05):
+        above = servo.with_values({"T": T, "k": 1.01 * best["k"]})
+        assert len(epp.find_limit_cycles(above, by_balance=False)) > 0
+    # From another cycle, with another step: the same fold.
+    assert turn_from(servo.with_values({"T": best["T"]}), 6.0, 7.8) == pytest.approx(best["k"], rel=1e-8)
+
+
+def test_at_an_optimum_inside_its_range_the_other_parameter_has_no_price(found: epp.Design) -> None:
+    assert abs(found.optimum.prices["T"]) < 0.05
+    # Sizes of cycles scale with the play, gains do not.
+    assert abs(found.optimum.prices["play.gap"]) < 1e-6
+    assert found.optimum.at_end == ""
+
+
+def test_what_was_not_tested_is_not_called_confirmed(found: epp.Design) -> None:
+    assert not found.optimum.confirmed and not found.status.ok
+    assert "Not confirmed: it was not tested." in found.sentence
+    assert "fold" in found.sentence and "The largest k with no limit cycle is 7.518" in found.sentence
+
+
+def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
+    case = made_bounds.wheelchair()
+    design = epp.design(case, {GAIN: (0.7, 1.0)}, maximise=GAIN, starts=20)
+    best = design.optimum
+    assert best.kind is Turn.FOLD and best.at[GAIN] == pytest.approx(made_bounds.GAIN, rel=1e-6)
+    assert best.confirmed, best.message
+    assert design.status.ok and design.values[GAIN] == pytest.approx(0.99 * made_bounds.GAIN, rel=1e-6)
+    assert "Confirmed 1 % to both sides" in design.sentence
+
+
+def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
+    design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
+    assert not design.optimum.feasible and design.values == {}
+    assert "The end of its range at 0.9 would have to give: cycles vanish at 0.846257" in design.sentence
+    assert design.sentence.startswith("No design within these ranges has no limit cycle")
+
+
+def test_what_no_cycle_limits_is_limited_by_its_own_range() -> None:
+    case = made_bounds.wheelchair()
+    design = epp.design(case, {GAIN: (0.5, 0.7)}, maximise=GAIN)
+    assert design.optimum.kind is Turn.END and design.values == {GAIN: 0.7}
+    assert design.optimum.confirmed, design.optimum.message
+    assert "Only its own range limits it" in design.sentence
+
+
+def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, found: epp.Design) -> None:
+    best, x0 = found.optimum.at, np.array([-0.16, 0.11, 0.39, 0.28])
+    assert found.optimum.orbit is not None
+    inside = servo.with_values({**best, "k": 0.95 * best["k"]})
+    beyond = servo.with_values({**best, "k": 1.05 * best["k"]})
+    assert shrinks(inside, x0, found.optimum.orbit)
+    assert not shrinks(beyond, x0, found.optimum.orbit)
+
+
+def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
+    assert "7.518" in str(epp.table(found))
+    assert "largest k" in found.plot().figure.axes[0].get_title()
+    front = replace(found, front_over="play.gap", front=((1.0, found.optimum), (2.0, Optimum({}, message="none"))))
+    front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)})
+    assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))
+    assert design_columns(front).columns["k"][1] == found.optimum.at["k"]
+    _write(servo, found, tmp_path / "designed.toml")
+    again = epp.read_case(tmp_path / "designed.toml")
+    assert again.value("k") == pytest.approx(0.99 * found.optimum.at["k"], rel=1e-10)
+    assert tomllib.loads(again.to_toml())["blocks"]["lead"]["num"] == ["T", 1]
+    assert found.to_dict()["optimum"]["at"] == found.optimum.at
+
+
+def test_options_are_read() -> None:
+    assert tuned("k 1..20") == ("k", ("1", "20"))
+    assert values_of("play.gap 1, 2") == ("play.gap", ["1", "2"])
+    for read, text in ((tuned, "k 1:20"), (values_of, "play.gap")):
+        with pytest.raises(epp.EppError, match="expected"):
+            read(text)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"maximise": None}, "expected one of the two"),
+        ({"minimise": "T"}, "expected one of the two"),
+        ({"maximise": "play.gap"}, "expected one of what is tuned: k, T"),
+        ({"tune": {}}, "0 parameters are tuned"),
+        ({"tune": {"k": (2.0, 1.0)}}, "expected low < high"),
+        ({"tune": {"k": (1.0, 2.0, 3.0)}}, "expected its low and its high end"),
+        ({"tune": {"K": (1.0, 2.0)}, "maximise": "K"}, "a known field"),
+        ({"front": {"k": [1.0]}}, "which is tuned"),
+        ({"front": {"play.gap": []}}, "no values of play.gap"),
+        ({"allow": "plate 3"}, "no signal 'plate'"),
+        ({"margin": 0.7}, "margin is 0.7"),
+    ],
+)
+def test_bad_questions_are_refused_in_a_sentence(servo: epp.Case, change: dict[str, object], words: str) -> None:
+    asked: dict[str, object] = {"tune": {"k": (1.0, 20.0), "T": (0.0, 2.0)}, "maximise": "k", **change}
+    with pytest.raises(epp.EppError, match=words):
+        epp.design(servo, **asked)

@@ -1,0 +1,237 @@
+"""Periodic responses to a sine: closed forms, an independent integrator, subharmonics, what does not repeat."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.driven.result import Motion
+from tests.driven_loops import TURN, duffing, loop, saturated
+
+
+def steady(rate, omega, start, periods):
+    """Half the peak-to-peak and the state at phase zero after many periods, by Runge-Kutta of order 8."""
+    T = TURN / omega
+    way = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "max_step": T / 40}
+    before = solve_ivp(rate, (0.0, periods * T), start, **way)
+    last = solve_ivp(rate, (0.0, T), before.y[:, -1], dense_output=True, **way)
+    x = last.sol(np.linspace(0.0, T, 20_001))[0]
+    return 0.5 * float(np.ptp(x)), before.y[:, -1]
+
+
+def half(response, signal="mass"):
+    return response.cycle.peak_to_peak[signal] / 2
+
+
+@pytest.mark.parametrize(("omega", "amplitudes"), [(0.72, [0.995]), (0.80, [1.269, 1.821]), (0.96, [1.251])])
+def test_stable_responses_of_the_saturated_spring_are_those_of_runge_kutta(omega, amplitudes):
+    # Published to three digits, from a Runge-Kutta integration from below and from above.
+    found = epp.forced_response(saturated(), amplitude=0.5, frequency=omega / TURN)
+    assert [round(half(r), 3) for r in found.stable] == amplitudes
+    assert len(found) == 2 * len(amplitudes) - 1, "between two stable responses an unstable one"
+
+
+def test_both_stable_responses_are_those_of_an_independent_integrator():
+    omega = 0.8
+
+    def rate(t, y):
+        return [y[1], np.clip(0.5 * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
+
+    found = epp.forced_response(saturated(), amplitude=0.5, frequency=omega / TURN)
+    low = steady(rate, omega, [0.0, 0.0], 40)[0]
+    high = steady(rate, omega, [0.0, -1.4], 40)[0]
+    # Corners of the saturation lie within steps of the integrator: its error is that of a step across a corner.
+    assert [half(r) for r in found.stable] == pytest.approx([low, high], rel=1e-5)
+
+
+def test_an_unstable_response_closes_in_an_independent_integrator_with_its_multipliers():
+    omega, T = 0.8, TURN / 0.8
+
+    def rate(t, y):
+        return [y[1], np.clip(0.5 * np.sin(omega * t) - y[0], -1.0, 1.0) - 0.2 * y[1]]
+
+    def over(x):
+        return solve_ivp(rate, (0.0, T), x, method="DOP853", rtol=1e-11, atol=1e-13, max_step=T / 400).y[:, -1]
+
+    unstable = next(r for r in epp.forced_response(saturated(), amplitude=0.5, frequency=omega / TURN) if not r.stable)
+    system = saturated()
+    T_state = np.array([system.signals.C[system.signals.names.index("mass")], [0.0, 0.0]])
+    T_state[1] = T_state[0] @ system.A  # the rate of the mass, which nothing else acts on
+    x = T_state @ unstable.cycle.state
+    assert over(x) == pytest.approx(x, abs=1e-7)
+    h = 1e-5
+    P = np.column_stack([(over(x + h * e) - over(x - h * e)) / (2 * h) for e in np.eye(2)])
+    assert np.sort(np.linalg.eigvals(P).real) == pytest.approx(np.sort(unstable.cycle.multipliers.real), rel=1e-5)
+    # Liouville: their product is what damping alone makes of an area.
+    assert np.prod(unstable.cycle.multipliers) == pytest.approx(np.exp(-0.2 * T), rel=1e-10)
+
+
+def test_duffing_is_that_of_an_independent_integrator_and_near_first_order():
+    omega, force = 1.5, 0.5
+    found = epp.forced_response(duffing(), amplitude=force, frequency=omega / TURN)
+
+    def rate(t, y):
+        return [y[1], force * np.sin(omega * t) - 0.2 * y[1] - y[0] - y[0] ** 3]
+
+    amplitude, state = steady(rate, omega, [0.0, 0.0], 80)
+    on_it = min(found.stable, key=lambda r: abs(half(r) - amplitude))
+    # Samples miss the extremum by up to (omega T / 20,000)^2 / 8 = 1e-8 of it.
+    assert half(on_it) == pytest.approx(amplitude, rel=5e-8)
+    assert on_it.cycle.waveform["mass"][0] == pytest.approx(state[0], abs=2e-3)
+    # Closed form of first order: ((1 - w^2 + 3/4 a^2)^2 + (0.2 w)^2) a^2 = F^2.
+    roots = np.roots([9 / 16, 1.5 * (1 - omega**2), (1 - omega**2) ** 2 + (0.2 * omega) ** 2, -(force**2)])
+    sizes = np.sort(np.sqrt(roots[np.abs(roots.imag) < 1e-9].real))
+    assert np.sort(force * np.abs(found.first_order["mass"])) == pytest.approx(sizes, rel=1e-9)
+    exact = np.sort([force * abs(r.response("mass")) for r in found if r.multiple == 1])
+    assert exact.size == sizes.size == 3
+    assert exact == pytest.approx(sizes, rel=0.03), "its third harmonic is some per cent of the fundamental"
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    zeta=st.floats(0.05, 1.5),
+    omega=st.floats(0.05, 20.0),
+    amplitude=st.floats(1e-6, 0.05),
+)
+def test_within_the_linear_range_the_response_is_the_frequency_response(zeta, omega, amplitude):
+    # 1/(s^2 + 2 zeta s + 1) in parallel with an unused dead zone: |x| <= amplitude/(2 zeta sqrt(1 - zeta^2)) < 1.
+    system = loop(epp.DeadZone(lower=-1.0, upper=1.0), [1.0], [1.0, 2 * zeta, 1.0])
+    found = epp.forced_response(system, amplitude=amplitude, frequency=omega / TURN)
+    s = 1j * omega
+    (one,) = found
+    assert one.response("mass") == pytest.approx(1.0 / (s * s + 2 * zeta * s + 1.0), rel=1e-9)
+    assert one.response("force") == pytest.approx(1.0, abs=1e-9)
+    assert one.stable
+    assert np.sort_complex(one.cycle.multipliers) == pytest.approx(
+        np.sort_complex(np.exp(np.linalg.eigvals([[0.0, 1.0], [-1.0, -2 * zeta]]) * TURN / omega)), rel=1e-6, abs=1e-9
+    )
+
+
+def test_under_a_vanishing_sine_rest_stays_rest():
+    system, T = duffing(), 4.0
+    (one,) = epp.forced_response(system, amplitude=1e-12, frequency=1 / T)
+    flow = np.linalg.eigvals(expm(T * np.array([[0.0, 1.0], [-1.0, -0.2]])))
+    assert np.sort_complex(one.cycle.multipliers) == pytest.approx(np.sort_complex(flow), rel=1e-9)
+    assert half(one) < 1e-11
+
+
+def test_a_subharmonic_is_found_beside_the_response_of_the_input_s_period():
+    # A stiff cubic spring answers with a third of the input's frequency, too (Nayfeh and Mook, section 4.1.4).
+    omega, force = 3.6, 4.0
+    found = epp.forced_response(duffing(damping=0.05), amplitude=force, frequency=omega / TURN)
+
+    def rate(t, y):
+        return [y[1], force * np.sin(omega * t) - 0.05 * y[1] - y[0] - y[0] ** 3]
+
+    assert [r.multiple for r in found.stable] == [1, 1, 3]
+    for r in found.stable:
+        names = duffing().signals
+        C = names.C[names.names.index("mass")]
+        x = np.array([C @ r.cycle.state, C @ duffing(damping=0.05).A @ r.cycle.state])
+        T = r.multiple * TURN / omega
+        end = solve_ivp(rate, (0.0, T), x, method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        assert end == pytest.approx(x, abs=1e-7)
+
+
+def test_elements_with_memory_and_jumps():
+    # A relay straight on the input switches just at phase zero; behind it a lag of one second.
+    system = epp.Diagram(
+        parts={"relay": epp.Relay(), "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0])},
+        connect=["force -> relay", "relay -> lag"],
+        inputs=["force"],
+    ).to_system()
+    T = 3.0
+    (one,) = epp.forced_response(system, amplitude=1.0, frequency=1 / T)
+    assert half(one, "lag") == pytest.approx(np.tanh(T / 4), rel=1e-10)
+    assert one.cycle.multipliers == pytest.approx([np.exp(-T)], rel=1e-9)
+    w = TURN / T
+    assert one.response("lag") == pytest.approx(4 / np.pi / (1 + 1j * w), rel=1e-9)
+
+
+def stops(force, ratio, V, U, X):
+    """Whether the mass stops on its way from X to -X, by the same closed form."""
+    t = np.linspace(0.0, np.pi / ratio, 801)
+    for sign in (1.0, -1.0):
+        c, s = X, sign * 0.5 * U  # force V cos and sin of the input's phase at the turn
+        x = (X - 0.5 - c) * np.cos(t) + ratio * s * np.sin(t) + 0.5 + c * np.cos(ratio * t) - s * np.sin(ratio * t)
+        if abs(x[-1] + X) < 1e-9:
+            return bool(np.any(np.diff(x) >= 0))
+    raise AssertionError("the closed form does not close")
+
+
+@settings(max_examples=5, deadline=None)
+@given(ratio=st.floats(1.2, 3.0), force=st.floats(1.0, 5.0))
+def test_dry_friction_is_den_hartog_s(ratio, force):
+    # x'' + x + 0.5 sign(x') = force sin(ratio t), without stops above resonance (Den Hartog, Transactions of the ASME
+    # 53, 1931): X^2 = (force V)^2 - (0.5 U)^2.
+    system = epp.Diagram(
+        parts={
+            "friction": epp.Friction(coulomb=0.5, static=0.5),
+            "mass": epp.blocks.Integrator(),
+            "place": epp.blocks.Integrator(),
+        },
+        connect=["force - friction - place -> mass", "mass -> friction", "mass -> place"],
+        inputs=["force"],
+    ).to_system()
+    V, U = 1 / (1 - ratio**2), np.sin(np.pi / ratio) / (ratio * (1 + np.cos(np.pi / ratio)))
+    size = (force * V) ** 2 - (0.5 * U) ** 2
+    assume(size > 0)
+    assume(not stops(force, ratio, V, U, np.sqrt(size)))
+    found = epp.forced_response(system, amplitude=force, frequency=ratio / TURN, most_periods=1)
+    assert [half(r, "place") for r in found.stable] == pytest.approx([np.sqrt(size)], rel=1e-9)
+
+
+def test_a_play_that_stays_in_its_gap_is_one_of_a_continuum():
+    system = epp.Diagram(
+        parts={"gear": epp.Play(gap=1.0), "motor": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])},
+        connect=["force - gear -> motor", "motor -> gear"],
+        inputs=["force"],
+    ).to_system()
+    found = epp.forced_response(system, amplitude=1.0, frequency=1.0, most_periods=1)
+    assert all(r.one_of_many for r in found)
+    # Of 1/(s (s + 1)) the amplitude is half the gap, 0.5, at 0.1989 Hz: above it the gear stands.
+    response = epp.frequency_response(system, output="motor", amplitude=1.0, frequencies=(0.18, 0.3), max_step=0.1)
+    (branch,) = response.branches
+    assert not response.status.ok and "a continuum of responses, which is not followed, at" in response.message
+    assert 0.196 < branch.frequency.max() < 0.1990
+
+
+def test_a_loop_with_an_oscillation_of_its_own_is_entrained_or_is_quasi_periodic():
+    # A relay oscillates by itself: a strong sine near its frequency takes it along, a weak one far from it does not.
+    system = epp.Diagram(
+        parts={"relay": epp.Relay(), "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 3.0, 2.0, 0.0])},
+        connect=["force - plant -> relay", "relay -> plant"],
+        inputs=["force"],
+    ).to_system()
+    own = 1 / 4.55107103
+    taken = epp.forced_response(system, amplitude=0.3, frequency=1.05 * own)
+    assert (taken.motion, taken.repeats) == (Motion.PERIODIC, 1)
+    assert any(r.stable and r.multiple == 1 for r in taken)
+    not_taken = epp.forced_response(system, amplitude=0.01, frequency=1.37 * own, most_periods=3)
+    assert not_taken.motion is Motion.QUASI_PERIODIC
+    assert "does not repeat itself" in not_taken.message
+    assert abs(not_taken.exponent) < 0.02
+
+
+def test_ueda_s_oscillator_is_irregular_and_its_unstable_responses_are_found():
+    # x'' + 0.05 x' + x^3 = 7.5 cos t: the "Japanese attractor" (Ueda, Journal of Statistical Physics 20, 1979), whose
+    # largest exponent is about 0.09 to 0.1 per second.
+    found = epp.forced_response(duffing(damping=0.05, stiffness=0.0), amplitude=7.5, frequency=1 / TURN, most_periods=1)
+    assert found.motion is Motion.IRREGULAR
+    assert 0.08 < found.exponent / TURN < 0.12
+    assert found.repeats == 0 and not found.stable and len(found) >= 1
+
+
+def test_what_is_not_covered_is_said():
+    system = saturated()
+    with pytest.raises(EppError, match="amplitude is None; expected a positive number"):
+        epp.forced_response(system, frequency=1.0)
+    with pytest.raises(EppError, match=r"frequency is -1.0; expected a positive number \[Hz\]"):
+        epp.forced_response(system, amplitude=1.0, frequency=-1.0)
+    with pytest.raises(ModelError, match="no input 'forse'"):
+        epp.forced_response(system, "forse", amplitude=1.0, frequency=1.0)
+    with pytest.raises(EppError, match="has no external input"):
+        epp.forced_response(epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.Relay()), amplitude=1.0, frequency=1.0)

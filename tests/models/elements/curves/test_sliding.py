@@ -1,0 +1,123 @@
+"""Friction with a viscous part and the Stribeck curve: describing functions, stick-slip against another integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.integrate import solve_ivp
+from scipy.special import erfi
+
+import eppanalysis as epp
+from eppanalysis.errors import ModelError
+from tests.models.elements.quadrature import assert_agrees, crossings, fourier, fourier_adaptive
+
+positive, amplitudes, numbers = st.floats(0.01, 3), st.floats(1e-3, 20), st.floats(-3, 3)
+
+
+@given(st.floats(0, 3), st.floats(0, 3), amplitudes, numbers)
+def test_viscous_and_coulomb_match_quadrature(coulomb: float, viscous: float, amplitude: float, bias: float) -> None:
+    element = epp.ViscousCoulomb(coulomb, viscous)
+    witness = fourier(element, amplitude, bias, crossings([0.0], amplitude, bias))
+    assert_agrees(element.describing_function(amplitude, bias), witness, amplitude)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0, 3), positive, st.floats(0.003, 3), st.floats(0, 2), amplitudes, st.just(0.0) | numbers)
+def test_stribeck_matches_quadrature(
+    coulomb: float, excess: float, velocity: float, viscous: float, amplitude: float, bias: float
+) -> None:
+    element = epp.StribeckFriction(coulomb, coulomb + excess, velocity, viscous)
+    switches = crossings([0.0], amplitude, bias)
+    near = [*switches, -np.pi / 2, np.pi / 2]
+    layers = [s + sign * 0.5**k for s in near for sign in (-1, 1) for k in range(1, 16)]
+    witness = fourier_adaptive(element, amplitude, bias, [*switches, *layers])
+    assert_agrees(element.describing_function(amplitude, bias), witness, amplitude)
+
+
+def test_formula_without_bias_and_limits() -> None:
+    # By u = cos(phi): the integral of sin exp(-p^2 sin^2) from 0 to pi is exp(-p^2) sqrt(pi) erfi(p)/p.
+    p = np.array([0.1, 1.0, 4.0])
+    gain = epp.StribeckFriction(0.0, 1.0, 0.5).describing_function(0.5 * p)[1]
+    closed = 2 / np.pi * np.exp(-(p**2)) * np.sqrt(np.pi) * erfi(p) / p / (0.5 * p)
+    np.testing.assert_allclose(gain, closed, rtol=1e-12)
+    element = epp.StribeckFriction(1.0, 1.5, 0.2, 0.3)
+    mean, gain = element.describing_function(0.0, [0.0, 0.1, -0.1])
+    assert gain[0] == np.inf
+    step = np.diff(element.output([0.1 - 1e-6, 0.1 + 1e-6])[0])[0] / 2e-6
+    np.testing.assert_allclose(gain[1:], step, rtol=1e-8)
+    np.testing.assert_allclose(mean, element.output([0.0, 0.1, -0.1])[0], rtol=1e-12)
+    plain, same = epp.StribeckFriction(1.0, 1.0, 0.2, 0.3), epp.ViscousCoulomb(1.0, 0.3)
+    for one, other in zip(plain.describing_function(p, 0.2), same.describing_function(p, 0.2), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-14)
+    assert np.isnan(element.describing_function([np.nan], 0.0)[1][0])
+
+
+def dragged(element: epp.Nonlinearity, speed: float) -> epp.LureSystem:
+    """A block on a belt (its velocity relative to the belt into the element), held by a spring and pushed."""
+    return epp.LureSystem.build(
+        [[0.0, 1.0], [-4.0, 0.0]], [[0.0], [-1.0]], [[0.0, 1.0]], [element], constant_input=[-speed],
+        x0=[0.0, 0.0], element_names=["friction"],
+    )  # fmt: skip
+
+
+def slid_by_hand(element: epp.StribeckFriction, speed: float, times: np.ndarray) -> np.ndarray:
+    """Position and velocity of the block: carried along until the spring breaks it away, then sliding."""
+    t, v, found, stuck = 0.0, np.array([0.0, 0.0]), [], False
+    options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "dense_output": True}
+    while t < times[-1]:
+        if stuck:
+            end = t + max(0.0, (element.static / 4.0 - v[0]) / speed)
+            inside = times[(times >= t) & (times < min(end, times[-1] + 1.0))]
+            found += [[v[0] + speed * (s - t), speed] for s in inside]
+            t, v, stuck = end, np.array([v[0] + speed * (end - t), speed - 1e-15]), False
+            continue
+        sign = np.sign(v[1] - speed)
+
+        def rates(s: float, v: np.ndarray, sign: float = sign) -> list[float]:
+            rest = v[1] - speed
+            dry = element.coulomb + (element.static - element.coulomb) * np.exp(-((rest / element.velocity) ** 2))
+            return [v[1], -4.0 * v[0] - sign * dry - element.viscous * rest]
+
+        def meets(s: float, v: np.ndarray) -> float:
+            return v[1] - speed
+
+        meets.terminal, meets.direction = True, -sign  # type: ignore[attr-defined]
+        run = solve_ivp(rates, (t, times[-1]), v, events=meets, **options)
+        last = run.t[-1] == times[-1]
+        inside = times[(times >= t) & ((times < run.t[-1]) | last)]
+        found += run.sol(inside).T.tolist()
+        t, v, stuck = run.t[-1], run.y[:, -1], True
+        if last:
+            break
+    return np.array(found)
+
+
+def test_a_block_that_sticks_and_slips_against_another_integrator() -> None:
+    element, speed = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05), 0.4
+    times = np.linspace(0.0, 12.0, 241)
+    run = epp.simulate(dragged(element, speed), t_end=12.0, t_eval=times)
+    position, velocity = slid_by_hand(element, speed, times).T
+    assert position.shape == times.shape
+    np.testing.assert_allclose(run.signals["friction_input"], velocity - speed, atol=1e-8)
+    stuck = run.signals["friction_input"] == 0.0
+    assert stuck.sum() > 20 and (~stuck).sum() > 20
+    # At rest on the belt friction holds what the spring pulls.
+    np.testing.assert_allclose(run.signals["friction_output"][stuck], -4.0 * position[stuck], atol=1e-8)
+
+
+def test_slopes_sectors_and_refusals() -> None:
+    element = epp.StribeckFriction(1.0, 2.0, 0.5, 0.1)
+    v = np.linspace(1e-6, 5.0, 200001)
+    assert element.slope_bounds()[0] == pytest.approx(np.diff(element.output(v)[0]).min() / (v[1] - v[0]), rel=1e-6)
+    assert element.slope_bounds()[1] == np.inf and element.sector() == (0.1, np.inf)
+    assert element.sticks_and_slips and not epp.ViscousCoulomb(1.0, 1.0).sticks_and_slips
+    assert epp.ViscousCoulomb(0.0, 2.0).sector() == (2.0, 2.0)
+    for make, words in (
+        (lambda: epp.ViscousCoulomb(-1.0, 0.0), "coulomb is -1.0; expected zero or more"),
+        (lambda: epp.StribeckFriction(1.0, 0.5, 1.0), "static is 0.5.*expected at least coulomb"),
+        (lambda: epp.StribeckFriction(1.0, 2.0, 0.0), "velocity is 0.0; expected a positive number"),
+        (lambda: epp.StribeckFriction(1.0, 2.0, 1.0, -1.0), "viscous is -1.0; expected zero or more"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            make()

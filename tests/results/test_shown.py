@@ -1,0 +1,318 @@
+"""Every result says its sentence, shows its table and its picture, and a notebook gets all three."""
+
+from __future__ import annotations
+
+import html
+import importlib
+import pickle
+import pkgutil
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given, strategies as st
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import eppanalysis as epp
+from eppanalysis.cases import shipped_cases_folder
+from eppanalysis.guides.guideline import GuideRow
+from eppanalysis.methods.bounds.result import BoundCell, Finding, Quantile, Turn
+from eppanalysis.methods.design.result import Optimum
+from eppanalysis.methods.search.basin import Basin
+from eppanalysis.methods.search.trigger import Trigger
+from eppanalysis.methods.simulation.batch import BatchResult
+from eppanalysis.readable import number
+from eppanalysis.results import Result, Status
+from eppanalysis.results.provenance import Provenance
+from eppanalysis.results.shown import for_people, frame_of
+from tests.made_bounds import bounds_of
+from tests.synthetic import cycle, prediction, trajectory
+
+
+def result_classes() -> set[type]:
+    """All classes of results in the package."""
+    for module in pkgutil.walk_packages(epp.__path__, "eppanalysis."):
+        if not re.search(r"__main__|\.kernels\.|\.explorer|\.report", module.name):
+            importlib.import_module(module.name)
+
+    def below(kind: type) -> set[type]:
+        return {kind}.union(*(below(sub) for sub in kind.__subclasses__()))
+
+    return below(Result) - {Result}
+
+
+@cache
+def examples() -> dict[type, Result]:
+    """One result of each class."""
+    two = np.array([[0.002, 1.0], [0.003, 2.0], [np.nan, np.nan]])
+    units = {"play.gap": "m", "loop.gain": ""}
+    case = epp.case("fig8a_original")
+    found = [
+        cycle(),
+        trajectory(),
+        prediction(),
+        epp.find_limit_cycles(epp.case("relay_deadzone")),
+        Trigger("theta", 0.01, 0.00999, 0.01001, 0.02),
+        Basin(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]]), np.array([-1, 0, 0])),
+        epp.ladder(epp.case("relay_ideal_khalil79")),
+        wheelchair_branch(),
+        epp.FoldCurve(("play.gap", "loop.gain"), two[:2], np.ones(2), np.ones(2), Status.CONVERGED, "All.", units),
+        frozen(),
+        made_bounds(case),
+        epp.ToleranceBound(
+            "lock_pin.backlash", "rad", 1.0, {"cable.stiffness": 10.0}, 0.015, 0.012, {}, 4,
+            (Quantile(0.95, 0.013, 0.0125, 0.0133),), np.linspace(0.012, 0.017, 50), 0.0,
+        ),
+        epp.margins(epp.case("sat_khalil710")),
+        BatchResult(
+            (Status.LIMIT_CYCLE, Status.SETTLED), np.array([2.0, np.nan]), {"x": np.zeros(2)},
+            {"x": np.array([0.5, 0.0])}, np.array([9, 1]), np.ones(2), np.full(2, np.nan),
+        ),
+        epp.Boundary(("play.gap", "loop.gain"), two, "exact fold", Status.CONVERGED, "By hand.", units),
+        identification(),
+        identification().fits[0],
+        made_guide(case),
+        *proofs(),
+        *driven(),
+        *measured(),
+        made_design(),
+    ]  # fmt: skip
+    return {type(result): result for result in found}
+
+
+def proofs() -> list[Result]:
+    relay = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    play = epp.LureSystem.from_tf(([1.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(1.0))
+    return [
+        epp.certify(epp.case("sat_khalil710"), "roots"),
+        epp.certify_orbit(relay, epp.find_limit_cycles(relay)[0]),
+        epp.certify_absence_with_play(play),
+    ]
+
+
+def driven() -> list[Result]:
+    plant = epp.blocks.TransferFunction(num=[1.0], den=[1.0, 0.2, 0.0])
+    parts = {"spring": epp.Saturation(lower=-1.0, upper=1.0), "mass": plant}
+    wires = ["force - mass -> spring", "spring -> mass"]
+    loop = epp.Diagram(parts=parts, connect=wires, inputs=["force"]).to_system()
+    return [
+        epp.forced_response(loop, amplitude=0.5, frequency=0.72 / (2.0 * np.pi)),
+        epp.frequency_response(loop, "force", "mass", amplitude=0.1, frequencies=(0.1, 0.12)),
+    ]
+
+
+def measured() -> list[Result]:
+    omega = np.geomspace(0.01, 100.0, 400)
+    s = 1j * omega
+    response = epp.MeasuredResponse(omega, 1.0 / (s * (s + 1.0) * (s + 2.0)))
+    limiter = epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(rate=1.0))
+    return [
+        epp.predict_limit_cycles(epp.MeasuredLoop(response, epp.Relay()))[0],
+        epp.rational_model(response),
+        epp.olop(limiter, amplitude=0.5),
+    ]
+
+
+def made_design() -> epp.Design:
+    rows = np.array([[0.0, 2.0776], [1.0, 7.518], [2.0, 5.1]])
+    best = Optimum(
+        {"k": 7.518, "T": 1.0}, {"k": 7.443, "T": 1.0}, Turn.FOLD, first_order=8.36, frequency=0.62, confirmed=True,
+        n_runs=100, n_settled=100, evaluated=rows,
+    )  # fmt: skip
+    readable = {"k": ("", 1.0), "T": ("s", 1.0)}
+    tune = {"k": (1.0, 10.0), "T": (0.0, 2.0)}
+    return epp.Design("servo", "k", "largest", tune, best, margin=0.01, readable=readable)
+
+
+@cache
+def wheelchair_branch() -> epp.Branch:
+    return epp.continue_branch(epp.case("wheelchair"), "play.gap", start=0.012, stop=0.004)
+
+
+@cache
+def identification() -> epp.Identification:
+    tray = shipped_cases_folder() / "measured" / "weight_tray.csv"
+    return epp.identify(epp.case("elbow"), tray=tray)
+
+
+def frozen() -> epp.FrozenLoop:
+    case = epp.case("sat_plus_backlash")
+    return epp.frozen_nyquist(case, epp.predict_limit_cycles(case)[0])
+
+
+def made_bounds(case: epp.Case) -> epp.DesignBounds:
+    gains = (9.0, 12.0)
+    cells = [
+        BoundCell(value=gain, finding=Finding.BOUND, first_order=0.02, harmonic=0.015, exact=bound, verified=True)
+        for gain, bound in zip(gains, (0.012, 0.0151), strict=True)
+    ]
+    return bounds_of(case, "bands.range", "lock_pin.backlash", *cells)
+
+
+def made_guide(case: epp.Case) -> epp.Guide:
+    bounds = made_bounds(case)
+    rows = [
+        GuideRow({"bands.range": c.value}, c, c.bound, 0.02 * c.bound, 80.0 * c.bound, None, 0.03, 0.04, 0.001)
+        for c in bounds
+    ]
+    return epp.Guide(case, (), tuple(rows), {}, provenance=Provenance("guide", case=case.provenance()))
+
+
+def test_every_class_of_results_has_an_example():
+    assert result_classes() == set(examples())
+
+
+@pytest.fixture(params=sorted(result_classes(), key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__)
+def result(request) -> Result:
+    return examples()[request.param]
+
+
+def test_sentence_has_a_number_and_no_names_of_classes(result):
+    sentence = str(result)
+    assert re.search(r"\d", sentence) and sentence.endswith((".", ")"))
+    assert sentence[0].isupper() or sentence[0].isdigit()
+    assert not re.search(r"[<>]|array|nan|None|\b[A-Z][a-z]+[A-Z]|_", sentence), sentence
+    assert repr(result).startswith(sentence)
+    # No number has more digits than people write.
+    assert all(len(digits.replace(".", "").lstrip("0")) <= 4 for digits in re.findall(r"\d+\.\d+", sentence)), sentence
+
+
+def test_table_is_a_frame_whose_units_are_of_its_columns(result):
+    frame = result.to_frame()
+    assert isinstance(frame, pandas.DataFrame) and len(frame)
+    assert set(frame.attrs.get("units", {})) <= set(frame.columns)
+    brief = for_people(result.in_brief())
+    assert 0 < len(brief) <= 13 and len(brief.columns) <= 12
+    assert all(isinstance(cell, str) for cell in brief.to_numpy().ravel())
+
+
+def test_picture_comes_back_as_axes_given_or_its_own(result):
+    given = Figure().add_subplot()
+    assert result.plot(given) is given
+    assert given.lines or given.patches or given.collections
+    own = result.plot()
+    assert isinstance(own, Axes) and own is own.figure.axes[0] and own is not given
+
+
+def test_a_notebook_shows_axes_as_their_whole_figure():
+    axes = trajectory().plot()
+    assert axes._repr_png_().startswith(b"\x89PNG") and len(axes.figure.axes) == 2
+    assert len(pickle.dumps(axes.figure)) > 0
+
+
+def test_notebook_shows_sentence_table_picture_and_origin(result):
+    page = result._repr_html_()
+    assert f"<strong>{html.escape(str(result))}</strong>" in page
+    assert "<table" in page and 'src="data:image/png;base64,iVBOR' in page and "<details>" in page
+    names = for_people(result.in_brief()).columns
+    assert all(html.escape(str(name)) in page for name in names)
+
+
+def test_texts_of_a_case_stay_texts():
+    provenance = Provenance("run", {"system": "<script>alert(1)</script>"})
+    page = epp.LimitCycle("<b>x</b>", Status.CONVERGED, 1.0, {}, {}, {}, provenance=provenance)._repr_html_()
+    assert "<script" not in page and "<b>" not in page and "&lt;script&gt;" in page
+
+
+SENTENCES = {
+    "fig8a_original": "Oscillates: theta 4.394 deg peak to peak at 8.974 Hz, from 0.8618 s on.",
+    "fig8b_reduced_backlash": "Settles at rest: theta at 60.59 deg, from 0.5242 s on.",
+    "relay_deadzone": "Oscillates: x 6.072 peak to peak at 0.158 Hz, from 25.07 s on.",
+}
+PREDICTED = {
+    "fig8a_original": "First order predicts 2 limit cycles, "
+    "the stable one with theta 4.291 deg peak to peak at 10.61 Hz.",
+    "band_two_cycles": "First order predicts 2 limit cycles, the stable one with x 9.847 peak to peak at 0.2757 Hz.",
+}
+
+
+@pytest.mark.parametrize(("name", "sentence"), SENTENCES.items())
+def test_what_a_run_of_a_shipped_case_says(name, sentence):
+    case = epp.case(name)
+    run = epp.simulate(case)
+    assert str(run) == sentence
+    if run.limit_cycle is not None:
+        signal = next(iter(run.signals))
+        span = run.limit_cycle.peak_to_peak[signal] * (180.0 / np.pi if signal == "theta" else 1.0)
+        assert f"{signal} {span:.4g} " in sentence and f"at {run.limit_cycle.frequency:.4g} Hz" in sentence
+
+
+@pytest.mark.parametrize(("name", "sentence"), PREDICTED.items())
+def test_what_a_prediction_of_a_shipped_case_says(name, sentence):
+    assert str(epp.predict_limit_cycles(epp.case(name))) == sentence
+
+
+def test_no_cycle_is_said_with_the_margin_that_is_left():
+    found = epp.predict_limit_cycles(epp.case("fig8b_reduced_backlash"))
+    margin = found.margins["gain_margin"]
+    assert str(found) == (
+        f"First order predicts no limit cycle; the gain margin of the linearised loop is {margin:.4g}."
+    )
+
+
+def test_what_first_order_misses_is_said():
+    found = epp.ladder(epp.case("backlash_servo_unseen"))
+    assert str(found).startswith(
+        "Oscillates: x 2.679 peak to peak at 0.1316 Hz. "
+        "The exact search finds 1 stable limit cycle with x 2.679 peak to peak at 0.1316 Hz. "
+    )
+    assert str(found).endswith("First order misses 1 of 1 stable limit cycle.")
+
+
+def test_a_search_says_whether_the_start_decides():
+    assert str(examples()[epp.CycleSearch]) == (
+        "Can oscillate: 2 limit cycles, the stable one with x 6.072 peak to peak at 0.158 Hz. "
+        "Other starts settle at rest."
+    )
+
+
+def test_what_does_not_count_as_an_answer_says_so():
+    run = trajectory(Status.UNDECIDED)
+    assert str(run) == f"After 2 s: {Status.UNDECIDED.value}"
+    doubtful = replace(cycle(), error_estimate=np.inf)
+    assert "may not exist" in str(doubtful)
+    assert "1 of 2 may not exist" in str(replace(prediction(), cycles=(cycle(), doubtful)))
+
+
+def test_a_search_without_a_stable_cycle_claims_none():
+    search = examples()[epp.CycleSearch]
+    unstable = replace(search, cycles=search.unstable)
+    assert str(unstable).startswith("No stable limit cycle was found: 1 unstable limit cycle with x 2.066 peak to peak")
+    unknown = replace(search, cycles=(replace(search[0], stable=None),))
+    assert str(unknown).startswith("Limit cycles of unknown stability exist: 1 limit cycle with x 2.066 peak to peak")
+    none = replace(search, cycles=(), n_runs=40)
+    assert str(none) == "No limit cycle was found by 40 runs: some starts settle at rest."
+
+
+EMPTY = {
+    epp.Trajectory: {"t": np.zeros(0), "signals": {}, "limit_cycle": None, "status": Status.UNDECIDED},
+    epp.CycleSearch: {"cycles": ()},
+    epp.Prediction: {"cycles": (), "curves": {"kind": "residual"}},
+    epp.DesignBounds: {"cells": (BoundCell(9.0, Finding.SCALES),)},
+    epp.Guide: {"rows": ()},
+    epp.Boundary: {"points": np.full((1, 2), np.nan)},
+    Basin: {"starts": np.zeros((0, 2)), "ends": np.zeros(0, int)},
+    BatchResult: {"status": (), "period": np.zeros(0), "peak_to_peak": {}, "mean": {}},
+}
+
+
+@pytest.mark.parametrize("kind", EMPTY, ids=lambda kind: kind.__name__)
+def test_a_result_that_holds_nothing_shows_itself_too(kind):
+    empty = replace(examples()[kind], **EMPTY[kind])
+    assert str(empty) in repr(empty) and "nan" not in str(empty)
+    page = empty._repr_html_()
+    assert "base64" in page or "No picture: " in page
+
+
+def test_a_long_table_is_cut_in_the_middle():
+    shown = for_people(frame_of([{"play.gap": 1e-3 * i} for i in range(100)], {"play.gap": "m"}))
+    assert shown["play gap [mm]"].tolist() == [*"012345", "...", *["94", "95", "96", "97", "98", "99"]]
+
+
+@given(st.floats(-1e300, 1e300), st.integers(1, 6))
+def test_a_number_in_a_sentence_is_the_value_to_its_digits(value, digits):
+    assert float(number(value, digits)) == pytest.approx(value, rel=0.5 * 10.0 ** (1 - digits), abs=1e-307)
