@@ -136,6 +136,7 @@ from eppanalysis.sweep import (
     Zipped as Zipped,
     open_sweep as open_sweep,
     sweep as sweep,
+    sweep_cost as sweep_cost,
 )
 from eppanalysis.sweep.boundary import (
     Boundary as Boundary,

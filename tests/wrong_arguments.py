@@ -122,6 +122,7 @@ def _functions() -> Iterator[Door]:
         "sweep": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None,
                   "scheduler": "threads", "workers": 1, "chunk": None, "store": None, "resume": True,
                   "shard": None, "merge": False, "progress": False},
+        "sweep_cost": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None},
         "open_sweep": {"path": "nowhere.zarr"},
         "outcome_boundary": {"case": case, "axes": {threshold: [0.5, 0.6], level: [1.0, 1.1]}, "run": "predict",
                              "halvings": 1, "scheduler": "threads", "workers": 1, "progress": False},

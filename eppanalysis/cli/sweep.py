@@ -151,6 +151,9 @@ def sweep(
         bool,
         typer.Option("--merge", help="Join the shares beside the output; exit code 75 where cells are missing."),
     ] = False,
+    estimate: Annotated[
+        bool, typer.Option("--estimate", help="Compute a sample of the cells alone, and say what all of them cost.")
+    ] = False,
     as_json: Json = False,
     output: Target = None,
     picture: Picture = None,
@@ -167,6 +170,9 @@ def sweep(
     _check_output(output, picture)
     found, over = load_case(case, settings), _axes(axes, design, n, seed)
     _check_boundaries(boundaries, over, picture)
+    if estimate:
+        _print_cost(found, over, _one_or_more(run) or Run.SIMULATE, _one_or_more(signals), as_json, settings)
+        return
     store = output if output is not None and output.suffix == ".zarr" else None
     try:
         dataset = run_sweep(
@@ -202,6 +208,17 @@ def sweep(
     if merge and "not_run" in counts["status"]:
         typer.echo("Not all shares are finished; the same command joins the rest later.", err=True)
         raise typer.Exit(INCOMPLETE)
+
+
+def _print_cost(case: Case, axes: Axes, run: Any, signals: Any, as_json: bool, settings: Sequence[str]) -> None:
+    """What a sweep will cost."""
+    from eppanalysis.sweep import sweep_cost
+
+    cost = sweep_cost(case, axes, run, signals=signals)
+    if as_json:
+        print_json("sweep", [(case, {"estimate": cost.to_dict()})], settings)
+    else:
+        typer.echo(str(cost))
 
 
 def _axes(texts: Sequence[str], design: Design, n: int | None, seed: int) -> Axes:

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from eppanalysis.models.systems.lure import LureSystem
     from eppanalysis.sweep.analyses import Task
     from eppanalysis.sweep.axes import Design
+    from eppanalysis.sweep.estimate import Cost
     from eppanalysis.sweep.store import Bounds, MemoryStore, ZarrStore
 
-__all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep"]
+__all__ = ["LatinHypercube", "Sobol", "Tolerances", "Zipped", "open_sweep", "sweep", "sweep_cost"]
 
 #: Cells of a block: few enough that all cores have work and a kill costs little (a second or two), enough that files
 #: stay few and storing them costs little.
 _QUICK, _SLOW, _FEWEST_BLOCKS, _MOST_BLOCKS = 500, 8, 32, 2000
+#: Cells, of runs and of anything else, from which on what the sweep will cost is said before it begins.
+_MANY_RUNS, _MANY = 100_000, 500
 
 
 def sweep(
@@ -120,12 +123,65 @@ def sweep(
         n = design.n_cells if mine is None else sum(map(cells_in, mine))
         if progress and (notice := kept.notice()):
             _tell(notice)
+        if progress and missing >= (_MANY_RUNS if _only_runs(task) else _MANY):
+            _tell(str(_cost(task, missing)))
         bar = (
             progress_bar("cells", n, n - missing, unit="cells", keep=True) if progress and not merge else nullcontext()
         )
         with bar as advance:
             run_blocks(task, blocks, kept, scheduler, workers, steps(advance, n, n - missing))
     return kept.dataset()
+
+
+def sweep_cost(
+    case: Case | LureSystem,
+    axes: Axes,
+    run: str | Sequence[str] = "simulate",
+    *,
+    signals: str | Sequence[str] | None = None,
+) -> Cost:
+    """What a sweep will cost in processor time, from a sample of its cells; a few seconds.
+
+    Parameters
+    ----------
+    case, axes, run, signals
+        As :func:`sweep` takes them.
+
+    Returns
+    -------
+    Cost
+        Core hours of all cells, and how much the sample's cells differ.
+
+    Raises
+    ------
+    EppError
+        If an axis, analysis or signal is not valid.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> cost = epp.sweep_cost(epp.case("fig8a_original"), {"lock_pin.backlash": "0.5:2.5:1000:deg"})
+    >>> cost.cells, cost.core_hours < 0.01
+    (1000, True)
+    """
+    case = as_case(case)
+    _require("dask", "zarr")
+    from eppanalysis.sweep.analyses import make_task
+
+    return _cost(make_task(case, axes, run, signals), make_design(case, axes).n_cells)
+
+
+def _cost(task: Task, cells: int) -> Cost:
+    from eppanalysis.sweep.estimate import measure
+    from eppanalysis.sweep.work import Work
+
+    return measure(Work.of(task), cells)
+
+
+def _only_runs(task: Task) -> bool:
+    from eppanalysis.sweep.analyses import Analysis
+
+    return task.analyses == (Analysis.SIMULATE,)
 
 
 def _store(
@@ -212,10 +268,8 @@ def _chunk(design: Design, task: Task, chunk: int | None) -> int:
         if isinstance(chunk, bool) or not isinstance(chunk, int) or chunk < 1:
             raise EppError(f"sweep: chunk is {chunk!r}; expected a whole number of cells, 1 or more.")
         return chunk
-    from eppanalysis.sweep.analyses import Analysis
-
     n = design.n_cells
-    usual = _QUICK if task.analyses == (Analysis.SIMULATE,) else _SLOW
+    usual = _QUICK if _only_runs(task) else _SLOW
     return max(1, min(usual, -(-n // _FEWEST_BLOCKS)), -(-n // _MOST_BLOCKS))
 
 

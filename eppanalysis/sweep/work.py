@@ -54,6 +54,11 @@ class Work:
         fast = Analysis.SIMULATE in task.analyses and not _alone(task.case)
         return cls(task, design, make_builder(task.case, design) if fast else Builder(task.case, design))
 
+    @property
+    def batched(self) -> bool:
+        """Whether cells are computed many at a time, and by nothing else."""
+        return self.task.analyses == (Analysis.SIMULATE,) and not _alone(self.task.case)
+
     def block(self, bounds: Sequence[tuple[int, int]]) -> Columns:
         """Results of a block of cells, the last axis fastest; never raises for a cell.
 
