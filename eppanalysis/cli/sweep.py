@@ -97,7 +97,7 @@ Scheduler = Annotated[
     str,
     typer.Option(
         metavar="WHERE",
-        help="threads, processes, or a Dask scheduler's address (tcp://host:8786).",
+        help="threads, processes, a queue (slurm, pbs, ...), or a Dask scheduler's address (tcp://host:8786).",
         autocompletion=lambda: [_THREADS, _PROCESSES],
     ),
 ]

@@ -65,10 +65,12 @@ def sweep(
         Signals whose amplitude and mean are reported, the first one under plain names; by default the case's own one.
         "all" for every signal.
     scheduler : str
-        "threads" (the kernels release the interpreter's lock), "processes", or the address of an existing
-        ``dask.distributed`` scheduler such as "tcp://host:8786".
+        "threads" (the kernels release the interpreter's lock), "processes", a queueing system whose jobs are the
+        workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
+        existing ``dask.distributed`` scheduler such as "tcp://host:8786".
     workers : int, optional
-        Threads or processes; by default one for each core. A cluster has its own.
+        Threads or processes; by default one for each core. Workers that a queue is asked for; by default one. A cluster
+        at an address has its own.
     chunk : int, optional
         Cells computed and stored together; chosen from the number of cells by default. A store keeps its own.
     store : str or Path, optional

@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import check_counts
@@ -29,6 +30,19 @@ Advance = Callable[[int], None]
 _AHEAD, _TRIES = 2, 20
 #: How long a scheduler may take to answer.
 _PATIENCE = "10s"
+
+
+#: Queueing systems that workers are jobs of, and what dask-jobqueue calls them; "local" runs a job as a process here.
+QUEUES = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "lsf": "LSFCluster",
+    "sge": "SGECluster",
+    "oar": "OARCluster",
+    "moab": "MoabCluster",
+    "htcondor": "HTCondorCluster",
+    "local": "LocalCluster",
+}
 
 
 class Scheduler(StrEnum):
@@ -87,8 +101,30 @@ def _on_threads(work: Work, blocks: Sequence[Bounds], store: Store, workers: int
 
 
 @contextmanager
+def _jobs(queue: str, workers: int | None) -> Iterator[Client]:
+    """A client of workers that a queueing system runs as its jobs.
+
+    What a job is given stands where dask-jobqueue reads it, in ``~/.config/dask/jobqueue.yaml``.
+    """
+    try:
+        from dask import config
+        from distributed import Client
+
+        module = import_module("dask_jobqueue.local" if queue == "local" else "dask_jobqueue")
+    except ImportError as error:
+        extra = "an installation with the extra for queues (pip install -e '.[queue]')"
+        raise EppError(f"sweep: scheduler {queue!r} needs dask-jobqueue; expected {extra}.") from error
+    if any(config.get(f"jobqueue.{queue}.{name}", None) is None for name in ("cores", "memory")):
+        expected = f"cores, processes and memory of a job under jobqueue.{queue} in ~/.config/dask/jobqueue.yaml"
+        raise EppError(f"sweep: scheduler {queue!r} is not described; expected {expected}.")
+    with getattr(module, QUEUES[queue])() as cluster, Client(cluster) as client:
+        cluster.scale(workers or 1)
+        yield client
+
+
+@contextmanager
 def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
-    """A client of local processes, or of the cluster at an address."""
+    """A client of local processes, of a queueing system's jobs, or of the cluster at an address."""
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
@@ -107,8 +143,13 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
         with local as cluster, Client(cluster) as client:
             yield client
         return
+    if scheduler in QUEUES:
+        with _jobs(scheduler, workers) as client:
+            yield client
+        return
     if "://" not in scheduler:
-        expected = "'threads', 'processes' or the address of a Dask scheduler such as tcp://host:8786"
+        queues = ", ".join(repr(name) for name in QUEUES if name != "local")
+        expected = f"'threads', 'processes', {queues} or the address of a Dask scheduler such as tcp://host:8786"
         raise EppError(f"sweep: scheduler is {scheduler!r}; expected {expected}.")
     try:
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
