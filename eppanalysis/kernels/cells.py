@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.engine.run import PAUSED, run
+from eppanalysis.kernels.engine.run import run
+from eppanalysis.kernels.engine.workspace import PAUSED
 from eppanalysis.kernels.filling import fill
 from eppanalysis.kernels.simd.tuples import by_address, rows
 from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict

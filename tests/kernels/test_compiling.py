@@ -23,7 +23,7 @@ FACTOR = st.floats(-1e3, 1e3)
 #: Compiles one small kernel, or loads it: prints where it is kept, and how often it was loaded.
 CODE = """
 import numpy as np
-from eppanalysis.kernels.orbits import room
+from eppanalysis.kernels.orbits.flow import room
 assert room(np.zeros((1, 1, 2))).shape[0] >= 1
 print(room.stats.cache_path, sum(room.stats.cache_hits.values()))
 """

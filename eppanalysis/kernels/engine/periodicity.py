@@ -10,7 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
+from eppanalysis.kernels.engine.modes import find_combination
+from eppanalysis.kernels.engine.signals import write_rest
 from eppanalysis.kernels.engine.tables import HOT, INLINE
+from eppanalysis.kernels.simd.vectors import take, take_larger
 
 #: Longest period looked for, in events, and how many periods a contraction is looked back for.
 MOST_EVENTS, MOST_TURNS = 128, 64
@@ -19,6 +22,96 @@ MOST_EVENTS, MOST_TURNS = 128, 64
 APART, NEAR = 1e-7, 1e-11
 #: All changes still to come, relative to the cycle's own size.
 ROUNDING = 5e-13
+
+
+@njit(**HOT)
+def carry_on(workspace, samples, buffer, now):
+    """Where the run has closed by its last event, carry it through all whole periods to come."""
+    take_larger(workspace.largest, workspace.x, workspace.largest)
+    p_events = closing(workspace.watch, now.count, buffer, workspace.largest)
+    if p_events == 0:
+        return
+    now.watched = False
+    turns, period, n_aside = _whole_periods(
+        buffer, workspace, samples, now.i_sample, now.t, now.t_end, now.count, p_events, now.max_events
+    )
+    now.periods_repeated = turns
+    if turns == 0:
+        return
+    now.count += turns * p_events
+    now.t_behind, now.i_behind = now.t + turns * period, now.i_sample + n_aside
+    if n_aside > 0:
+        # Their samples are taken in one more period, in the order of their phases.
+        copy_start(
+            workspace.x, workspace.modes, workspace.H, workspace.behind_x, workspace.behind_modes, workspace.behind_H
+        )
+        take(workspace.behind_recent, workspace.recent)
+        now.aside, now.t, now.until = True, 0.0, period
+        now.i_sample, now.n_samples = samples.phases.size, samples.phases.size + n_aside
+    else:
+        now.t, now.i_sample = now.t_behind, now.i_behind
+    now.origin, now.last_t, now.same_instant = 0.0, now.t, 0
+
+
+@njit(**HOT)
+def _whole_periods(buffer, workspace, samples, first, t, t_end, count, p, max_events):
+    """Enter the events of all whole periods (of p events) to come into the event buffer, and sort their samples by
+    phase.
+
+    Returns how many periods, their length, and how many samples from `first` on fall into them.
+    """
+    keep = buffer.t.size
+    period = 0.5 * (buffer.t[(count - 1) % keep] - buffer.t[(count - 1 - 2 * p) % keep])
+    turns = 0
+    # Switches that pile up at one instant have no period.
+    if period > 1e-12 * t:
+        turns = max(0, min(int((t_end - t) / period), (max_events - count) // p))
+    if turns == 0:
+        return 0, period, 0
+    repeat_events(turns, p, period, count, workspace.once, buffer)
+    return turns, period, _sort_samples(samples, first, t, period, turns)
+
+
+@njit(**HOT)
+def _sort_samples(samples, first, t, period, turns):
+    """Sort the samples from `first` on, of all whole periods to come, by phase behind the others; returns how many."""
+    times, phases, nt = samples.times, samples.phases, samples.phases.size
+    n, end, per_second = 0, t + turns * period, 1.0 / period
+    while first + n < nt and times[first + n] < end:
+        after = times[first + n] - t
+        phases[n] = max(0.0, after - np.floor(after * per_second) * period)
+        n += 1
+    if n > 0:
+        sort_into(phases[:n], period, samples.order, samples.bins[: n + 1])
+        for i in range(n):
+            samples.times[nt + i], samples.rows[nt + i] = phases[samples.order[i]], first + samples.order[i]
+    return n
+
+
+@njit(**HOT)
+def come_back(model, compiled, work, workspace, samples, now):
+    """Back from the period that served the samples of all periods to come, to the time behind them."""
+    first, stop = now.i_sample, now.n_samples
+    write_rest(compiled, now.q, workspace.x, workspace.still, workspace.Sg[0], samples.rows, first, stop, samples.out)
+    copy_start(
+        workspace.behind_x, workspace.behind_modes, workspace.behind_H, workspace.x, workspace.modes, workspace.H
+    )
+    take(workspace.recent, workspace.behind_recent)
+    now.aside, now.t, now.until = False, now.t_behind, now.t_end
+    now.i_sample, now.n_samples = now.i_behind, samples.phases.size
+    now.origin, now.last_t, now.same_instant, now.quiet = 0.0, now.t, 0, 0
+    now.armed = now.entered = False
+    now.q = find_combination(model, compiled, work, workspace.modes, now.base_step)
+
+
+@njit(**HOT)
+def copy_start(x, modes, H, to_x, to_modes, to_H):
+    """State, modes and memory values to another place."""
+    take(to_x, x)
+    for i in range(modes.size):
+        to_modes[i] = modes[i]
+    for i in range(H.size):
+        to_H[i] = H[i]
 
 
 @njit(**HOT)

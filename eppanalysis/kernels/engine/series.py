@@ -49,7 +49,7 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     for k in range(ORDER):
         for j in range(n_s):
             if model.smooth_kind[j] != DELAY_LINE:
-                _smooth_term(model, j, k, X, H, Sg, arg, aux)
+                smooth_term(model, j, k, X, H, Sg, arg, aux)
         factor = h / (k + 1)
         if k == 0:
             row_sum_from(f, M, X[0], h, X[1])
@@ -65,7 +65,7 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
         if below == 2:
             for j in range(n_s):
                 if model.smooth_kind[j] != DELAY_LINE:
-                    _smooth_term(model, j, k + 1, X, H, Sg, arg, aux)
+                    smooth_term(model, j, k + 1, X, H, Sg, arg, aux)
             return k + 1
     return -1
 
@@ -84,7 +84,7 @@ def _expand_linear(M, M_twice, f, h, small, X):
 
 
 @njit(**HOT)
-def _smooth_term(model, j, k, X, H, Sg, arg, aux):
+def smooth_term(model, j, k, X, H, Sg, arg, aux):
     """Coefficient k of smooth channel j by the recurrences of Taylor arithmetic."""
     a = 0.0
     for i in range(model.smooth_x.shape[1]):

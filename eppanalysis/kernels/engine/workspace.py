@@ -25,6 +25,9 @@ from eppanalysis.kernels.engine.tables import (
 from eppanalysis.kernels.simd.tuples import by_address
 from eppanalysis.kernels.simd.vectors import aligned, aligned_by_name, padded
 
+#: How a run ended, or that it paused.
+DONE, EVENT_LIMIT, DIVERGED, SINGULAR, STALLED, HISTORY, STEP_LIMIT, PAUSED = 0, 1, 2, 3, 4, 5, 6, 7
+
 
 @by_address
 class EventBuffer(NamedTuple):

@@ -391,7 +391,7 @@ def near(one: Orbit, other: Orbit) -> bool:
 
 def signal_ranges(orbit: Orbit) -> tuple[Array, Array]:
     """Smallest and largest value of every signal, exactly."""
-    from eppanalysis.kernels.orbits import extents
+    from eppanalysis.kernels.orbits.signals import extents
 
     arcs = orbit.arcs
     low, high = np.empty(arcs.Y.shape[1]), np.empty(arcs.Y.shape[1])

@@ -20,7 +20,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
-    from eppanalysis.kernels.orbits import Channels
+    from eppanalysis.kernels.orbits.flow import Channels
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -84,7 +84,7 @@ class EventSequence:
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """The arcs of an event sequence in one system; for the arrays see :func:`eppanalysis.kernels.orbits.build_arcs`.
+    """The arcs of an event sequence in one system; arrays as in :func:`eppanalysis.kernels.orbits.arcs.build_arcs`.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class Arcs:
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
         from eppanalysis.kernels.engine.tables import make_combinations, make_work
-        from eppanalysis.kernels.orbits import READY, SINGULAR, Channels, build_arcs
+        from eppanalysis.kernels.orbits.arcs import READY, SINGULAR, build_arcs
 
         model = hybrid.model
         n, n_w = model.B.shape

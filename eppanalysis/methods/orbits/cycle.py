@@ -97,7 +97,7 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
 
 def sample_arcs(orbit: Orbit, times: Array) -> Array:
     """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
-    from eppanalysis.kernels.orbits import states_at
+    from eppanalysis.kernels.orbits.signals import states_at
 
     marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
     y = np.empty((times.size, orbit.arcs.size))

@@ -211,7 +211,8 @@ class Orbit:
 
 def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     """Run along the arcs once."""
-    from eppanalysis.kernels.orbits import MOST_SERIES, sweep
+    from eppanalysis.kernels.orbits.flow import MOST_SERIES
+    from eppanalysis.kernels.orbits.sweep import sweep
 
     p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
     spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2)
@@ -278,7 +279,7 @@ def middle(orbit: Orbit, arc: int) -> Array:
     """The vector y half-way along an arc."""
     if orbit.motion is not None:
         return np.asarray(orbit.motion.states(np.array([orbit.motion.marks[arc] - 0.5 * orbit.tau[arc]]))[0], float)
-    from eppanalysis.kernels.orbits import states_at
+    from eppanalysis.kernels.orbits.signals import states_at
 
     arcs, one = orbit.arcs, slice(arc, arc + 1)
     y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])

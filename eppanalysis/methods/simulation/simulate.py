@@ -182,8 +182,15 @@ def run_hybrid(
     Spent
         If the search that it belongs to may compute no more.
     """
-    from eppanalysis.kernels.engine.run import HISTORY, PAUSED, SINGULAR, STEP_LIMIT, run
-    from eppanalysis.kernels.engine.workspace import make_progress, make_samples
+    from eppanalysis.kernels.engine.run import run
+    from eppanalysis.kernels.engine.workspace import (
+        HISTORY,
+        PAUSED,
+        SINGULAR,
+        STEP_LIMIT,
+        make_progress,
+        make_samples,
+    )
 
     announce_compilation(run)
     spend(_SET_UP)

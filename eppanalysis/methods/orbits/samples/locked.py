@@ -143,7 +143,8 @@ class Round:
     def _along(
         self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
     ) -> Array:
-        from eppanalysis.kernels.orbits import affine_flow, guard_at, smooth_flow
+        from eppanalysis.kernels.orbits.flow import affine_flow, smooth_flow
+        from eppanalysis.kernels.orbits.sweep import guard_at
         from eppanalysis.kernels.simd.vectors import padded
 
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from eppanalysis.kernels.orbits import affine_flow, room
+from eppanalysis.kernels.orbits.flow import affine_flow, room
 
 
 @pytest.mark.parametrize(("plant", "clocks", "memory"), [(2, 0, 1), (2, 40, 3), (9, 0, 2), (9, 60, 4), (1, 7, 1)])

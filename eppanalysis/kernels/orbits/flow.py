@@ -1,0 +1,258 @@
+"""Compiled: the motion along one arc of an orbit, and its derivative with respect to the start.
+
+Without smooth channels the flow is a matrix exponential; with them it is a Taylor series, and so is its derivative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.engine.curves import SQUARE, curve, curve_slope_term
+from eppanalysis.kernels.engine.flow import flow, growth_rate
+from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, smooth_term
+from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
+from eppanalysis.kernels.simd.vectors import padded
+
+RECIPROCAL = 2
+#: Series along one arc with smooth channels, at most: some tenths of a second.
+MOST_SERIES = 10_000
+
+
+class Channels(NamedTuple):
+    """The smooth channels of a model, under the names that they have there."""
+
+    smooth_kind: np.ndarray  # (s,) int
+    smooth_x: np.ndarray  # (s, n)
+    smooth_H: np.ndarray  # (s, H)
+    smooth_scale: np.ndarray  # (s,)
+    sense: np.ndarray  # (p, s): sign of the argument on each arc, for channels that depend on its magnitude
+
+
+@njit(**KERNEL)
+def room(F):
+    """Room for the flow of the states that move of themselves or one another; those behind are clocks.
+
+    With dead time an orbit has a clock for each switch on its way: a hundred of them beside two states of a plant.
+    """
+    p, n, _ = F.shape
+    moving = 1
+    for a in range(p):
+        for i in range(n):
+            for j in range(n):
+                if F[a, i, j] != 0.0:
+                    moving = max(moving, i + 1, j + 1)
+    return np.zeros((8, padded(moving), padded(moving)))
+
+
+@njit(**KERNEL)
+def affine_flow(F, y, tau, end, Phi, square):
+    """State at the end of an affine arc, and its derivative; `square` is what `room` gave."""
+    n, N = F.shape
+    moving = min(n, square.shape[1])
+    M, integral, power = square[0], square[1], square[2]
+    for i in range(moving):
+        for j in range(moving):
+            M[i, j] = F[i, j]
+    if tau == 0.0:
+        integral[:, :] = 0.0
+        fill_rows(power, np.eye(power.shape[0]))
+    else:
+        rate = growth_rate(M, square[3], square[4])
+        flow(M, tau, rate, integral, power, square[5], square[6], square[7])
+    Phi[:, :] = 0.0
+    for i in range(N):
+        end[i] = y[i]
+        Phi[i, i] = 1.0
+    for i in range(moving):
+        v = 0.0
+        for j in range(N):
+            v += F[i, j] * y[j]
+        for k in range(moving):
+            end[k] += integral[k, i] * v
+        for j in range(moving):
+            Phi[i, j] = power[i, j]
+        for k in range(moving):
+            f = integral[i, k]
+            if f != 0.0:
+                for j in range(n, N):
+                    Phi[i, j] += f * F[k, j]
+    for i in range(moving, n):
+        for j in range(n, N):
+            end[i] += tau * F[i, j] * y[j]
+            Phi[i, j] = tau * F[i, j]
+
+
+@njit(**KERNEL)
+def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
+    """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes.
+
+    Returns the number of series made. The end is not a number where it is not reached with `most` of them: the stiffer
+    the motion, the shorter its series.
+    """
+    n, N = F.shape
+    n_s = S.shape[1]
+    H = y[n:].copy()
+    X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
+    workspace = np.zeros((4, ORDER + 1, n_s))
+    row = np.zeros((ORDER + 1, N))
+    square = np.zeros((3, padded(n), padded(n)))
+    fill_rows(square[0, :n, :n], F)
+    rate = growth_rate(square[0], square[1], square[2])
+    x, P = y[:n].copy(), np.zeros((n, N))
+    for i in range(n):
+        P[i, i] = 1.0
+    done, d = 0.0, abs(tau)
+    while rate * d > 1.0:
+        d *= 0.5
+    if tau < 0.0:
+        d = -d
+    made, last = 0, False
+    while not last:
+        last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
+        h = tau - done if last else d
+        if made >= most or not abs(d) >= 1e-12 * abs(tau):
+            x[:], P[:, :] = np.nan, np.nan
+            break
+        fill(X[0], x)
+        fill_rows(V[0], P)
+        made += 1
+        if not _series(channels, sense, F, S, H, h, X, V, workspace, row):
+            d, last = 0.5 * h, False
+            continue
+        _add_up(X, V)
+        fill(x, X[ORDER])
+        fill_rows(P, V[ORDER])
+        X[ORDER], V[ORDER] = 0.0, 0.0
+        done += h
+    fill(end[:n], x)
+    fill(end[n:], H)
+    Phi[:, :] = 0.0
+    fill_rows(Phi[:n], P)
+    for i in range(n, N):
+        Phi[i, i] = 1.0
+    channels_at(channels, sense, x, H, sigma, slope)
+    return made
+
+
+@njit(**PART)
+def _add_up(X, V):
+    """Series of state and derivative at the end of their step, into the place of the last order; small terms first."""
+    for k in range(ORDER - 1, -1, -1):
+        accumulate(X[ORDER], 1.0, X[k])
+        for i in range(X.shape[1]):
+            accumulate(V[ORDER, i], 1.0, V[k, i])
+
+
+@njit(**PART)
+def _series(channels, sense, F, S, H, h, X, V, workspace, row):
+    """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
+    n, N = F.shape
+    n_s = S.shape[1]
+    Sg, arg, aux, slope = workspace[0], workspace[1], workspace[2], workspace[3]
+    size = largest(X[:1]) + 1e-300
+    size_v = largest(V[0])
+    for k in range(ORDER - 1):
+        for j in range(n_s):
+            if channels.smooth_kind[j] != DELAY_LINE:
+                _channel_term(channels, sense, j, k, X, H, Sg, arg, aux, slope)
+        factor = h / (k + 1)
+        for i in range(n):
+            v = 0.0
+            for j in range(n):
+                v += F[i, j] * X[k, j]
+            if k == 0:
+                for j in range(H.size):
+                    v += F[i, n + j] * H[j]
+            for j in range(n_s):
+                v += S[i, j] * Sg[k, j]
+            X[k + 1, i] = v * factor
+        V[k + 1] = 0.0
+        for i in range(n):
+            for c in range(n):
+                if F[i, c] != 0.0:
+                    accumulate(V[k + 1, i], F[i, c], V[k, c])
+            if k == 0:
+                accumulate(V[1, i, n:], 1.0, F[i, n:])
+        for j in range(n_s):
+            if channels.smooth_kind[j] == DELAY_LINE:
+                continue
+            row[k] = 0.0
+            for c in range(k + 1):
+                for i in range(n):
+                    accumulate(row[k], slope[k - c, j] * channels.smooth_x[j, i], V[c, i])
+            accumulate(row[k, n:], slope[k, j], channels.smooth_H[j])
+            for i in range(n):
+                accumulate(V[k + 1, i], S[i, j], row[k])
+        for i in range(n):
+            for j in range(N):
+                V[k + 1, i, j] *= factor
+    tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
+    tail_v = largest(V[ORDER - 1]) + largest(V[ORDER - 2])
+    return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
+
+
+@njit(**PART)
+def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
+    """Coefficient k of smooth channel j and of its derivative with respect to its argument."""
+    kind, scale = model.smooth_kind[j], model.smooth_scale[j]
+    if kind != RECIPROCAL:
+        smooth_term(model, j, k, X, H, Sg, arg, aux)
+        if kind >= SQUARE:
+            slope[k, j] = curve_slope_term(kind, j, k, scale, Sg, arg, aux)
+        else:
+            slope[k, j] = aux[k, j] if kind == 0 else 3.0 * scale * aux[k, j]
+        return
+    # scale/(1 + s a), with the sign s of the mode: at breakaway the argument and its rate are both zero.
+    v = 0.0
+    for i in range(X.shape[1]):
+        v += model.smooth_x[j, i] * X[k, i]
+    if k == 0:
+        for i in range(H.size):
+            v += model.smooth_H[j, i] * H[i]
+    arg[k, j] = v
+    s = sense[j]
+    v = scale if k == 0 else 0.0
+    for i in range(1, k + 1):
+        v -= s * arg[i, j] * Sg[k - i, j]
+    Sg[k, j] = v / (1.0 + s * arg[0, j])
+    v = 0.0
+    for i in range(k + 1):
+        v += Sg[i, j] * Sg[k - i, j]
+    slope[k, j] = -s * v / scale if scale != 0.0 else 0.0
+
+
+@njit(**PART)
+def channels_at(model, sense, x, H, sigma, slope):
+    """Values and slopes of the smooth channels at the end of an arc."""
+    for j in range(sigma.size):
+        kind, scale = model.smooth_kind[j], model.smooth_scale[j]
+        a = 0.0
+        for i in range(x.size):
+            a += model.smooth_x[j, i] * x[i]
+        for i in range(H.size):
+            a += model.smooth_H[j, i] * H[i]
+        if kind == 0:
+            sigma[j], slope[j] = scale * np.sin(a), scale * np.cos(a)
+        elif kind == 1:
+            sigma[j], slope[j] = scale * a**3, 3.0 * scale * a * a
+        elif SQUARE <= kind < DELAY_LINE:
+            value, rate = curve(kind, a)
+            sigma[j], slope[j] = scale * value, scale * rate
+        elif kind != DELAY_LINE:
+            sigma[j] = scale / (1.0 + sense[j] * a)
+            slope[j] = -sense[j] * sigma[j] * sigma[j] / scale if scale != 0.0 else 0.0
+
+
+@njit(**PART)
+def rate_at(F, S, y, sigma, rate):
+    """Rate of the state on an arc."""
+    for i in range(F.shape[0]):
+        v = 0.0
+        for j in range(y.size):
+            v += F[i, j] * y[j]
+        for j in range(sigma.size):
+            v += S[i, j] * sigma[j]
+        rate[i] = v

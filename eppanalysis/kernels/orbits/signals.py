@@ -1,0 +1,124 @@
+"""Compiled: states and signals along a closed orbit: at given times, and their least and greatest values."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.filling import fill
+from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, channels_at, rate_at, room, smooth_flow
+
+
+@njit(**KERNEL)
+def states_at(channels, F, S, smooth, starts, marks, times, out):
+    """y at increasing `times` of one period, each by its own flow from the start of its arc."""
+    p, n, N = F.shape
+    square, Phi = room(F), np.zeros((N, N))
+    sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
+    a = 0
+    for i in range(times.size):
+        while a < p - 1 and times[i] > marks[a + 1]:
+            a += 1
+        t = times[i] - marks[a]
+        if smooth[a]:
+            smooth_flow(channels, channels.sense[a], F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope)
+        else:
+            affine_flow(F[a], starts[a], t, out[i], Phi, square)
+
+
+@njit(**KERNEL)
+def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
+    """Smallest and largest value of every signal over an orbit, exact: nodes on every arc, then Newton on the rate."""
+    p, n, N = F.shape
+    n_y, steps = Y.shape[1], 8
+    node, rate = np.zeros((steps + 1, N)), np.zeros(N)
+    value, slope = np.zeros((steps + 1, n_y)), np.zeros((steps + 1, n_y))
+    square, Phi, row = room(F), np.zeros((N, N)), np.zeros(N)
+    sigma, change = np.zeros(S.shape[2]), np.zeros(S.shape[2])
+    low[:], high[:] = np.inf, -np.inf
+    for a in range(p):
+        if tau[a] <= 0.0:
+            continue
+        d = tau[a] / steps
+        fill(node[0], starts[a])
+        for k in range(steps + 1):
+            if k and smooth[a]:
+                smooth_flow(
+                    channels, channels.sense[a], F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change
+                )
+            elif k == 1:
+                affine_flow(F[a], node[0], d, node[1], Phi, square)
+            elif k:
+                _carry(Phi, node[k - 1], node[k], n)
+            channels_at(channels, channels.sense[a], node[k, :n], node[k, n:], sigma, change)
+            rate_at(F[a], S[a], node[k], sigma, rate)
+            for s in range(n_y):
+                value[k, s], slope[k, s] = 0.0, 0.0
+                for j in range(N):
+                    value[k, s] += Y[a, s, j] * node[k, j]
+                    slope[k, s] += Y[a, s, j] * rate[j]
+                for j in range(sigma.size):
+                    if smooth[a]:
+                        value[k, s] += Ys[a, s, j] * sigma[j]
+        for s in range(n_y):
+            for k in range(steps + 1):
+                low[s], high[s] = min(low[s], value[k, s]), max(high[s], value[k, s])
+        for s in range(n_y):
+            for k in range(steps):
+                turns_over = slope[k, s] > 0.0 and slope[k + 1, s] < 0.0
+                if not turns_over and not (slope[k, s] < 0.0 and slope[k + 1, s] > 0.0):
+                    continue
+                reach = 0.15 * d * (abs(slope[k, s]) + abs(slope[k + 1, s]))
+                if turns_over and max(value[k, s], value[k + 1, s]) + reach <= high[s]:
+                    continue
+                if not turns_over and min(value[k, s], value[k + 1, s]) - reach >= low[s]:
+                    continue
+                left, right = slope[k, s], slope[k + 1, s]
+                v = _turning_value(
+                    channels, a, F[a], S[a], smooth[a], Y[a, s], Ys[a, s], node[k], d, left, right, row, square
+                )
+                low[s], high[s] = min(low[s], v), max(high[s], v)
+
+
+@njit(**PART)
+def _carry(Phi, y, out, n):
+    """One more step of an affine arc."""
+    N = y.size
+    for i in range(n):
+        v = 0.0
+        for j in range(N):
+            v += Phi[i, j] * y[j]
+        out[i] = v
+    for i in range(n, N):
+        out[i] = y[i]
+
+
+@njit(**PART)
+def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, square):
+    """Value of a signal where its rate vanishes inside a step, by regula falsi (Illinois) on the rate."""
+    N = y.size
+    Phi, rate = np.zeros((N, N)), np.zeros(N)
+    sigma, change = np.zeros(S.shape[1]), np.zeros(S.shape[1])
+    t0, t1, value = 0.0, d, 0.0
+    for _ in range(12):
+        t = (t0 * right - t1 * left) / (right - left)
+        if smooth:
+            smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change)
+        else:
+            affine_flow(F, y, t, end, Phi, square)
+        rate_at(F, S, end, sigma, rate)
+        value, slope = 0.0, 0.0
+        for j in range(N):
+            value += Y[j] * end[j]
+            slope += Y[j] * rate[j]
+        if smooth:
+            for j in range(sigma.size):
+                value += Ys[j] * sigma[j]
+        if slope * right > 0.0:
+            t1, right, left = t, slope, 0.5 * left
+        else:
+            t0, left, right = t, slope, 0.5 * right
+        # The value is off by the rate times what is left of the interval, to second order.
+        if abs(slope) * d <= 1e-9 * abs(value) or t1 - t0 <= 1e-9 * d:
+            break
+    return value

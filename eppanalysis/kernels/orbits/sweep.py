@@ -1,0 +1,145 @@
+"""Compiled: once along the arcs of an orbit, with Newton's equations for its start and its dwell times.
+
+The equations and their unknowns are those of docs/theory/exact_orbits.md, "Closing an orbit".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.filling import accumulate, fill
+from eppanalysis.kernels.orbits.flow import affine_flow, rate_at, room, smooth_flow
+
+
+@njit(**KERNEL)
+def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
+    """Value of the guard that ends an arc, and its derivative by y into `row`, at the arc's end."""
+    n = channels.smooth_x.shape[1]
+    fill(row, g)
+    value = 0.0
+    for j in range(sigma.size):
+        if smooth and gs[j] != 0.0:
+            value += gs[j] * sigma[j]
+            accumulate(row[:n], gs[j] * slope[j], channels.smooth_x[j])
+            accumulate(row[n:], gs[j] * slope[j], channels.smooth_H[j])
+    for j in range(end.size):
+        value += g[j] * end[j]
+    return value
+
+
+@njit(**PART)
+def _guard_equation(at_once, tau, value, row, E, A, r, place):
+    """Row of Newton's equations for the dwell time of an arc (at `place`), and its residual."""
+    if at_once == 1:
+        A[place], r[0] = 1.0, tau
+        return
+    r[0] = value
+    for i in range(row.size):
+        if row[i] != 0.0:
+            for j in range(place + 1):
+                A[j] += row[i] * E[i, j]
+    if at_once == 2 and tau != 0.0:
+        # The arc begins on the guard that ends it: divide, so that Newton does not fall back on the begin.
+        r[0] /= tau
+        for j in range(place + 1):
+            A[j] /= tau
+        A[place] -= r[0] / tau
+
+
+@njit(**KERNEL)
+def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most, starts, ends, A, r, speed):
+    """Run along the arcs from y0, and set up Newton's equations for the free part of y0 and the dwell times.
+
+    Parameters
+    ----------
+    F, S, g, gs, J, smooth : arrays
+        See :func:`build_arcs`.
+    at_once : int array (p,)
+        1 where the event follows the one before without delay (its dwell time is zero, whatever its guard); 2 where the
+        arc begins on the guard that ends it (its equation is divided by the dwell time).
+    y0, tau : arrays (N,), (p,)
+        Start, dwell times.
+    free : int array (m,)
+        Places of y that must repeat.
+    shift : array (N,)
+        What a clock, and what is measured by it, advances per unit of time.
+    most : int
+        Series that may be made; the motion is not a number behind them.
+    starts, ends : arrays (p + 1, N), (p, N)
+        Filled with y behind and before each event.
+    A, r : arrays (m + p, m + p), (m + p,)
+        Filled with the derivative and the residual of (periodicity, guards).
+    speed : array (p,)
+        Filled with the rate at which each guard is crossed.
+
+    Returns
+    -------
+    int
+        Series that were made, those that did not converge too.
+    """
+    p, n, N = F.shape
+    m, made = free.size, 0
+    sigma = np.zeros(S.shape[2])
+    slope = np.zeros(S.shape[2])
+    D, E, row = np.zeros((N, m + p)), np.zeros((N, m + p)), np.zeros(N)
+    Phi, rate = np.zeros((N, N)), np.zeros(N)
+    square = room(F)
+    A[:, :], r[:] = 0.0, 0.0
+    for k in range(m):
+        D[free[k], k] = 1.0
+    y = y0.copy()
+    for a in range(p):
+        fill(starts[a], y)
+        if smooth[a]:
+            made += smooth_flow(
+                channels, channels.sense[a], F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope
+            )
+        else:
+            sigma[:], slope[:] = 0.0, 0.0
+            affine_flow(F[a], y, tau[a], ends[a], Phi, square)
+        end = ends[a]
+        _times(Phi, D, E, n, m + a)
+        value = guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
+        rate_at(F[a], S[a], end, sigma, rate)
+        for i in range(N):
+            E[i, m + a] = rate[i]
+        speed[a] = 0.0
+        for j in range(N):
+            speed[a] += row[j] * rate[j]
+        _guard_equation(at_once[a], tau[a], value, row, E, A[m + a], r[m + a :], m + a)
+        for i in range(N):
+            v = 0.0
+            for j in range(N):
+                v += J[a, i, j] * end[j]
+            y[i] = v
+        _times(J[a], E, D, N, m + a + 1)
+    fill(starts[p], y)
+    total = tau.sum()
+    for k in range(m):
+        i = free[k]
+        r[k] = y[i] - y0[i] - shift[i] * total
+        for j in range(m + p):
+            A[k, j] = D[i, j]
+        A[k, k] -= 1.0
+        if shift[i] != 0.0:
+            for a in range(p):
+                A[k, m + a] -= shift[i]
+    return made
+
+
+@njit(**PART)
+def _times(P, Q, out, n_dense, n_columns):
+    """out = P Q over the first columns; rows of P from n_dense on are those of the identity."""
+    N = P.shape[0]
+    for i in range(n_dense):
+        for j in range(n_columns):
+            out[i, j] = 0.0
+        for k in range(N):
+            f = P[i, k]
+            if f != 0.0:
+                for j in range(n_columns):
+                    out[i, j] += f * Q[k, j]
+    for i in range(n_dense, N):
+        for j in range(n_columns):
+            out[i, j] = Q[i, j]
