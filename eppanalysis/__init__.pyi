@@ -29,10 +29,6 @@ from eppanalysis.methods.certificates.orbits.result import (
     OrbitStability as OrbitStability,
     Proof as Proof,
 )
-from eppanalysis.methods.certificates.play.certify import (
-    PlayCertificate as PlayCertificate,
-    certify_absence_with_play as certify_absence_with_play,
-)
 from eppanalysis.methods.certificates.result import Certificate as Certificate, Check as Check
 from eppanalysis.methods.comparison.ladder import Ladder as Ladder, ladder as ladder
 from eppanalysis.methods.continuation.branch import continue_branch as continue_branch

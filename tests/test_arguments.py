@@ -23,7 +23,7 @@ RESULTS = {
     "Boundary", "Branch", "Case", "Certificate", "CertifiedOrbit", "Check", "CycleSearch", "Design", "DesignBounds",
     "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
     "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability", "PeriodicResponse",
-    "PlayCertificate", "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
+    "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
     "Trajectory", "Trigger",
 }  # fmt: skip
 BASES = {

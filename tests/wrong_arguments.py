@@ -73,7 +73,6 @@ def _functions() -> Iterator[Door]:
     }
     branch: dict[str, Any] = {**sine, "output": "lag", "n_points": 3, "max_step": 0.1}
     cells = epp.sweep(case, {threshold: [0.5, 0.6], level: [1.0, 1.1]}, progress=False)
-    servo = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1))
     known: dict[str, dict[str, Any]] = {
         "case": {"name": "relay_deadzone"},
         "case_from_text": {"text": 'base = "relay_deadzone"', "name": "case", "folder": None},
@@ -83,7 +82,7 @@ def _functions() -> Iterator[Door]:
                      "max_steps": 1000},
         "predict_limit_cycles": {"system": loop, "operating_point": None},
         "margins": {"loop": loop, "at": None},
-        "certify": {"loop": loop, "statement": "roots", "box": None, "operating_point": None},
+        "certify": {"loop": loop, "statement": "roots", "box": None, "sectors": 4, "operating_point": None},
         "check_certificate": {"path": Path("nowhere.json")},
         "olop": {"loop": limited, "amplitude": 0.5, "input": None, "element": None},
         "read_response": {"path": "nowhere.csv", "static_gain": None, "unstable_poles": 0},
@@ -93,7 +92,6 @@ def _functions() -> Iterator[Door]:
         "certify_orbit": {"system": loop, "cycle": cycle},
         "find_limit_cycles": {"system": loop, "operating_point": None, "by_balance": False, "predicted": [],
                               "progress": None},
-        "certify_absence_with_play": {"loop": servo, "sectors": 4},
         "trigger": {"system": loop, "operating_point": None, "states": None, "cycles": None},
         "frozen_nyquist": {"system": elbow.to_system(), "cycle": cycle, "operating_point": None},
         "ladder": {"case": case},

@@ -21,7 +21,9 @@ MaybeCase = Annotated[
     typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
 ]
 Roots = Annotated[bool, typer.Option("--roots", help="All roots of the first-order balance in a box (the default).")]
-Absence = Annotated[bool, typer.Option("--absence", help="No periodic motion but rest: circle criterion, Popov's.")]
+Absence = Annotated[
+    bool, typer.Option("--absence", help="No periodic motion but rest: circle criterion, Popov's, proofs for play.")
+]
 File = Annotated[
     Path | None,
     typer.Option(

@@ -33,6 +33,19 @@ def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Pat
     assert code == 1 and "refused: a file that was changed" in text
 
 
+def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
+    file, picture = tmp_path / "absence.json", tmp_path / "level.png"
+    for output in (file, picture):
+        code, text = run("backlash_servo", "--set", "loop.gain=0.5", "--absence", "-o", str(output))
+        assert code == 0 and "backlash servo has no periodic motion but rest, for any gap" in text.replace("\n", " ")
+    assert picture.stat().st_size > 1000
+    code, text = run("--check", str(file))
+    assert code == 0 and text.startswith("Proved: backlash servo has no periodic motion but rest, for any gap")
+    file.write_text(file.read_text().replace('"5/2"', '"5"'))
+    code, text = run("--check", str(file))
+    assert code == 1 and "refused: a file that was changed" in text
+
+
 def test_what_is_not_decided_is_a_result_but_no_file(tmp_path: Path) -> None:
     code, text = run("sat_am165", "--absence")
     assert code == 0 and "Not decided" in text

@@ -86,11 +86,9 @@ def examples() -> dict[type, Result]:
 
 def proofs() -> list[Result]:
     relay = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
-    play = epp.LureSystem.from_tf(([1.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(1.0))
     return [
         epp.certify(epp.case("sat_khalil710"), "roots"),
         epp.certify_orbit(relay, epp.find_limit_cycles(relay)[0]),
-        epp.certify_absence_with_play(play),
     ]
 
 

@@ -16,13 +16,15 @@ Polynomial = list[Fraction]
 _FAR = Fraction(10) ** 20
 
 
-def find(loop: Mapping[str, Any]) -> dict[str, Any] | str:
+def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     """The certificate that a loop has no periodic motion but rest, or why it is not decided.
 
     Parameters
     ----------
     loop : mapping
         As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it.
+    sectors : int
+        For play, of which no criterion holds: most sectors of a quarter plane in which a function is quadratic.
 
     Returns
     -------
@@ -35,9 +37,12 @@ def find(loop: Mapping[str, Any]) -> dict[str, Any] | str:
     num, den = ([rational(c) for c in loop[name][::-1]] for name in ("num", "den"))
     low, high = sector(loop["element"])
     assert low is not None  # refused above
-    multiplier = _multiplier(num, den, low, high)
+    play = loop["element"]["kind"] == "play"
+    multiplier = _multiplier(num, den, low, high, remembers=play)
     edges = [str(low), None if high is None else str(high)]
     if multiplier is None:
+        if play:
+            return _by_sectors(loop, sectors)
         shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
         return f"neither the circle criterion nor Popov's holds for the sector from {shown}, which decides nothing."
     polynomial = criterion(num, den, low, high, multiplier)
@@ -49,6 +54,16 @@ def find(loop: Mapping[str, Any]) -> dict[str, Any] | str:
             "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
         }
     )
+
+
+def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
+    """The certificate of a loop with play by a function that falls, or why there is none."""
+    from eppanalysis.methods.certificates.play.find import find as find_function
+
+    found = find_function(loop, sectors)
+    if isinstance(found, str):
+        return f"Re G(jω) > -1 fails at some frequency, and {found} There may be a cycle or none."
+    return found
 
 
 def _not_covered(loop: Mapping[str, Any]) -> str:
@@ -64,18 +79,26 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
     try:
         low, high = sector(loop["element"])
     except Refused as error:
-        return f"{error}: the criteria are those of memoryless elements in a sector."
+        return f"{error}: the criteria are those of memoryless elements in a sector, and of play."
     if low is None or low == high:
         return "the element lies in no sector, or is linear."
     num, den = (rational(loop[name][-1]) for name in ("num", "den"))
-    return "the element does not see an integrator of the loop." if num == 0 == den + low * num else ""
+    unseen = num == 0 == den + low * num and loop["element"]["kind"] != "play"
+    return "the element does not see an integrator of the loop." if unseen else ""
 
 
-def _multiplier(num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None) -> Fraction | None:
-    """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found."""
+def _multiplier(
+    num: Polynomial, den: Polynomial, low: Fraction, high: Fraction | None, remembers: bool
+) -> Fraction | None:
+    """A multiplier with which the criterion holds, the circle criterion's zero first; None where none was found.
+
+    An element that remembers has none but zero: the integral of its output times the rate of its input does not vanish.
+    """
     circle = criterion(num, den, low, high, Fraction(0))
     if positive(circle):
         return Fraction(0)
+    if remembers:
+        return None
     tilt = added(criterion(num, den, low, high, Fraction(1)), circle, Fraction(-1))
     for candidate in _candidates(circle, tilt):
         if positive(added(circle, tilt, candidate)):

@@ -10,7 +10,7 @@ import numpy as np
 from flint import fmpq
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.certificates.rational import NotCovered, decimal
+from eppanalysis.methods.certificates.numbers import NotCovered, number_of
 from eppanalysis.methods.certificates.roots import Box
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.models.systems.lure import LureSystem
@@ -48,7 +48,7 @@ def box_of(system: LureSystem, stated: Mapping[str, Any], given: Mapping[str, Se
             raise EppError(f"certify: {name} of the box is {list(ends)}; expected two ascending positive numbers.")
     amplitude = given.get("amplitude") or _amplitudes(system, stated)
     omega = given.get("omega") or _frequencies(system)
-    sides = [x if isinstance(x, Fraction) else decimal(x) for x in (*amplitude, *omega)]
+    sides = [x if isinstance(x, Fraction) else number_of(x) for x in (*amplitude, *omega)]
     a, b, c, d = (fmpq(x.numerator, x.denominator) for x in sides)
     return a, b, c, d
 
@@ -63,8 +63,8 @@ def _frequencies(system: LureSystem) -> tuple[Fraction, Fraction]:
         raise NotCovered("the linear part has no frequency of its own; give a box.")
     low, high = _short(scales.min()) / REACH, _short(scales.max()) * REACH
     if system.time_step:
-        return low, _PI / decimal(system.time_step)
-    return low, min(high, 2 * _PI / decimal(system.delays[0])) if system.delays[0] else high
+        return low, _PI / number_of(system.time_step)
+    return low, min(high, 2 * _PI / number_of(system.delays[0])) if system.delays[0] else high
 
 
 def _amplitudes(system: LureSystem, stated: Mapping[str, Any]) -> tuple[Fraction, Fraction]:

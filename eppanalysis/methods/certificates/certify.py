@@ -10,8 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from eppanalysis.errors import EppError, did_you_mean
-from eppanalysis.methods.certificates.registry import STATEMENTS
+from eppanalysis.methods.certificates.numbers import NotCovered
+from eppanalysis.methods.certificates.registry import of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
@@ -23,6 +26,11 @@ if TYPE_CHECKING:
 
 #: Longest time that a checker may take [s].
 _PATIENCE = 600.0
+_MOST_SECTORS = 200
+#: The statements that are asked of a loop by `certify`.
+_ASKED = ("roots", "absence")
+#: Absence of cycles is no stability: said where all motions may grow.
+_GROWS = " While the play moves, the loop is not stable: motions that do not rest may grow without bound."
 
 
 def certify(
@@ -30,6 +38,7 @@ def certify(
     statement: str = "roots",
     *,
     box: Mapping[str, tuple[float, float]] | None = None,
+    sectors: int = 48,
     operating_point: PointLike | None = None,
 ) -> Certificate:
     """Prove a statement about a loop with one element, by balls and rational numbers, and have it checked.
@@ -37,14 +46,19 @@ def certify(
     Parameters
     ----------
     loop : LureSystem or Case
-        With one element of one input and output that stands at no bias, and a rational linear part; for "roots" with
-        dead time, or in discrete time.
+        With one element of one input and output that stands at no bias (play may), and a rational linear part; for
+        "roots" with dead time, or in discrete time.
     statement : str, optional
         "roots": all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
-        periodic motion but rest, by the circle criterion or Popov's, for a memoryless element in a sector.
+        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's; for play,
+        whatever its gap and the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
+        motion where G is of order 2, or of order 3 with one zero at most, with real poles.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input and "omega" [rad/s], from and to; by default 1024 times beyond
         all scales of the loop (to one turn of its dead time, to half of its sampling frequency).
+    sectors : int, optional
+        Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
+        them come nearer to the exact onset of cycles.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
 
@@ -56,14 +70,15 @@ def certify(
     Raises
     ------
     EppError
-        If `loop` is neither a case nor a loop, the statement or a side of the box is not known, or python-flint, which
-        the extra "proof" installs, is missing.
+        If `loop` is neither a case nor a loop, the statement or a side of the box is not known, `sectors` is out of
+        range, or python-flint or (for play) clarabel is missing, which the extra "proof" installs.
 
     Notes
     -----
     First order is an approximation: roots of its balance are proved, not limit cycles. Absence is proved of the loop
-    itself (Popov 1961, in the form of Garber 1967 for periodic motions). How is derived on the page "Certificates" of
-    the theory.
+    itself (Popov 1961, in the form of Garber 1967 for periodic motions; piecewise quadratic functions are from
+    Johansson and Rantzer 1998). How is derived on the pages "Certificates" and "No limit cycle with play" of the
+    theory.
 
     Examples
     --------
@@ -78,19 +93,27 @@ def certify(
     >>> limited = epp.LureSystem.from_tf(([5.99], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
     >>> print(epp.certify(limited, "absence"))
     Proved: limited has no periodic motion but rest (sector 0 to 1; Popov's, multiplier 3/2).
+    >>> slack = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1), name="slack")
+    >>> print(epp.certify(slack, "absence"))
+    Proved: slack has no periodic motion but rest, for any gap (a function that falls, quadratic in 8 sectors).
     """
     _require_statement(statement)
+    if not 2 <= sectors <= _MOST_SECTORS:
+        raise EppError(f"certify: sectors is {sectors}; expected 2 to {_MOST_SECTORS}.")
+    if box is not None and statement == "absence":
+        raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
     _require_flint()
-    from eppanalysis.methods.certificates.rational import NotCovered, rational_loop
+    from eppanalysis.methods.certificates.rational import rational_loop
 
     system, at = standing(loop, operating_point, "certify")
     case = {} if isinstance(loop, LureSystem) else facts_of(loop)
     settings = {"system": system.name, "statement": statement, "input": dict(at.inputs)}
     try:
-        stated, off = rational_loop(system, at.vector(system))
-        find = {"roots": _roots, "absence": _absence}[statement]
+        stated, off = rational_loop(system)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
-        return find(system, stated, box, at, made_by)
+        if statement == "roots":
+            return _roots(system, stated, box, at, made_by)
+        return _absence(system, stated, sectors, at, made_by)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
@@ -101,16 +124,17 @@ def _roots(
     system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
 ) -> Certificate:
     """The certificate of all roots in a box, checked."""
-    from eppanalysis.methods.certificates import check_roots, roots
+    from eppanalysis.methods.certificates import roots
     from eppanalysis.methods.certificates.box import box_of
-    from eppanalysis.methods.certificates.rational import NotCovered
+    from eppanalysis.methods.certificates.rational import require_no_bias
 
+    require_no_bias(system, at.vector(system))
     if any(element.of_frequency for element in system.elements):
         raise NotCovered("the element's describing function depends on the frequency.")
     if stated["element"]["kind"] == "pieces":
         raise NotCovered("the element is not odd, which biases its oscillation.")
     document = roots.find(stated, box_of(system, stated["element"], box))
-    _accepted(check_roots, document)
+    _accepted(document)
     return Certificate(
         "roots",
         Status.INCOMPLETE if document["claim"]["undecided"] else Status.CONVERGED,
@@ -124,25 +148,32 @@ def _roots(
 
 
 def _absence(
-    system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
+    system: LureSystem, stated: dict[str, Any], sectors: int, at: OperatingPoint, made_by: Provenance
 ) -> Certificate:
     """The certificate of absence, checked, or why there is none."""
-    from eppanalysis.methods.certificates import absence, check_absence
+    from eppanalysis.methods.certificates import absence
+    from eppanalysis.methods.certificates.rational import require_no_bias
 
-    if box is not None:
-        raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
-    document = absence.find(stated)
+    play = stated["element"]["kind"] == "play"
+    if not play:
+        require_no_bias(system, at.vector(system))
+    document = absence.find(stated, sectors)
     if isinstance(document, str):
         message = f"Not decided: {document}"
         return Certificate("absence", Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
-    _accepted(check_absence, document)
-    return Certificate(
-        "absence", Status.CONVERGED, sentence(document), document, provenance=made_by, operating_point=at
-    )
+    _accepted(document)
+    message = sentence(document) + (_GROWS if play and _grows(system) else "")
+    return Certificate("absence", Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
 
 
-def _accepted(checker: Any, document: Mapping[str, Any]) -> None:
+def _grows(system: LureSystem) -> bool:
+    """Whether the linear loop that stands for a play while it moves is not stable."""
+    return bool(np.max(np.linalg.eigvals(system.A + system.B @ system.C).real) >= 0.0)
+
+
+def _accepted(document: Mapping[str, Any]) -> None:
     """Have a certificate checked as it was found; what is refused is proved by nothing."""
+    checker = of_text(document["statement"]).functions()
     try:
         checker.verify(document)
     except checker.Refused as error:
@@ -185,8 +216,9 @@ def check_certificate(path: str | Path) -> Check:
         named = str(document["statement"])
     except (ValueError, LookupError, TypeError):
         return Check(False, "", f"{path}: refused: no certificate, which is JSON with a statement.")
-    known = next((s for s in STATEMENTS.values() if s.text == named), None)
-    if known is None:
+    try:
+        known = of_text(named)
+    except LookupError:
         return Check(False, named, f"{path}: refused: there is no checker for the statement {named!r}.")
     try:
         run = subprocess.run(
@@ -233,8 +265,8 @@ def _text(path: Path) -> str:
 
 
 def _require_statement(statement: str) -> None:
-    if statement not in STATEMENTS:
-        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, STATEMENTS)}.")
+    if statement not in _ASKED:
+        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, _ASKED)}.")
 
 
 def _require_flint() -> None:

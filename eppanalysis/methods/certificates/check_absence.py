@@ -1,7 +1,7 @@
 """Checker of a certificate of absence: no periodic motion but rest, by the criterion of Popov or the circle criterion.
 
 It stands alone, ``python -I check_absence.py < certificate.json``, and computes with exact rationals throughout.
-Theory: docs/theory/certificates.md.
+Theory: docs/theory/certificates.md, and of play docs/theory/absence_with_play.md, "By frequency".
 """
 
 import json
@@ -44,7 +44,10 @@ def ratios(half):
 
 
 def sector(element):
-    """Least and greatest y/x of an element, one of them None for no bound."""
+    """Least and greatest y/x of an element, one of them None for no bound; of play those of the rates of y and x."""
+    if element["kind"] == "play":
+        require(rational(element["gap"]) > 0, "a play without a gap")
+        return Fraction(0), Fraction(1)
     if element["kind"] in ("cube", "drag"):
         require(rational(element["scale"]) > 0, "an element outside of all sectors")
         return Fraction(0), None
@@ -127,7 +130,10 @@ def verify(document):
     require(0 < len(num) < len(den), "a linear part that is zero, or passes its input straight through")
     low, high = sector(loop["element"])
     require(low is not None and (high is None or low < high), "an element without a sector")
-    require(num[0] != 0 or (den[0] + low * num[0]) != 0, "an integrator that the element does not see")
+    if loop["element"]["kind"] == "play":
+        require(rational(evidence["multiplier"]) == 0, "a multiplier, where the element remembers")
+    else:
+        require(num[0] != 0 or (den[0] + low * num[0]) != 0, "an integrator that the element does not see")
     claim = {"sector": [str(low), None if high is None else str(high)], "multiplier": evidence["multiplier"]}
     require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
     polynomial = criterion(num, den, low, high, rational(evidence["multiplier"]))

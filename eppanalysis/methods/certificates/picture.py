@@ -1,4 +1,4 @@
-"""Pictures of certificates: the cover of a box with its roots, the Popov plot with its line. Computes nothing new."""
+"""Pictures of certificates: the cover of a box with its roots, the Popov plot, a level line. Computes nothing new."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.certificates.play.picture import plot_level
 from eppanalysis.plotting import BLUE, VERMILLION, place_of
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
     figure, ax = place_of(ax, (5.6, 4.4))
     if certificate.statement == "roots":
         _plot_cover(certificate, ax)
+    elif "sectors" in certificate.document["claim"]:
+        plot_level(certificate.document["evidence"], ax)
     else:
         _plot_popov(certificate, ax)
     return figure
@@ -69,5 +72,6 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     ax.plot([edge], [0.0], "k+", markersize=10)
     ax.set_xlabel("Re G(jω)")
     ax.set_ylabel("ω Im G(jω) [1/s]")
-    ax.set_title("Popov's criterion holds" if rate else "The circle criterion holds", fontsize=10)
+    by_circle = "Re G(jω) stays right of -1" if loop["element"]["kind"] == "play" else "The circle criterion holds"
+    ax.set_title("Popov's criterion holds" if rate else by_circle, fontsize=10)
     ax.legend(fontsize=7, loc="best", framealpha=0.9)

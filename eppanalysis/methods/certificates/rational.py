@@ -1,8 +1,7 @@
 """A loop with one element in rational numbers, as certificates state it: ``x = -G y``, y = element(x).
 
-Numbers of a model are floating-point ones that stand for decimals: parameters are read as the decimals that they are
-printed as. Coefficients of G are computed exactly from the state space, and rounding in it is taken back (to a
-fraction of small terms, a decimal of 10 digits, or of 15); how far that is from the state space is told.
+Coefficients of G are computed exactly from the state space, and rounding in it is taken back (see `numbers`); how far
+that is from the state space is told.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.errors import EppError
+from eppanalysis.methods.certificates.numbers import NotCovered, coefficient_of, number_of
 from eppanalysis.models import elements as known
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import poles, zeros
@@ -24,47 +23,20 @@ from eppanalysis.models.systems.means import static_balance
 Half = tuple[Fraction, list[tuple[Fraction, Fraction]], list[tuple[Fraction, Fraction]]]
 Row = list[Fraction]
 
-#: Greatest denominator of a coefficient that is taken for a fraction rather than a decimal.
-_LARGEST_DENOMINATOR = 1000
-#: Relative distance within which a number is taken for a simpler one.
-_ROUNDING = Fraction(1, 10**13)
 _MOST_LEVELS = 200
 
 
-class NotCovered(EppError):
-    """Why no certificate speaks of a loop."""
-
-
-def decimal(value: float) -> Fraction:
-    """The decimal that a floating-point number is printed as.
-
-    Examples
-    --------
-    >>> decimal(0.1)
-    Fraction(1, 10)
-    """
-    return Fraction(repr(float(value)))
-
-
-def rational_loop(system: LureSystem, inputs: Any) -> tuple[dict[str, Any], float]:
+def rational_loop(system: LureSystem) -> tuple[dict[str, Any], float]:
     """A loop as a certificate states it, and how far its coefficients are from the state space, relatively.
-
-    Parameters
-    ----------
-    system : LureSystem
-    inputs : array, shape (nv,)
-        Where its external inputs are held.
 
     Raises
     ------
     NotCovered
-        If it has not exactly one element with one input and output, or the element stands at a bias.
+        If it has not exactly one element with one input and output.
     """
     if len(system.elements) != 1 or system.elements[0].n_inputs != 1 or system.elements[0].n_outputs != 1:
         ports = ", ".join(system.element_names) or "none"
         raise NotCovered(f"certificates speak of loops with one element of one input and output; here are: {ports}.")
-    if np.any(static_balance(system, inputs).prescribed):
-        raise NotCovered("constant terms or inputs bias the element, and biased balances have no certificate.")
     if np.any(system.delays) and np.any(system.D):
         raise NotCovered("the linear part passes a share of its input straight through, beside its dead time.")
     num, den, off = transfer_function(system)
@@ -72,11 +44,23 @@ def rational_loop(system: LureSystem, inputs: Any) -> tuple[dict[str, Any], floa
         "name": system.name,
         "num": [str(c) for c in num],
         "den": [str(c) for c in den],
-        "delay": str(decimal(system.delays[0])),
-        "time_step": None if system.time_step is None else str(decimal(system.time_step)),
+        "delay": str(number_of(system.delays[0])),
+        "time_step": None if system.time_step is None else str(number_of(system.time_step)),
         "element": element_data(system.elements[0]),
     }
     return loop, off
+
+
+def require_no_bias(system: LureSystem, inputs: Any) -> None:
+    """The element stands at zero where the external inputs are held at `inputs`, shape (nv,).
+
+    Raises
+    ------
+    NotCovered
+        If it does not.
+    """
+    if np.any(static_balance(system, inputs).prescribed):
+        raise NotCovered("constant terms or inputs bias the element, and biased balances have no certificate.")
 
 
 def transfer_function(system: LureSystem) -> tuple[Row, Row, float]:
@@ -105,23 +89,9 @@ def _without_rounding(system: LureSystem, num: Row, den: Row) -> tuple[Row, Row,
     num_at_zero = 0 if system.time_step else int(np.sum(finite == 0))
     den = den[: n + 1 - at_zero] + [Fraction(0)] * at_zero
     num = num[: len(num) - num_at_zero] + [Fraction(0)] * num_at_zero
-    pairs = [(x, simplest(x)) for x in (*num, *den)]
+    pairs = [(x, coefficient_of(x)) for x in (*num, *den)]
     off = max((abs(float(after / before - 1)) for before, after in pairs if before), default=0.0)
-    return [simplest(x) for x in num], [simplest(x) for x in den], off
-
-
-def simplest(value: Fraction) -> Fraction:
-    """The fraction of small terms or decimal of 10 digits that a number is to rounding, else its decimal of 15 digits.
-
-    Examples
-    --------
-    >>> simplest(Fraction(0.1 + 0.2)), simplest(Fraction(2 / 3))
-    (Fraction(3, 10), Fraction(2, 3))
-    """
-    for near in (value.limit_denominator(_LARGEST_DENOMINATOR), Fraction(f"{float(value):.10g}")):
-        if abs(near - value) <= _ROUNDING * abs(value):
-            return near
-    return Fraction(f"{float(value):.15g}")
+    return [coefficient_of(x) for x in num], [coefficient_of(x) for x in den], off
 
 
 def element_data(element: Nonlinearity) -> dict[str, Any]:
@@ -134,7 +104,7 @@ def element_data(element: Nonlinearity) -> dict[str, Any]:
     """
     kind = type(element).kind
     if isinstance(element, known.Friction) and element.stribeck == 0:
-        return _static([_jump(decimal(element.coulomb))] * 2)
+        return _static([_jump(number_of(element.coulomb))] * 2)
     if kind in _STATIC:
         return _static(_STATIC[kind](element))
     if isinstance(element, known.PiecewiseLinear):
@@ -150,12 +120,12 @@ def element_data(element: Nonlinearity) -> dict[str, Any]:
     if isinstance(element, known.HysteresisRelay):
         if element.lower != -element.upper or element.low != -element.high:
             raise NotCovered("a relay with unlike thresholds or levels is biased, and has no certificate.")
-        return {"kind": kind, "threshold": str(decimal(element.upper)), "level": str(decimal(element.high))}
+        return {"kind": kind, "threshold": str(number_of(element.upper)), "level": str(number_of(element.high))}
     raise NotCovered(f"no certificate speaks of a {kind or type(element).__name__}.")
 
 
 def _texts(element: Nonlinearity, *names: str) -> dict[str, str]:
-    return {name: str(decimal(getattr(element, name))) for name in names}
+    return {name: str(number_of(getattr(element, name))) for name in names}
 
 
 def _static(halves: list[Half]) -> dict[str, Any]:
@@ -177,43 +147,43 @@ def _jump(height: Fraction, slope: Fraction = Fraction(0)) -> Half:
 
 
 def _saturation(e: Any) -> list[Half]:
-    k = decimal(e.slope)
-    return [(k, [(side / k, -k)], []) for side in (decimal(e.upper), -decimal(e.lower))]
+    k = number_of(e.slope)
+    return [(k, [(side / k, -k)], []) for side in (number_of(e.upper), -number_of(e.lower))]
 
 
 def _dead_zone(e: Any) -> list[Half]:
-    return [(Fraction(0), [(side, decimal(e.slope))], []) for side in (decimal(e.upper), -decimal(e.lower))]
+    return [(Fraction(0), [(side, number_of(e.slope))], []) for side in (number_of(e.upper), -number_of(e.lower))]
 
 
 def _dead_zone_saturation(e: Any) -> list[Half]:
-    d, k = decimal(e.dead_zone), decimal(e.slope)
-    return [(Fraction(0), [(d, k), (d + decimal(e.limit) / k, -k)], [])] * 2
+    d, k = number_of(e.dead_zone), number_of(e.slope)
+    return [(Fraction(0), [(d, k), (d + number_of(e.limit) / k, -k)], [])] * 2
 
 
 def _relay(e: Any) -> list[Half]:
     if e.threshold != 0:
         raise NotCovered("a relay whose threshold is not zero is biased, and has no certificate.")
-    return [_jump(decimal(e.high)), _jump(-decimal(e.low))]
+    return [_jump(number_of(e.high)), _jump(-number_of(e.low))]
 
 
 def _quantiser(e: Any) -> list[Half]:
     if e.levels > _MOST_LEVELS:
         raise NotCovered(f"a quantiser of {e.levels} levels; certificates go to {_MOST_LEVELS}.")
-    step = decimal(e.step)
+    step = number_of(e.step)
     return [(Fraction(0), [], [(step * (2 * i + 1) / 2, step) for i in range(int(e.levels))])] * 2
 
 
 def _bilinear(e: Any) -> list[Half]:
     if e.preload != 0:
         raise NotCovered("a spring with a preload is biased, and has no certificate.")
-    inner, change = decimal(e.inner), decimal(e.outer) - decimal(e.inner)
-    return [(inner, [(side, change)], []) for side in (decimal(e.upper), -decimal(e.lower))]
+    inner, change = number_of(e.inner), number_of(e.outer) - number_of(e.inner)
+    return [(inner, [(side, change)], []) for side in (number_of(e.upper), -number_of(e.lower))]
 
 
 def _pieces(e: Any) -> list[Half]:
     if len(e.breakpoints) > 2 * _MOST_LEVELS:
         raise NotCovered(f"a map of {len(e.slopes)} pieces; certificates go to {2 * _MOST_LEVELS + 1}.")
-    b, m, c = ([decimal(x) for x in values.tolist()] for values in (e.breakpoints, e.slopes, e.intercepts))
+    b, m, c = ([number_of(x) for x in values.tolist()] for values in (e.breakpoints, e.slopes, e.intercepts))
     met = e.jumps.tolist()  # zero where pieces meet to rounding
     steps = [(m[i + 1] - m[i]) * b[i] + c[i + 1] - c[i] if met[i] else Fraction(0) for i in range(len(b))]
     mirrored = _half([-x for x in b[::-1]], m[::-1], [-x for x in c[::-1]], steps[::-1])
@@ -231,10 +201,10 @@ _STATIC: dict[str, Callable[[Any], list[Half]]] = {
     "dead_zone": _dead_zone,
     "dead_zone_saturation": _dead_zone_saturation,
     "relay": _relay,
-    "relay_dead_zone": lambda e: [(Fraction(0), [], [(decimal(e.threshold), decimal(e.level))])] * 2,
-    "preload": lambda e: [_jump(decimal(e.level), decimal(e.slope))] * 2,
-    "coulomb": lambda e: [_jump(decimal(e.level))] * 2,
-    "viscous_coulomb": lambda e: [_jump(decimal(e.coulomb), decimal(e.viscous))] * 2,
+    "relay_dead_zone": lambda e: [(Fraction(0), [], [(number_of(e.threshold), number_of(e.level))])] * 2,
+    "preload": lambda e: [_jump(number_of(e.level), number_of(e.slope))] * 2,
+    "coulomb": lambda e: [_jump(number_of(e.level))] * 2,
+    "viscous_coulomb": lambda e: [_jump(number_of(e.coulomb), number_of(e.viscous))] * 2,
     "quantiser": _quantiser,
     "bilinear_spring": _bilinear,
     "piecewise_linear": _pieces,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,10 @@ class Statement:
         """File of the checker."""
         return Path(__file__).with_name(f"{self.checker}.py")
 
+    def functions(self) -> Any:
+        """The checker as a module, for those who search with its own functions."""
+        return import_module(f"{__package__}.{self.checker}")
+
 
 def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
     """A certificate with the number by which its checker sees that it was changed, whatever that would prove.
@@ -49,8 +54,20 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
     return {**rest, "digest": int.from_bytes(json.dumps(rest, sort_keys=True).encode(), "big") % (2**127 - 1)}
 
 
-#: By the word that `certify` takes.
+def of_text(text: str) -> Statement:
+    """The statement that a certificate names.
+
+    Raises
+    ------
+    LookupError
+        If there is none.
+    """
+    return {statement.text: statement for statement in STATEMENTS.values()}[text]
+
+
+#: By the word that `certify` takes; "absence" of a loop with play has a second proof.
 STATEMENTS = {
     "roots": Statement("all roots of the first-order balance in a box", "check_roots"),
     "absence": Statement("no periodic motion but rest", "check_absence"),
+    "absence_with_play": Statement("no periodic motion but rest, for any gap of the play", "check_play"),
 }

@@ -101,7 +101,7 @@ class Certificate(Result):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The cover of the box with its roots, or the Popov plot with its line."""
+        """The cover of the box with its roots; the Popov plot with its line; or a level of the function that falls."""
         return self.drawn("plot_certificate", ax)
 
 
@@ -150,7 +150,12 @@ def sentence(document: Mapping[str, Any]) -> str:
             "the circle criterion" if claim["multiplier"] == "0" else f"Popov's, multiplier {claim['multiplier']}"
         )
         edges = f"{low} to {'infinity' if high is None else high}"
+        if document["loop"]["element"]["kind"] == "play":
+            return f"Proved: {name} has no periodic motion but rest, for any gap (Re G(jω) > -1)."
         return f"Proved: {name} has no periodic motion but rest (sector {edges}; {multiplier})."
+    if document["statement"] == "no periodic motion but rest, for any gap of the play":
+        how = f"a function that falls, quadratic in {claim['sectors']} sectors"
+        return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
     return f"Proved of {name}: {document['statement']}; {claim}."
 
 

@@ -20,7 +20,12 @@ CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
 def files(tmp_path: Path) -> dict[str, Path]:
     """A certificate of each statement."""
     limited = epp.LureSystem.from_tf(([5.9], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
-    made = {"roots": epp.certify(epp.case("relay_deadzone")), "absence": epp.certify(limited, "absence")}
+    slack = epp.LureSystem.from_tf(([1.5], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=1.0), name="slack")
+    made = {
+        "roots": epp.certify(epp.case("relay_deadzone")),
+        "absence": epp.certify(limited, "absence"),
+        "absence_with_play": epp.certify(slack, "absence", sectors=4),
+    }
     return {name: found.write(tmp_path / f"{name}.json") for name, found in made.items()}
 
 
@@ -39,7 +44,7 @@ def test_checkers_are_small_and_stand_alone(program: Path) -> None:
     assert names <= {"fractions", "json", "flint"}
 
 
-@pytest.mark.parametrize("name", ["roots", "absence"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play"])
 def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: str) -> None:
     """And loads no package that computes in floating point."""
     program = STATEMENTS[name].program
@@ -56,13 +61,14 @@ def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: 
 
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
-    roots, absence = (epp.check_certificate(files[name]) for name in ("roots", "absence"))
+    roots, absence, with_play = (epp.check_certificate(files[name]) for name in files)
     assert roots.accepted and "relay deadzone has exactly 2 roots" in str(roots)
     assert absence.accepted and "limited has no periodic motion but rest" in str(absence)
+    assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
     assert roots.to_dict()["accepted"] is True
 
 
-@pytest.mark.parametrize("name", ["roots", "absence"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play"])
 def test_every_changed_digit_of_a_file_is_seen(files: dict[str, Path], name: str, tmp_path: Path) -> None:
     """One digit in twelve of all, in one process of the checker's own functions."""
     import importlib

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
 from eppanalysis.methods.certificates.orbits.guards import Violated, prove_arc, require_at_once, starts_of
-from eppanalysis.methods.certificates.orbits.modes import NotCovered, rational
+from eppanalysis.methods.certificates.orbits.modes import rational
 from eppanalysis.methods.certificates.orbits.multipliers import discs_of, return_map
 from eppanalysis.methods.certificates.orbits.path import ExactPath
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit, OrbitStability, Proof

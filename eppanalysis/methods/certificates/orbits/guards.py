@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.methods.certificates.orbits.modes import NotCovered
+from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.path import ExactPath, Stage
 
 #: Terms of the Taylor polynomials, and the most that rate times length of a piece may be.

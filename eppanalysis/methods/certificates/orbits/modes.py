@@ -7,62 +7,32 @@ creep, is an identity of rows and not a matter of tolerances.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
-from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.methods.certificates.numbers import NotCovered, number_of
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 Row = list[Any]
-#: Significant digits of a number that is given, at most; how far, relatively, one that is computed may be off.
-_MOST_DIGITS, _WITHIN = 14, Fraction(1, 2**50)
-
-
-class NotCovered(Exception):
-    """What the proof does not cover, in a sentence."""
 
 
 def rational(value: float) -> Any:
-    """The rational number (fmpq) that a float stands for; see :func:`fraction_of`."""
+    """The rational number (fmpq) that a float stands for; see `numbers.number_of`.
+
+    Raises
+    ------
+    NotCovered
+        If it is not finite.
+    """
     from flint import fmpq
 
-    if not math.isfinite(value):
-        raise NotCovered(f"A number of the loop is {value}; expected finite ones.")
-    exact = fraction_of(abs(float(value)))
-    return fmpq(exact.numerator if value >= 0 else -exact.numerator, exact.denominator)
-
-
-@lru_cache(maxsize=10_000)
-def fraction_of(value: float) -> Fraction:
-    """The fraction that a float which is not negative stands for.
-
-    A number of few digits is its shortest decimal. One of more than 14 has been computed in floats, as a quotient of
-    such numbers for instance: it stands for the fraction of smallest denominator within 2**-50 of it.
-
-    Examples
-    --------
-    >>> fraction_of(0.019), fraction_of(0.019 / 0.0465), fraction_of(1.2 / 0.2)
-    (Fraction(19, 1000), Fraction(38, 93), Fraction(6, 1))
-    """
-    exact = Fraction(repr(value))
-    if len(Decimal(repr(value)).normalize().as_tuple().digits) <= _MOST_DIGITS:
-        return exact
-    return _simplest(exact * (1 - _WITHIN), exact * (1 + _WITHIN))
-
-
-def _simplest(low: Fraction, high: Fraction) -> Fraction:
-    """The fraction of smallest denominator from `low` to `high`, by their continued fractions."""
-    whole = low.numerator // low.denominator
-    if whole == low or whole + 1 <= high:
-        return Fraction(whole if whole == low else whole + 1)
-    return whole + 1 / _simplest(1 / (high - whole), 1 / (low - whole))
+    exact = number_of(value)
+    return fmpq(exact.numerator, exact.denominator)
 
 
 def rational_matrix(values: NDArray[Any]) -> Any:

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes, NotCovered, in_span, rational
+from eppanalysis.methods.certificates.numbers import NotCovered
+from eppanalysis.methods.certificates.orbits.modes import ExactMode, ExactModes, in_span, rational
 from eppanalysis.methods.orbits.arcs import LETS_GO
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.hybrid import HybridSystem

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
-from eppanalysis.methods.certificates.orbits.modes import NotCovered
 from eppanalysis.methods.orbits.orbit import Orbit
 
 Array = NDArray[np.float64]

@@ -14,9 +14,10 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.certificates.play.exact import Vector
 
 Array = NDArray[np.float64]
+Vector = list[Fraction]
+Matrix = list[Vector]
 #: Solutions are rounded to so many parts of one.
 _DIGITS = 10**11
 #: Margins below this are the solver's rounding.

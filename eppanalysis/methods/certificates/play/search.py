@@ -15,9 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.certificates.play.check_play import contact_form, sectors_of
-from eppanalysis.methods.certificates.play.exact import Matrix, Vector
-from eppanalysis.methods.certificates.play.program import falling, largest_margin, products_of, spare, symmetric
+from eppanalysis.methods.certificates.check_play import contact_form, sectors_of
+from eppanalysis.methods.certificates.play.program import (
+    Matrix,
+    Vector,
+    falling,
+    largest_margin,
+    products_of,
+    spare,
+    symmetric,
+)
 
 Array = NDArray[np.float64]
 

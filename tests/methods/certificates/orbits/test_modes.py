@@ -1,15 +1,12 @@
-"""Modes in rationals against the engine's own tables in floats, and which rational a float stands for."""
+"""Modes in rationals against the engine's own tables in floats."""
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.methods.certificates.orbits.modes import ExactModes, NotCovered, fraction_of, in_span, rational
+from eppanalysis.methods.certificates.orbits.modes import ExactModes, in_span
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.shooting import orbits_near
 
@@ -18,27 +15,6 @@ flint = pytest.importorskip("flint")
 
 def floats(matrix) -> np.ndarray:
     return np.array([[int(v.p) / int(v.q) for v in row] for row in matrix.tolist()])
-
-
-@given(top=st.integers(1, 999), bottom=st.integers(1, 999), power=st.integers(-6, 6))
-def test_quotients_of_short_decimals_come_back(top: int, bottom: int, power: int) -> None:
-    exact = Fraction(top, bottom) * Fraction(10) ** power
-    assert fraction_of(float(Fraction(top) * Fraction(10) ** power) / bottom) == exact
-
-
-@given(value=st.floats(1e-300, 1e300))
-def test_a_fraction_is_next_to_its_float(value: float) -> None:
-    found = fraction_of(value)
-    assert abs(found / Fraction(value) - 1) < Fraction(1, 2**49)
-    assert rational(-value) == -rational(value)
-
-
-def test_short_decimals_are_themselves_and_infinity_is_refused() -> None:
-    assert fraction_of(0.1) == Fraction(1, 10)
-    assert fraction_of(12345678.901234) == Fraction("12345678.901234")
-    assert rational(-2.5e-3) == flint.fmpq(-1, 400)
-    with pytest.raises(NotCovered, match="inf"):
-        rational(float("inf"))
 
 
 @pytest.mark.parametrize("name", ["backlash_servo", "relay_deadzone", "two_mass_damped_shaft_classical", "pid_hunting"])

@@ -1,0 +1,171 @@
+"""Checker of a certificate that a loop with play has no periodic motion but rest, by a function quadratic in sectors.
+
+It stands alone, ``python -I check_play.py < certificate.json``, and computes with exact rationals throughout. Theory:
+docs/theory/absence_with_play.md; the numbers in brackets are its inequalities.
+"""
+
+import json
+from fractions import Fraction
+
+STATEMENT = "no periodic motion but rest, for any gap of the play"
+ONE = Fraction(1)
+
+
+class Refused(Exception):
+    """Why a certificate proves nothing."""
+
+
+def require(holds, why):
+    """Refuse what does not hold."""
+    if not holds:
+        raise Refused(why)
+
+
+def rational(value):
+    """Numbers as they are written, in nested lists."""
+    if isinstance(value, list):
+        return [rational(item) for item in value]
+    require(isinstance(value, str), f"a number that is no text: {value}")
+    return Fraction(value)
+
+
+def product(a, b):
+    """Matrix of the quadratic form (a.y)(b.y)."""
+    return [[(p * s + q * r) / 2 for s, q in zip(b, a, strict=True)] for p, r in zip(a, b, strict=True)]
+
+
+def total(*terms):
+    """Sum of matrices with factors."""
+    rows = range(len(terms[0][1]))
+    return [[sum((c * M[i][j] for c, M in terms), Fraction(0)) for j in rows] for i in rows]
+
+
+def rate(P, A):
+    """A'P + PA, by which y'Py changes along dy/dt = A y."""
+    n = range(len(A))
+    return [[sum((A[k][i] * P[k][j] + P[i][k] * A[k][j] for k in n), Fraction(0)) for j in n] for i in n]
+
+
+def never_positive(matrix):
+    """Whether the symmetric matrix is negative semidefinite, by elimination without rounding."""
+    M = [[-x for x in row] for row in matrix]
+    n = len(M)
+    for k in range(n):
+        if M[k][k] < 0 or (M[k][k] == 0 and any(M[k][k + 1 :])):
+            return False
+        for i in range(k + 1, n):
+            factor = M[i][k] / M[k][k] if M[k][k] else Fraction(0)
+            M[i] = [x - factor * y for x, y in zip(M[i], M[k], strict=True)]
+    return True
+
+
+def contact_form(num, den, poles, unit):
+    """(C): dy/dt = A y + b dw/dt with y_1 the input's speed, y_k+1 = (d/dt + pole_k) y_k / unit where it sticks."""
+    n = len(den) - 1
+    require(n in (2, 3) and len(poles) == n - 1 and unit > 0 and len(num) <= 2, "an order or zeros too many (C)")
+    require(min(poles) >= 0, "negative poles that make the contact coordinates (C)")
+    quotient = den if n == 2 else [den[0], den[1] - poles[0], den[2] - poles[0] * (den[1] - poles[0])]
+    require(n == 2 or den[3] == poles[0] * quotient[2], "a first pole that is none of the linear part (C)")
+    _, one, two = quotient
+    last = one - poles[-1]
+    back = poles[-1] * last - two
+    require(one > 0 and (two > 0 or (n == 2 and two == 0)), "poles that are not stable, but for one at zero (C)")
+    require(back >= 0, "poles that are not real (C)")
+    A = [[unit if j == i + 1 else Fraction(0) for j in range(n)] for i in range(n)]
+    for k, pole in enumerate([*poles, last]):
+        A[k][k] = -pole
+    A[n - 1][n - 2] += back / unit
+    lead = -num[0] if len(num) == 2 else Fraction(0)
+    b = [Fraction(0)] * (n - 2) + [lead / unit ** (n - 2), (-num[-1] - lead * last) / unit ** (n - 1)]
+    require(n == 2 or b[2] <= 0, "a zero of a linear part of third order that is slower than its poles (C)")
+    return A, b
+
+
+def sectors_of(rays, n):
+    """(S): for each sector of the half plane y_1 >= 0 the two linear forms that are not negative in it."""
+    require(rays[0] == [0, 1] and rays[-1] == [0, -1] and [1, 0] in rays, "sectors that leave the half plane open (S)")
+    require(all(ray[0] > 0 for ray in rays[1:-1]), "borders of sectors that leave the half plane (S)")
+    pairs = list(zip(rays, rays[1:], strict=False))
+    require(all(a * d < b * c for (a, b), (c, d) in pairs), "sectors that do not follow one another (S)")
+    none = [Fraction(0)] * (n - 2)
+    return [([b, -a, *none], [-d, c, *none]) for (a, b), (c, d) in pairs]
+
+
+def require_continuous(forms, rays):
+    """(2): forms of neighbouring sectors have the same values on the border between them."""
+    n = len(forms[0])
+    third = [Fraction(int(i == 2)) for i in range(n)]
+    for form, after, ray in zip(forms[:-1], forms[1:], rays, strict=True):
+        step, border = total((ONE, after), (-ONE, form)), [ray + [Fraction(0)] * (n - 2), third]
+        jumps = [sum(p[i] * step[i][j] * q[j] for i in range(n) for j in range(n)) for p in border for q in border]
+        require(not any(jumps), "a function that jumps from sector to sector (2)")
+
+
+def require_signs(F, b, sectors, rays, given):
+    """(Z): with a zero, what is not positive where y_2 turns negative stays so, and y_3 <= 0 at the turning point."""
+    G, factors, growth = (rational(given[name]) for name in ("forms", "multipliers", "rate"))
+    require_forms(G, len(sectors), 3)
+    require_continuous(G, rays)
+    for form, (f, g), factor in zip(G, sectors, factors, strict=True):
+        grows = total((ONE, rate(form, F)), (growth, form), (factor, product(f, g)))
+        require(factor >= 0 and never_positive(grows), "a barrier of signs that does not hold in motion (Z)")
+    first, last, slope = G[0], G[-1], -b[1] / F[1][2]
+    begins = first[2][2] == 0 <= first[0][2] and first[0][0] + 2 * first[0][2] * slope <= 0
+    require(begins and last[2][2] == 0 <= last[1][1] and last[1][2] < 0, "a barrier without its signs (Z)")
+
+
+def require_forms(forms, count, n):
+    """So many symmetric matrices of one size."""
+    require(len(forms) == count and all(len(M) == n and all(len(r) == n for r in M) for M in forms), "forms amiss")
+    require(all(M[i][j] == M[j][i] for M in forms for i in range(n) for j in range(i)), "a form that is not symmetric")
+
+
+def falls(num, den, given):
+    """The function falls while the play moves, and never rises: inequalities (1) to (5); returns how many sectors."""
+    fields = ("poles", "unit", "rays", "stuck", "moving", "moving_multipliers", "release_multipliers", "decrease")
+    poles, unit, rays, Q, P, moving, release, decrease = (rational(given[name]) for name in fields)
+    A, b = contact_form(num, den, poles, unit)
+    n = len(A)
+    F = [[x + (b[i] if j == 0 else 0) for j, x in enumerate(row)] for i, row in enumerate(A)]
+    sectors, middle = sectors_of(rays, n), rays.index([1, 0])
+    if n == 3 and b[1] < 0:
+        require_signs(F, b, sectors[middle:], rays[middle + 1 : -1], given["signs"])
+    require_forms(P, len(sectors), n)
+    require_forms([Q], 1, n)
+    require_continuous(P, rays[1:-1])
+    require(min(moving + [x for row in release for x in row]) >= 0 < decrease, "a multiplier that is negative")
+    speed, third = ([Fraction(int(i == k)) for i in range(n)] for k in (0, 2))
+    require(never_positive(rate(Q, A)), "a function that rises while the play rests (1)")
+    for form, (f, g), factor in zip(P, sectors, moving, strict=True):
+        change = total((ONE, rate(form, F)), (factor, product(f, g)), (decrease, product(speed, speed)))
+        require(never_positive(change), "a function that does not fall while the play moves (3)")
+    turn = total((ONE, Q), (-ONE, P[-1]))
+    require(all(x <= 0 for row in turn[1:] for x in row[1:]), "a function that rises at a turning point (4)")
+    for form, (f, g), (both, one, two) in zip(P[:middle], sectors[:middle], release, strict=True):
+        facts = total((both, product(f, g)), (one, product(f, third)), (two, product(g, third)))
+        require(never_positive(total((ONE, form), (-ONE, Q), (ONE, facts))), "a function that rises at a release (5)")
+    return len(sectors)
+
+
+def verify(document):
+    """What a certificate proves: of how many sectors the function is that falls along every motion."""
+    require(document["statement"] == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    loop = document["loop"]
+    require(rational(loop["delay"]) == 0, "a loop with dead time is not covered")
+    require(loop["time_step"] is None, "a loop in discrete time is not covered")
+    require(loop["element"]["kind"] == "play" and rational(loop["element"]["gap"]) > 0, "an element without a gap")
+    num, den = rational(loop["num"]), rational(loop["den"])
+    require(0 < len(num) < len(den) and den[0] == 1, "a linear part that is not strictly proper and monic")
+    claim = {"sectors": falls(num, den, document["evidence"])}
+    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    return claim
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        raise SystemExit(1) from None
