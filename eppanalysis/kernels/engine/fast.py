@@ -60,6 +60,7 @@ def arm(compiled, work, q, workspace):
         workspace.g0,
     )
     take_sizes(wide, x)
+    # The rate is summed anew from the state, so that steps carry no rounding from one mode into the next.
     row_sum_from(workspace.push, compiled.M[q], x, 1.0, xd)
     take_sizes(speed, xd)
     G = compiled.n_guards[q]
@@ -79,6 +80,7 @@ def go_far(compiled, work, workspace, samples, now):
     if now.quiet < LONG_QUIET or not now.armed:
         return False
     q, h = now.q, now.h
+    # The longer nothing has happened, the longer the step that is tried: 16 steps of the grid, then 256.
     level = min(now.quiet // 32, LONGS - 1)
     steps = 1 << (LONG_DOUBLINGS * (level + 1))
     t1 = now.origin + (now.j_grid + steps) * h
@@ -113,6 +115,7 @@ def go_far(compiled, work, workspace, samples, now):
         now.quiet += 4
         now.fast_steps += 1
         return True
+    # A bound that does not exclude an event says nothing of where: short steps take over until it is quiet again.
     now.quiet = 0
     return False
 
@@ -175,8 +178,11 @@ def _fast_steps(
         t1 = origin + (j + 1) * h
         if t1 > t_stop or (i_sample < n_samples and times[i_sample] < t1 - slack):
             return j, i_sample, OFF_GRID
+        # T acts on the rate, not on the state: what is added is small near rest, and no large numbers cancel.
         row_sum(T, xd, 1.0, end)
         row_sum(bound, speed, 1.0, stray)
+        # Ordinates of the cubic in Bernstein form are its end values and these less, or more, a third of a step of its
+        # rates; the middle ones are lifted by the remainder (docs/theory/engine.md, Fast step).
         if not cubics_below(g0, g1, end[2 * wide : after], end[after:], h / 3.0, tol, stray):
             return j, i_sample, EVENT_AHEAD
         _move(x, xd, speed, g0, g1, end, low, high)
@@ -215,6 +221,8 @@ def predicted(compiled, q, g0, g1, tol, h, end):
     place = end.size - 2 * half
     for g in range(compiled.n_guards[q]):
         a, b, c, d = g0[g], h * g1[g], g0[g] + end[place + g], h * end[place + half + g]
+        # The cubic lies below zero where its four Bernstein ordinates do; only the others are looked at, on a grid of
+        # u.
         if a > -tol[g] or (c <= 0.0 and a + b / 3.0 <= 0.0 and c - d / 3.0 <= 0.0):
             continue
         u = 0.05

@@ -57,6 +57,7 @@ def flow(M, h, rate, integral, power, half, term, work):
     doublings = 1
     while rate * h / 2.0**doublings > 0.5:
         doublings += 1
+    # Scaling and squaring: a Taylor series of the integral over a step so short that it needs 21 terms at most.
     d = h / 2.0**doublings
     for i in range(n):
         for j in range(n):
@@ -121,10 +122,13 @@ def compile_step(compiled, work, q):
     flow(M, h, rate, integral, power, half, a[5], a[6])
     _fill_step(compiled.T[q], compiled.gf[q], compiled.n_guards[q], integral, power)
     P, Q = work.guards[0], work.guards[1]
+    # h^4/384 is Hermite's remainder, that of the cubic through end values and end rates; the thousandth covers
+    # rounding. The guard's rows take M three times, then exp(M h/2): its fourth derivative in the middle of the step.
     multiply(M, compiled.all_gf[q], 1.001 * h**4 / 384.0, P)
     multiply(M, P, 1.0, Q)
     multiply(M, Q, 1.0, P)
     multiply(half, P, 1.0, Q)
+    # From the middle the series reaches both ends in half a step, which halves each power of the bound's growth.
     _sizes_of_powers(M, 0.5 * h, 0.0, Q, P, compiled.bound[q])
 
 

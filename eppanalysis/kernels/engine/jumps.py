@@ -99,6 +99,7 @@ def _left_behind(model, compiled, work, workspace, q, k, x, beyond, recent, H, S
             g = _letting_go(model, compiled, e, modes[e], before, new, new_x, recent, new_H, Sg, last, u)
             if g >= 0:
                 return g
+        # Settled before those downstream are looked at; more passages than there are modes go in a circle.
         if e == source or model.reach[source, e]:
             for _ in range(2 * model.mode_first[-1] + 16):
                 i = _passed(model, compiled, new, e, new_x, recent, new_H, Sg, last, u)
@@ -130,6 +131,7 @@ def _letting_go(model, compiled, e, mode, before, new, x, recent, H, Sg, last, u
             if r != 0.0:
                 change += r * (input_at(compiled, new, z0 + a, x, H, Sg, last, u) - before[z0 + a])
                 size += abs(r) * (_input_size(compiled, new, z0 + a, x, recent, H) + abs(before[z0 + a]))
+        # A jump has no rate: the guard on rates sees the way from the old value to the new one in its place.
         if change > CLEAR * size:
             return k
     return -1

@@ -169,6 +169,7 @@ def _aim(model, compiled, work, workspace, samples, now):
     now.which, now.why = -1, OFF_GRID
     if not (now.armed or now.forced) and model.S.shape[1] == 0:
         now.which = violated(compiled, now.q, workspace.x, workspace.recent, workspace.constant, workspace.wide)
+        # A guard that a jump has passed fires before any step is made.
         if now.which < 0 and now.i_sample == now.n_samples:
             # All samples are taken, so nothing binds the run to the old grid: a new one starts here.
             now.origin, now.j_grid, now.armed, now.renewed = now.t, 0, True, False
@@ -229,6 +230,7 @@ def _happen(model, compiled, work, workspace, buffer, now):
         now.same_instant = 0
     now.last_t = now.t
     now.same_instant += 1
+    # More switches at one instant than there are modes go in a circle (docs/theory/engine.md, Rules at a switch).
     if now.same_instant > 2 * model.mode_first[-1] + 16:
         now.forced = True
         now.forced_leaves += 1

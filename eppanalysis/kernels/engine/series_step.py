@@ -44,11 +44,15 @@ def plan(model, compiled, workspace, now):
         u = predicted(compiled, now.q, workspace.g0, workspace.g1, workspace.tol, h, workspace.end)
         if u < 0.9:
             d, now.on_grid = min(d, u * h), False
+    # Two guards that point at each other at one instant: a billionth of a step in the present mode, then they are
+    # judged anew (docs/theory/engine.md, Rules at a switch).
     if now.forced:
         d, now.on_grid = min(d, 1e-9 * h), False
     now.ahead = d
     for j in range(model.S.shape[1]):
         if model.smooth_kind[j] == DELAY_LINE:
+            # The step is expanded as far as the series of the past holds, but counts only to the end of its segment:
+            # behind it the past may have had a switch.
             counts, holds = segment_reach(model, j, t, workspace.line_t, workspace.line_h, workspace.line_n)
             if counts < 0.0:
                 now.code = HISTORY
@@ -111,6 +115,7 @@ def look_ahead(model, compiled, workspace, samples, now):
     if last >= 0:
         clock = t / d if workspace.line_h.shape[1] > 1 else 0.0
         now.which, now.best = _first_guard(compiled, q, workspace, last, d, clock, now.forced)
+        # An event beyond what counts is foretold by a past that may not be so: it is looked for again from there.
         if now.ahead < d and now.best > now.ahead / d:
             now.which, now.best = -1, 2.0
     now.forced = False
@@ -149,6 +154,7 @@ def _first_guard(compiled, q, workspace, last, d, clock, forced):
     row_sum_from(workspace.lift, compiled.all_gf[q], X[0], 1.0, top)
     row_sum_from(top, compiled.reach_gf[q], workspace.spread, 1.0, top)
     for g in range(compiled.n_guards[q]):
+        # Below zero by the sum of the absolute terms: nothing on [0, 1] can lift it (rates and smooth channels aside).
         if top[g] < 0.0 and (Sg.shape[1] == 0 or not (compiled.on_rate[q, g] or compiled.smooth_guard[q, g])):
             continue
         guard_series(compiled, q, g, X, last, Sg, constant[g], d, p)

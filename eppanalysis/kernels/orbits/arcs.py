@@ -140,6 +140,8 @@ def _level_map(J, c, on_memory, level, b):
         if c[i] != 0.0:
             alone, count = i, count + 1
             scale += c[i] * b[i]
+    # What misses the level behind the event is taken off along b, the direction in which the element acts, or off the
+    # one state that is the input: as the engine settles it (`settle_on_level`).
     for j in range(on_memory.size):
         if on_memory[j] != 0.0:
             accumulate(left, on_memory[j], J[n + j])

@@ -105,6 +105,7 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
     for i in range(n):
         P[i, i] = 1.0
     done, d = 0.0, abs(tau)
+    # Series are tried over times in which no power of F grows; longer ones would not converge to rounding.
     while rate * d > 1.0:
         d *= 0.5
     if tau < 0.0:
@@ -185,6 +186,7 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, row):
                     accumulate(row[k], slope[k - c, j] * channels.smooth_x[j, i], V[c, i])
             accumulate(row[k, n:], slope[k, j], channels.smooth_H[j])
             for i in range(n):
+                # Chain rule on series: the channel's slope times the derivative of its argument, convolved.
                 accumulate(V[k + 1, i], S[i, j], row[k])
         for i in range(n):
             for j in range(N):

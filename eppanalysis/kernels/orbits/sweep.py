@@ -102,6 +102,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most,
         _times(Phi, D, E, n, m + a)
         value = guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
         rate_at(F[a], S[a], end, sigma, rate)
+        # A later end of this arc moves the state by its rate: the column of the dwell time.
         for i in range(N):
             E[i, m + a] = rate[i]
         speed[a] = 0.0
@@ -121,6 +122,7 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most,
         r[k] = y[i] - y0[i] - shift[i] * total
         for j in range(m + p):
             A[k, j] = D[i, j]
+        # Periodicity: y behind the last event less y0, but for what a clock advances by in a period.
         A[k, k] -= 1.0
         if shift[i] != 0.0:
             for a in range(p):

@@ -141,7 +141,7 @@ def sentence(document: Mapping[str, Any]) -> str:
     >>> sentence({"statement": "a claim of another kind", "loop": {"name": "servo"}, "claim": {"cycles": 1}})
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
-    name, claim = visible(str(document["loop"].get("name", "a loop"))), document["claim"]
+    name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
     if document["statement"] == "all roots of the first-order balance in a box":
         return _roots_sentence(name, claim, document["box"])
     if document["statement"] == "no periodic motion but rest":
@@ -166,6 +166,6 @@ def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any])
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
     left = claim["undecided"]
     if not left:
-        return f"Proved: the first-order balance of {words(name)} has {count} {place}."
+        return f"Proved: the first-order balance of {name} has {count} {place}."
     boxes = f"{left} box{'es' * (left > 1)} in which nothing is decided"
-    return f"Proved: the first-order balance of {words(name)} has {count} {place}, outside of {boxes}."
+    return f"Proved: the first-order balance of {name} has {count} {place}, outside of {boxes}."

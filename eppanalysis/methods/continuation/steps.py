@@ -126,6 +126,8 @@ def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, 
         row[-1] = sign / family.width
     right = np.zeros(w.size)
     right[-1] = 1.0
+    # Equations and one row across: regular at a fold, where those alone are singular (docs/theory/exact_orbits.md,
+    # Branches).
     t = bordered(orbit, slope, row, right)
     return Point(family, value, orbit, slope, t / np.sqrt(np.sum(w * t * t)))
 
@@ -191,6 +193,8 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)
         size = float(np.max(np.abs(change[:-1]) / orbit.column_scale))
+        # Rounding limits either the residual or the step; whichever it is, a step that no longer shrinks is the last
+        # one.
         still = (orbit.residual < TOLERANCE and size < 1e-9) or size < _STILL
         if orbit.residual < CONVERGED and (still or size > 0.5 * best):
             return _Found(float(u[-1]), orbit, u)
@@ -295,6 +299,7 @@ def last_admissible(point: Point, ds: float, n_halvings: int = 20) -> tuple[Poin
     b, outside, at_b = ds, far, None if far is None else far.unknowns
     for _ in range(n_halvings):
         c = 0.5 * (a + b)
+        # Bisection on what the engine says of the orbit: no function of the distance changes its sign there.
         u, slope = point.ahead(c)
         # Two known orbits predict a third one between them better than one orbit alone does.
         found = _corrected(point, row, c, u if at_b is None else 0.5 * (at_a + at_b), slope)

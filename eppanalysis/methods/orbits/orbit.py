@@ -157,6 +157,8 @@ class Orbit:
         A = self.A / self.row_scale[:, None] * self.column_scale
         if not np.all(np.isfinite(A)):
             return False
+        # A singular direction is that of a continuum only if closed orbits lie along it: near a fold the equations are
+        # nearly singular, too.
         _, sizes, rows = np.linalg.svd(A)
         if sizes[-1] >= _NEARLY * sizes[0]:
             return False
@@ -254,11 +256,13 @@ def _search(orbit: Orbit, step: Array, most: float, k: int) -> tuple[Orbit | Non
     """
     new = _lower(orbit, step, most * _SHARES[k])
     if new is None:
+        # Shorter shares first: Newton's direction lowers the residual over a short way, if at all.
         for other in (*range(k + 1, len(_SHARES)), *range(k)):
             new = _lower(orbit, step, most * _SHARES[other])
             if new is not None:
                 return new, other
         return None, k
+    # The range of Newton's method grows as the orbit is neared, by one share a step as a rule.
     while k > 0:
         longer = _lower(orbit, step, most * _SHARES[k - 1])
         if longer is None:

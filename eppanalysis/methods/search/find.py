@@ -193,6 +193,8 @@ class _Search(Ends):
     def run_all(self) -> None:
         """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
         with allotted(_MOST_WORK) as self.work:
+            # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
+            # was found, mirror images. Edges between outcomes are bisected where a ray shows them.
             led_to = self._close_all()
             for ray in self.rays:
                 self._scan(ray)
@@ -227,6 +229,7 @@ class _Search(Ends):
         answers: dict[int, LimitCycle] = {}
         unclosed = []
         nearest = sorted(zip(led_to, self.predicted, strict=True), key=lambda pair: self._distance(*pair))
+        # Greedily by period: an orbit that is asked for twice answers the prediction that lies nearest to it.
         # Two predictions may lead to one orbit: it answers the one that says of it what is true.
         nearest.sort(key=lambda pair: not self._as_stable(*pair))
         for number, cycle in nearest:

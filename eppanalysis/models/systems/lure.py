@@ -386,6 +386,15 @@ class LureSystem(Responses):
         return connections(self)
 
 
+def _require_room_for_own_states(system: LureSystem, outputs: list[slice]) -> None:
+    """No element with states of its own has a dead time behind it or stands in discrete time."""
+    for element, label, place in zip(system.elements, system.element_names, outputs, strict=True):
+        late = np.any(system.delays[place]) and not passes_outputs(element)
+        if element.own_states is not None and (system.time_step or late):
+            what = "discrete time" if system.time_step else "a dead time behind it"
+            raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
+
+
 def with_own_states(system: LureSystem) -> LureSystem:
     """The loop with the linear states of its elements appended to its own.
 
@@ -401,11 +410,7 @@ def with_own_states(system: LureSystem) -> LureSystem:
     """
     labels = system.element_names
     first = slices([ports(e)[1] for e in system.elements])
-    for element, label, place in zip(system.elements, labels, first, strict=True):
-        late = np.any(system.delays[place]) and not passes_outputs(element)
-        if element.own_states is not None and (system.time_step or late):
-            what = "discrete time" if system.time_step else "a dead time behind it"
-            raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
+    _require_room_for_own_states(system, first)
     own = stacked(system.elements)
     n, k, nw, nv = len(system.A), len(own["A"]), own["B_w"].shape[1], len(system.v0)
     ends = np.cumsum([0, n, k, nw, nv, 1])
