@@ -59,6 +59,7 @@ class GuideRow(PlainData):
     force : float
         ``K R allowed``: change of the cable's force as the forearm passes through the gap [N].
     tolerance : ToleranceBound or None
+        Bounds under tolerances at the gain with its margin; the margin on the backlash is not taken off.
     from_rest : float
         Backlash from which on the case's own input signal starts the oscillation from rest [rad]; nan where none does.
     own : float
@@ -130,11 +131,13 @@ class Guide(Result):
         tolerance = row.tolerance
         missing = f"No bound under tolerances: {row.missing}." if row.missing else ""
         if tolerance is not None:
-            line["worst case [deg]"] = degrees * tolerance.worst_case
+            line["worst case [deg]"] = degrees * self.less_margin(tolerance.worst_case)
             for q in tolerance.quantiles:
-                line[f"{100 * q.probability:g} % [deg]"] = degrees * q.value
-                line[f"{100 * q.probability:g} % from [deg]"] = degrees * q.low
-                line[f"{100 * q.probability:g} % to [deg]"] = degrees * q.high
+                line[f"{100 * q.probability:g} % [deg]"] = degrees * self.less_margin(q.value)
+                line[f"{100 * q.probability:g} % from [deg]"] = degrees * self.less_margin(q.low)
+                line[f"{100 * q.probability:g} % to [deg]"] = degrees * self.less_margin(q.high)
+        if self._applied:
+            line["margins taken off"] = ", ".join(self._applied)
         line |= {
             "first order [deg]": degrees * row.cell.first_order,
             "oscillates from rest above [deg]": degrees * row.from_rest,
@@ -145,9 +148,22 @@ class Guide(Result):
         }
         return line
 
+    def less_margin(self, bound: float) -> float:
+        """A bound on the backlash with the margin on it taken off [rad]."""
+        return bound / self.margins.get(LIMIT, 1.0)
+
+    @property
+    def _applied(self) -> list[str]:
+        """The margins that change anything, in words."""
+        return [f"a factor of {factor:g} on {in_words(name)}" for name, factor in self.margins.items() if factor > 1.0]
+
     def sentences(self) -> list[str]:
         """The table in plain words."""
-        return [self._sentence(row) for row in self.rows]
+        rows = [self._sentence(row) for row in self.rows]
+        if not self._applied:
+            return rows
+        kinds = "bound, also where tolerances are used up" if any(row.tolerance for row in self.rows) else "bound"
+        return [*rows, f"Taken off every {kinds}: {' and '.join(self._applied)}."]
 
     def _below(self, backlash: float) -> str:
         """A backlash in three digits, rounded to the safe side."""
@@ -165,7 +181,7 @@ class Guide(Result):
             f"pulley, {cut(lbf * row.force, 2):.2g} lbf or {cut(row.force, 2):.2g} N of cable force)"
         )
         if row.tolerance is not None:
-            out += f"; under {self._below(row.tolerance.worst_case)} where every tolerance is used up"
+            out += f"; under {self._below(self.less_margin(row.tolerance.worst_case))} where every tolerance is used up"
         if row.missing:
             out += f" (no bound under tolerances: {row.missing})"
         if row.own <= row.allowed:

@@ -124,7 +124,7 @@ def _worst(guide: Guide, row: GuideRow) -> float:
     """The limit with all tolerances used up and the factors of safety taken off; never above the one without."""
     if row.tolerance is None:
         return math.nan
-    return min(row.tolerance.worst_case / guide.margins.get(LIMIT, 1.0), row.allowed)
+    return min(guide.less_margin(row.tolerance.worst_case), row.allowed)
 
 
 def _step(values: Sequence[float], given: float | None, unit: str, *, up: bool = False) -> Decimal:

@@ -82,6 +82,28 @@ def test_tolerances_and_factors_of_safety_are_taken_off(guide):
     assert "Factors of safety that are taken off already: 2 on lock pin backlash." in table.notes
 
 
+def test_margins_are_taken_off_what_tolerances_leave(guide):
+    worst = epp.ToleranceBound(
+        "lock_pin.backlash", "rad", 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0,
+        (Quantile(0.95, 0.54 * DEGREE, 0.52 * DEGREE, 0.56 * DEGREE),), np.zeros(0), 0.0,
+    )  # fmt: skip
+    rows = tuple(replace(row, tolerance=worst) for row in guide.rows)
+    plain = replace(guide, rows=rows)
+    halved = replace(plain, margins={"lock_pin.backlash": 2.0, "bands.range": 1.5})
+    for name, whole in (("worst case", 0.5), ("95 %", 0.54), ("95 % from", 0.52), ("95 % to", 0.56)):
+        assert list(plain.to_frame()[f"{name} [deg]"]) == pytest.approx([whole] * len(rows))
+        assert list(halved.to_frame()[f"{name} [deg]"]) == pytest.approx([whole / 2] * len(rows))
+    assert "margins taken off" not in plain.to_frame()
+    said = "a factor of 2 on backlash, a factor of 1.5 on profile range"
+    assert set(halved.to_frame()["margins taken off"]) == {said}
+    assert "under 0.25 deg where every tolerance is used up" in halved.sentences()[0]
+    assert halved.sentences()[-1] == (
+        "Taken off every bound, also where tolerances are used up: a factor of 2 on backlash and a factor of 1.5 on "
+        "profile range."
+    )
+    assert len(plain.sentences()) == len(rows)
+
+
 def test_what_is_not_checked_and_what_has_no_bound_says_so(bounds):
     table = epp.manual_table(bounds)
     assert [row[-1] for row in table.texts()][:2] == ["yes, 1000 simulations", "no"]
