@@ -44,10 +44,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+#: Errors of first order, in frequency and in size, up to which prediction and simulation are said to agree.
+_AGREES = 0.1
+
+
 class Agreement(Enum):
     """What prediction and simulation mean together."""
 
-    AGREE = "Prediction and simulation agree: the run settles on the stable cycle that first order predicts."
+    AGREE = (
+        f"Prediction and simulation agree within {100 * _AGREES:g} %: "
+        "the run settles on the stable cycle that first order predicts."
+    )
+    ROUGH = (
+        "The run settles on the stable cycle that first order predicts, but first order is off by more than "
+        f"{100 * _AGREES:g} % in frequency or size: it tells that there is a cycle, not what it is like."
+    )
     FREE = "Prediction and simulation agree: first order has no stable limit cycle, and the run settles at rest."
     GUARDED = (
         "A stable cycle exists as predicted, but this start does not reach it: "
@@ -258,6 +269,8 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     found = climb(system, at, (prediction, predict_seconds), (run, run_seconds), signal)
     stays = bool(_confirmed(probes, cycles, signal))
     agreement = _agreement(prediction, run, matched, stays, found) if at.stands else Agreement.DRIVEN
+    if agreement is Agreement.AGREE and not _agrees(errors, signal):
+        agreement = Agreement.ROUGH
     reasons = [why_not] if why_not and at.stands else []
     sentences = [agreement.value, *reasons, *_cycle_sentences(run.limit_cycle, errors, signal)]
     missed = _missed_sentences(found.missed, found.search)
@@ -387,6 +400,12 @@ def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, flo
             "its frequency is compared oscillation by oscillation."
         )
     return [*out, *_error_sentences(errors, signal)]
+
+
+def _agrees(errors: dict[str, dict[str, float]], signal: str) -> bool:
+    """Whether first order is near the matched cycle in frequency and in the size of the signal."""
+    off = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", 0.0)
+    return max(map(abs, off)) <= _AGREES
 
 
 def _error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[str]:
