@@ -10,6 +10,7 @@ import typer
 
 from eppanalysis.cli.common import (
     NOTHING,
+    Allow,
     CaseName,
     Json,
     Output,
@@ -20,9 +21,9 @@ from eppanalysis.cli.common import (
     print_json,
     print_table,
     progress,
+    within_of,
 )
 from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
-from eppanalysis.errors import EppError
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -47,16 +48,9 @@ def bounds(
     points: Annotated[int, typer.Option("--points", help="Number of values of --over.")] = 9,
     within: Annotated[
         str | None,
-        typer.Option("--within", metavar="LOW:HIGH", help='Range of --limit to look in, as in "0.1 deg:5 deg".'),
+        typer.Option("--within", metavar="LOW..HIGH", help='Range of --limit to look in, as in "0.1 deg..5 deg".'),
     ] = None,
-    allow: Annotated[
-        str | None,
-        typer.Option(
-            "--allow",
-            metavar="SIZE",
-            help='Stable limit cycle that is allowed, peak to peak or rms, as in "theta 0.3 deg", "theta 0.1 deg rms".',
-        ),
-    ] = None,
+    allow: Allow = None,
     verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
@@ -82,7 +76,7 @@ def bounds(
             start=start,
             stop=stop,
             points=points,
-            within=range_of(within),
+            within=within_of(within),
             allow=allow,
             verify=verify,
             margin=margin,
@@ -129,22 +123,6 @@ def bounds_columns(result: DesignBounds) -> Table:
     units = dict.fromkeys(("first_order", "harmonic", "exact", "safe_value"), unit)
     units |= {} if result.allowed is None else {"size": result.allowed.unit}
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
-
-
-def range_of(text: str | None) -> tuple[str, str] | None:
-    """Both ends of LOW:HIGH.
-
-    Raises
-    ------
-    EppError
-        If it is no range.
-    """
-    if text is None:
-        return None
-    low, separator, high = text.partition(":")
-    if not separator or not low.strip() or not high.strip():
-        raise EppError(f'--within {text}: is no range; expected LOW:HIGH, as in "0.1 deg:5 deg".')
-    return low.strip(), high.strip()
 
 
 def _show(case: Case, result: DesignBounds) -> None:

@@ -54,6 +54,14 @@ Picture = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
 ]
+Allow = Annotated[
+    str | None,
+    typer.Option(
+        "--allow",
+        metavar="SIZE",
+        help='Stable limit cycle that is allowed, peak to peak or rms, as in "theta 0.3 deg", "theta 0.1 deg rms".',
+    ),
+]
 
 
 def load_case(text: str, settings: Sequence[str]) -> Case:
@@ -117,6 +125,33 @@ def split_pair(text: str, option: str, expected: str) -> tuple[str, str]:
     if not separator or not name.strip() or not value.strip():
         raise EppError(f"{option} {text}: lacks a field, '=' or a value; expected {expected}.")
     return name.strip(), value.strip()
+
+
+def range_of(text: str) -> tuple[str, str] | None:
+    """Both ends of LOW..HIGH, or of LOW:HIGH, which older scripts have; None where it is neither.
+
+    Examples
+    --------
+    >>> range_of("0.1 deg .. 5 deg"), range_of("0.1:5"), range_of("3 mm")
+    (('0.1 deg', '5 deg'), ('0.1', '5'), None)
+    """
+    between = ".." if ".." in text else ":"
+    low, _, high = (part.strip() for part in text.partition(between))
+    return (low, high) if low and high else None
+
+
+def within_of(text: str | None) -> tuple[str, str] | None:
+    """Both ends of what ``--within`` holds.
+
+    Raises
+    ------
+    EppError
+        If it is no range.
+    """
+    found = None if text is None else range_of(text)
+    if text is not None and found is None:
+        raise EppError(f'--within {text}: is no range; expected LOW..HIGH, as in "0.1 deg..5 deg".')
+    return found
 
 
 @contextmanager

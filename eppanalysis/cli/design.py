@@ -10,6 +10,7 @@ import typer
 from eppanalysis.cli.common import (
     NO_FILES,
     NOTHING,
+    Allow,
     CaseName,
     Json,
     Settings,
@@ -19,6 +20,7 @@ from eppanalysis.cli.common import (
     print_json,
     print_table,
     progress,
+    range_of,
 )
 from eppanalysis.errors import EppError
 
@@ -42,10 +44,7 @@ def design(
     settings: Settings = NOTHING,
     maximise: Annotated[str | None, Name] = None,
     minimise: Annotated[str | None, Name] = None,
-    allow: Annotated[
-        str | None,
-        typer.Option("--allow", metavar="SIZE", help='Stable limit cycle that is allowed, as in "theta 0.3 deg".'),
-    ] = None,
+    allow: Allow = None,
     front: Annotated[
         str | None,
         typer.Option("--front", metavar='"FIELD VALUES"', help='The optimum at each value, as in "play.gap 1,2,3".'),
@@ -136,19 +135,8 @@ def design_columns(result: Design) -> Table:
     """The optimum and the front, one a row, in SI units."""
     from eppanalysis.tables.files import Table
 
-    over = result.front_over
-    rows = [
-        {
-            **({over: value} if over else {}),
-            **{name: best.at.get(name, float("nan")) for name in result.tune},
-            "first_order": best.first_order,
-            "active": best.kind if best.feasible else "infeasible",
-            "confirmed": best.confirmed,
-            "message": best.message,
-        }
-        for value, best in [(float("nan"), result.optimum), *result.front]
-    ]
-    return Table.from_rows(rows, {})
+    frame = result.to_frame()
+    return Table.from_rows(frame.to_dict("records"), frame.attrs["units"])
 
 
 def tuned(text: str) -> tuple[str, tuple[str, str]]:
@@ -165,10 +153,10 @@ def tuned(text: str) -> tuple[str, tuple[str, str]]:
     ('lock_pin.backlash', ('0.1 deg', '5 deg'))
     """
     name, _, rest = text.strip().partition(" ")
-    low, separator, high = rest.partition("..")
-    if not separator or not low.strip() or not high.strip():
+    both = range_of(rest)
+    if both is None:
         raise EppError(f'--tune {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
-    return name, (low.strip(), high.strip())
+    return name, both
 
 
 def values_of(text: str) -> tuple[str, list[str]]:

@@ -21,6 +21,7 @@ from eppanalysis.cli.common import (
     print_table,
     progress,
     split_pair,
+    within_of,
 )
 from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
 from eppanalysis.errors import EppError
@@ -52,7 +53,7 @@ def guide(
         typer.Option("--margin", metavar="FIELD=FACTOR", help="On bands.range or lock_pin.backlash" + _END),
     ] = NOTHING,
     within: Annotated[
-        str | None, typer.Option("--within", metavar="LOW:HIGH", help="Range of backlash to look in.")
+        str | None, typer.Option("--within", metavar="LOW..HIGH", help="Range of backlash to look in.")
     ] = None,
     samples: Annotated[int, typer.Option("--samples", help="Draws for the probabilities.")] = 400,
     starts: Annotated[int, typer.Option("--starts", help="Runs that test each bound.")] = 1000,
@@ -69,7 +70,6 @@ def guide(
     ] = NO_FILES,
 ) -> None:
     """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
-    from eppanalysis.cli.bounds import range_of
     from eppanalysis.guides.files import FILES, check_file, title
     from eppanalysis.guides.guideline import GAIN, LIMIT, design_guide
     from eppanalysis.methods.bounds.design import cores
@@ -91,7 +91,7 @@ def guide(
             margins={
                 name: _factor(name, text) for name, text in (split_pair(m, "--margin", "FIELD=FACTOR") for m in margins)
             },
-            within=range_of(within),
+            within=within_of(within),
             samples=samples,
             starts=starts,
             workers=cores() if workers is None else workers,

@@ -18,13 +18,12 @@ from eppanalysis.cli.common import (
     print_json,
     print_table,
     progress,
+    range_of,
 )
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
-
-_BETWEEN = ".."
 
 
 def response(
@@ -95,11 +94,10 @@ def _numbers(option: str, text: str | None, unit: str) -> list[float]:
 
     if text is None:
         return []
-    low, between, high = text.partition(_BETWEEN)
     try:
-        return [parse_quantity(part.strip(), unit) for part in ([low, high] if between else [low])]
+        return [parse_quantity(part, unit) for part in range_of(text) or (text.strip(),)]
     except QuantityError as error:
-        raise EppError(f"{option} {text}: expected {error.expected}, or two with '{_BETWEEN}' between them.") from None
+        raise EppError(f"{option} {text}: expected {error.expected}, or two with '..' between them.") from None
 
 
 def _show(found: Case, result: Any, settings: list[str]) -> None:

@@ -192,7 +192,7 @@ def test_the_end_of_a_known_branch_is_the_bound() -> None:
     [
         (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlsh"], "did you mean"),
         (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "--within", "1 deg"],
-         "expected LOW:HIGH"),
+         "expected LOW..HIGH"),
         (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "-o", "x.doc"],
          "cannot write"),
         (["guide", "backlash_servo"], "expected a case of the elbow"),

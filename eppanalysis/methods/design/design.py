@@ -148,6 +148,7 @@ def design(
         margin=margin,
         allowed=allowed,
         readable={name: case.readable(name) for name in names},
+        units={name: case.unit(name)[0] for name in names},
         provenance=Provenance("design without a limit cycle", settings, case=facts_of(case)),
     )
 

@@ -102,6 +102,8 @@ class Design(Result):
     allowed : Allowed or None
     readable : dict of str to (str, float)
         The unit that people use for each parameter, and the factor from SI to it.
+    units : dict of str to str
+        Their SI units.
     """
 
     case: str
@@ -114,6 +116,7 @@ class Design(Result):
     margin: float = _NAN
     allowed: Allowed | None = None
     readable: dict[str, tuple[str, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     in_json = "objective goal tune allowed margin status sentence optimum front_over front=_front provenance"
 
@@ -137,17 +140,23 @@ class Design(Result):
         return self.sentence
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row a design: the front with its optima, or the optimum alone [SI]."""
-        rows = [{self.front_over: value} | self._row(found) for value, found in self.front]
-        units = {name: unit for name, (unit, factor) in self.readable.items() if factor == 1.0}
-        return frame_of(rows or [self._row(self.optimum)], units)
+        """One row a design: the optimum, and behind it those of the front, at its values [SI]."""
+        rows = [self._row(self.optimum), *(self._row(found, value) for value, found in self.front)]
+        return frame_of(rows, {**self.units, "first_order": self.units.get(self.objective, ""), "frequency": "Hz"})
 
-    def _row(self, found: Optimum) -> dict[str, object]:
+    def in_brief(self) -> pandas.DataFrame:
+        """The table without what is missing in each row."""
+        return self.to_frame().drop(columns="message")
+
+    def _row(self, found: Optimum, over: float = _NAN) -> dict[str, object]:
         return {
-            **found.at,
+            **({self.front_over: over} if self.front_over else {}),
+            **{name: found.at.get(name, _NAN) for name in self.tune},
             "first_order": found.first_order,
             "frequency": found.frequency,
+            "active": str(found.kind) if found.feasible else "infeasible",
             "confirmed": found.confirmed,
+            "message": found.message,
         }
 
     @property

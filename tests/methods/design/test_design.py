@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.cli.common import within_of
 from eppanalysis.cli.design import _write, design_columns, tuned, values_of
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
@@ -136,6 +137,7 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
     front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)})
     assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))
     assert design_columns(front).columns["k"][1] == found.optimum.at["k"]
+    assert front.to_frame()["active"].tolist() == ["fold", "fold", "infeasible"]
     _write(servo, found, tmp_path / "designed.toml")
     again = epp.read_case(tmp_path / "designed.toml")
     assert again.value("k") == pytest.approx(0.99 * found.optimum.at["k"], rel=1e-10)
@@ -144,11 +146,26 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
 
 
 def test_options_are_read() -> None:
-    assert tuned("k 1..20") == ("k", ("1", "20"))
+    assert tuned("k 1..20") == tuned("k 1:20") == ("k", ("1", "20"))
+    assert within_of("0.1 deg..5 deg") == within_of("0.1 deg:5 deg") == ("0.1 deg", "5 deg")
     assert values_of("play.gap 1, 2") == ("play.gap", ["1", "2"])
-    for read, text in ((tuned, "k 1:20"), (values_of, "play.gap")):
+    for read, text in ((tuned, "k 1"), (values_of, "play.gap")):
         with pytest.raises(epp.EppError, match="expected"):
             read(text)
+
+
+def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
+    best = Optimum({"lock_pin.backlash": 0.01}, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
+    readable = {"lock_pin.backlash": ("deg", 180 / np.pi)}
+    units = {"lock_pin.backlash": "rad"}
+    made = epp.Design(
+        "elbow", "lock_pin.backlash", "largest", {"lock_pin.backlash": (0.0, 0.1)}, best, readable=readable, units=units
+    )
+    frame, table = made.to_frame(), design_columns(made)
+    assert frame.attrs["units"] == table.units
+    assert table.header()[:3] == ["lock_pin.backlash [rad]", "first_order [rad]", "frequency [Hz]"]
+    assert table.columns == frame.to_dict("list")
+    assert "0.573" in made._repr_html_() and "[deg]" in made._repr_html_()
 
 
 @pytest.mark.parametrize(
