@@ -200,7 +200,8 @@ class LimitCycle(Result):
         kind = {True: "Stable limit cycle", False: "Unstable limit cycle", None: "Limit cycle"}[self.stable]
         doubt = " It may not exist: the harmonics that first order neglects may take it away." * self.may_not_exist
         ended = "" if self.status.ok else f" {self.status.value}"
-        return f"{kind}: {self.size} ({self.method}).{doubt}{ended}"
+        note = f" {self.note[:1].upper()}{self.note[1:].rstrip('.')}." if self.note else ""
+        return f"{kind}: {self.size} ({self.method}).{doubt}{ended}{note}"
 
     def to_frame(self) -> pandas.DataFrame:
         """One row: method, stability, frequency [Hz], period [s], and the peak-to-peak and mean of every signal."""

@@ -2,10 +2,11 @@
 
 The answers of the elements are exact (see ``harmonic_elements`` and ``harmonic_coefficients``), so the only
 approximation is that the inputs of the elements are cut off at order n. Order 1 has the equations of the describing
-function. Sticking has no place in a balance, as the force at rest is not a function of the element's input: where an
-element would stick (friction at rest, a relay that slides) it passes at once from one side to the other, as ``sgn``
-does; orbits with long sticking need many orders, or the exact orbit. In discrete time the balance is that of the
-invariant curve on which the samples lie where the period is not commensurate with the sample time.
+function, but for a limited rate, where the error inside is cut off (docs/theory/rate_limit.md). Sticking has no place
+in a balance, as the force at rest is not a function of the element's input: where an element would stick (friction at
+rest, a relay that slides) it passes at once from one side to the other, as ``sgn`` does; orbits with long sticking need
+many orders, or the exact orbit. In discrete time the balance is that of the invariant curve on which the samples lie
+where the period is not commensurate with the sample time.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
+from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.lure import LureSystem
@@ -466,7 +467,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
         memory=tuple(float(r.memory_at_zero[0]) if r.memory.size else None for r in regimes),
         units=dict(zip(names, signals.units or ("",) * len(names), strict=True)),
         mean_state=x,
-        note=point.note,
+        note=" ".join(filter(None, (point.note, order_one(system, n)))),
         provenance=Provenance(
             "harmonic balance",
             {"system": system.name, "input": dict(zip(system.input_names, loop.value.tolist(), strict=True))},

@@ -20,6 +20,7 @@ from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import StaticBalance, equilibrate, static_balance
 from eppanalysis.models.systems.measured.loop import DataSystem
+from eppanalysis.readable import words
 from eppanalysis.results import LimitCycle
 
 
@@ -246,3 +247,15 @@ def _least_squares(matrix: ComplexArray, right: ComplexArray, wanted: Array) -> 
     size = np.abs(wanted * column)
     hidden = np.abs(wanted * column @ vh[rank:].conj().T)
     return x, bool(np.all(hidden <= 1e-8 * size.max(1, initial=0.0)[:, None]))
+
+
+def order_one(system: LureSystem, order: int) -> str:
+    """How order 1 differs from first order, where elements are described from their input and balanced inside."""
+    given = getattr(system, "given", None)
+    limited = [] if given is None else [n for n, e in zip(given.element_names, given.elements, strict=True) if e.inside]
+    if order > 1 or not limited:
+        return ""
+    return (
+        f"Order 1 takes the error of {' and '.join(map(words, limited))}, input less output, for a sine; "
+        "the describing function takes its input for one."
+    )

@@ -247,6 +247,11 @@ def test_the_limited_aircraft() -> None:
     (inner,) = epp.predict_limit_cycles(duda(law))
     assert inner.omega == pytest.approx(4.7296, abs=5e-5)
     assert np.rad2deg(inner.amplitude("y")) == pytest.approx(4.0381, abs=5e-5)
+    # That one is order 1 of the balance, which cuts off the error inside, and says so.
+    first = epp.harmonic_balance(servo, inner, order=1)
+    assert 2 * np.pi / first.period == pytest.approx(inner.omega, rel=1e-8)
+    assert first.amplitude("y") == pytest.approx(inner.amplitude("y"), rel=1e-8)
+    assert "Order 1 takes the error of" in str(first) and not epp.harmonic_balance(servo, inner, order=3).note
 
 
 def test_margins_are_those_of_the_loop_below_the_limit() -> None:
