@@ -44,6 +44,8 @@ _MOST_MISSED = 0.02
 _NEAR_EVENT = 0.1
 #: Bisections and secants on the way to a fold or to a change of stability, and the size of the test that is zero.
 _MOST_LOCATED, _ZERO = 60, 1e-9
+#: Shares of the stretch in doubt, aside of where Newton's method fails, at which a place is tried.
+_BESIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
 #: How a branch ends within the range.
@@ -91,14 +93,14 @@ class Place:
     orbit : Orbit
     tangent : array, shape (N + 1,)
         Direction of (start y, value), zero where y is not free; of unit length in the branch's own measure.
-    before : (float, array), optional
-        Distance and tangent of the place from which this one was reached.
+    before : (float, array, float), optional
+        Distance, tangent and `singular` of the place from which this one was reached.
     """
 
     value: float
     orbit: Orbit
     tangent: Array
-    before: tuple[float, Array] | None = None
+    before: tuple[float, Array, float] | None = None
 
     @cached_property
     def stable(self) -> bool:
@@ -109,6 +111,18 @@ class Place:
     def unknowns(self) -> Array:
         """Start and value, shape (N + 1,)."""
         return np.append(self.orbit.y, self.value)
+
+    @cached_property
+    def singular(self) -> float:
+        """Product of (1 - multiplier): it passes zero where another branch meets this one, and at a fold."""
+        return float(np.prod(1.0 - self.orbit.multipliers).real)
+
+    def foretells_zero(self, ds: float) -> bool:
+        """Whether `singular`, gone on as from the place before to this one, has passed zero at a distance."""
+        if self.before is None:
+            return False
+        before = self.before[2]
+        return (self.singular + ds / self.before[0] * (self.singular - before)) * self.singular < 0.0
 
     def ahead(self, ds: float) -> Array:
         """Unknowns at a distance along the branch, as this place and the one before foretell them."""
@@ -210,12 +224,12 @@ class Walk:
 
     def _along(self, first: Place, n_places: int) -> tuple[list[Place], str]:
         """Places from the first on in the direction of its tangent, until the range, the count or the branch ends."""
-        places, ds = [first], 0.25 * self.max_step
+        places, ds, turned = [first], 0.25 * self.max_step, False
         while len(places) < n_places:
             old = places[-1] = self._moved_away(places[-1], places[-2:-1])
             new = self.step(old, ds)
             shorter = ds if ds < _LEAST_STEP else 0.4 * ds
-            if shorter < ds and (new is None or self._bend(old, new) > _MOST_BEND or self._missed(old, new, ds)):
+            if shorter < ds and (new is None or self._doubtful(old, new, ds)):
                 ds = shorter
                 continue
             if new is None:
@@ -236,7 +250,8 @@ class Walk:
             places += [*self._special_between(old, new, len(places)), new]
             if out:
                 return places, "leaves the range"
-            if len(places) > 10 and self._same(places[0], new):
+            turned = turned or new.tangent[-1] * first.tangent[-1] < 0.0
+            if turned and len(places) > 10 and self._same(places[0], new):
                 return places, "closes on itself"
             ds = min(1.5 * ds, self.max_step) if self._bend(old, new) < _LITTLE_BEND else ds
         return places, "stops at the number of points asked for"
@@ -245,7 +260,11 @@ class Walk:
         """The response at a distance along the branch."""
         row = measure(old.orbit, self.road.width) * old.tangent
         found = corrected(self.road, old, row, ds, old.ahead(ds))
-        return None if found is None or ds == 0.0 else replace(found, before=(ds, old.tangent))
+        return None if found is None or ds == 0.0 else replace(found, before=(ds, old.tangent, old.singular))
+
+    def _doubtful(self, old: Place, new: Place, ds: float) -> bool:
+        """Whether a place may not be the next one of the branch."""
+        return self._bend(old, new) > _MOST_BEND or self._missed(old, new, ds) or _passed_by(old, new, ds)
 
     def _missed(self, old: Place, new: Place, ds: float) -> bool:
         """Whether a place is not where the last ones foretold it: it may be on another branch close by."""
@@ -301,10 +320,10 @@ class Walk:
             found = self._located(old, new, test)
         else:
             return []
-        if found is None or found is old or found is new:
+        if found is None:
             return []
-        self.special.append((kind, found, index))
-        return [found]
+        self.special.append((kind, found, index - 1 if found is old else index))
+        return [] if found is old or found is new else [found]
 
     def _located(self, old: Place, new: Place, test: Callable[[Place], float]) -> Place | None:
         """Where a test changes its sign between two places, by regula falsi (Illinois)."""
@@ -317,7 +336,7 @@ class Walk:
             c = (a * f_b - b * f_a) / (f_b - f_a)
             found = self.step(old, c)
             if found is None:
-                return best
+                return self._beside(old, c, b - a) or best
             f_c = test(found)
             if abs(f_c) < least:
                 best, least = found, abs(f_c)
@@ -328,6 +347,21 @@ class Walk:
             else:
                 a, f_a, b, f_b = b, f_b, c, f_c
         return best
+
+    def _beside(self, old: Place, c: float, width: float) -> Place | None:
+        """The place nearest to a distance that Newton's method reaches: where branches meet, it does not converge."""
+        near = (c + way * share * width for share in _BESIDE for way in (1.0, -1.0))
+        return next((found for at in near if (found := self.step(old, at)) is not None), None)
+
+
+def _passed_by(old: Place, new: Place, ds: float) -> bool:
+    """Whether two branches should have met between two places, and have not: the second may be on the other one.
+
+    Where mirror images part from a symmetric response, a step from one of them that misses where they meet ends on the
+    symmetric response behind it: as stable, and hardly beside the prediction.
+    """
+    alike = old.singular * new.singular > 0.0 and old.tangent[-1] * new.tangent[-1] > 0.0
+    return alike and old.foretells_zero(ds)
 
 
 def response_at(road: Road, near: Place, u: Array, value: float) -> Place | None:
