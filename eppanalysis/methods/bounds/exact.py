@@ -32,7 +32,8 @@ from eppanalysis.results import LimitCycle
 #: How far inside the harmonic bound an orbit is sought, relative to it, and how far beyond the branch is followed.
 _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
-_KINDS = {Change.FOLD: Turn.FOLD, Change.TURNING: Turn.CORNER}
+#: Where families of cycles end, and what that is to a bound; with an infinite period a cycle is born as at a fold.
+BORN = {Change.FOLD: Turn.FOLD, Change.INFINITE: Turn.FOLD, Change.TURNING: Turn.CORNER}
 #: Where an orbit is looked for beyond a border collision, relative to its value, and how often.
 _BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
 #: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.
@@ -128,7 +129,7 @@ def turn_of(question: Question, branch: Branch, stop: float, sign: float) -> Exa
     turn = _last_turn(question, branch, stop, sign)
     if turn is None:
         return None
-    return ExactBound(turn.value, turn.cycle.period, turn.cycle, _KINDS[turn.kind], turn.point)
+    return ExactBound(turn.value, turn.cycle.period, turn.cycle, BORN[turn.kind], turn.point)
 
 
 def farthest_turn(question: Question, value: float, cycles: Iterable[LimitCycle], sign: float) -> ExactBound | None:
@@ -155,9 +156,9 @@ def _last_turn(question: Question, branch: Branch, stop: float, sign: float) -> 
     orbit near the one at the border collision exists beyond it, the branch goes on from there.
     """
     for _ in range(_MOST_COLLISIONS):
-        turns = [s for s in branch.special if s.kind in _KINDS]
+        turns = [s for s in branch.special if s.kind in BORN]
         turn = min(turns, key=lambda s: sign * s.value) if turns else None
-        if turn is None or turn.kind is Change.FOLD:
+        if turn is None or turn.kind is not Change.TURNING:
             return turn
         further = None
         for share in _BEYOND:

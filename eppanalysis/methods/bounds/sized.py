@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.allowed import Allowed
-from eppanalysis.methods.bounds.exact import ExactBound
+from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.continuation.branch import Walk, steady_case
@@ -37,7 +37,6 @@ _MOST, _STEP = 200, 0.05
 _AT_BIRTH = 1.0 - 1e-9
 #: Halvings by which the bound of first order is found between two values of the scan.
 _HALVINGS = 20
-_BORN = {Change.FOLD: Turn.FOLD, Change.TURNING: Turn.CORNER}
 _STABLE_FROM = (Change.PERIOD_DOUBLING, Change.TORUS, Change.BRANCH_POINT, Change.SEQUENCE)
 
 
@@ -212,4 +211,4 @@ def _turn(change: Change, point: Point, excess: Callable[[Point], float]) -> Tur
         return Turn.SIZE if is_stable(point.multipliers) else Turn.UNKNOWN
     if 1.0 + excess(point) < _AT_BIRTH:
         return Turn.UNKNOWN
-    return _BORN.get(change, Turn.STABILITY if change in _STABLE_FROM else Turn.UNKNOWN)
+    return BORN.get(change, Turn.STABILITY if change in _STABLE_FROM else Turn.UNKNOWN)

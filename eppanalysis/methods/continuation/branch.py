@@ -16,7 +16,7 @@ from eppanalysis.methods.continuation.borders import across, border_collision, b
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change, crossing, difference
+from eppanalysis.methods.continuation.labels import Change, crossing, difference, standstill
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.steps import (
     LEAST_STEP,
@@ -49,6 +49,11 @@ from eppanalysis.results.provenance import Provenance
 Array = NDArray[np.float64]
 #: What is added to the reason of a gap in which other cycles were searched for.
 _SOUGHT = "an exact search in this part found no cycle that leads on through it"
+#: What is at a value at which a branch stands still.
+_STANDSTILLS = {
+    Change.INFINITE: "the period grows without bound",
+    Change.CONTINUUM: "cycles are a continuum at one value of the parameter",
+}
 
 
 def continue_branch(
@@ -279,6 +284,10 @@ class Walk:
                 if end is not None:
                     points.append(end)
                 return points, "leaves the range"
+            stands = standstill(points[-1], new)
+            if stands is not None:
+                self._note(stands, new, _STANDSTILLS[stands], len(points))
+                return [*points, new], f"ends where {_STANDSTILLS[stands]}"
             if self._watch(points[-1], new, len(points)):
                 return points, "joins the branch of half its period"
             points.append(new)

@@ -12,6 +12,11 @@ from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.simulation.stability import is_stable
 
+#: Rate of the parameter along the branch, relative to its range, that is rounding. Points beside a fold have more.
+_STANDS = 1e-9
+#: Growth of the longest dwell time over a step, relative to the period, that counts as one.
+_LONGER = 1e-4
+
 
 class Change(StrEnum):
     """What happens at a special point of a branch."""
@@ -23,8 +28,24 @@ class Change(StrEnum):
     SEQUENCE = "change of sequence"
     TURNING = "turning change of sequence"
     END = "end"
+    #: Where the branch goes on at one value of the parameter for ever: the period grows without bound, or cycles of all
+    #: sizes exist there.
+    INFINITE = "infinite period"
+    CONTINUUM = "continuum"
     #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
     PASSAGE = "passage"
+
+
+def standstill(old: Point, new: Point) -> Change | None:
+    """What a branch has come to whose parameter stands still but for rounding; None where it moves."""
+    if abs(new.turn) > _STANDS:
+        return None
+    before, tau = old.orbit.tau, new.orbit.tau
+    longer = (tau - before) / new.orbit.period
+    k = int(np.argmax(tau))
+    # Where all dwell times grow in proportion the motion is only larger.
+    alike = np.all(np.abs(longer * tau[k] - longer[k] * tau) < 0.1 * abs(longer[k]) * tau[k])
+    return Change.INFINITE if longer[k] > _LONGER and not alike else Change.CONTINUUM
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:

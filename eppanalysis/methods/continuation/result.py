@@ -107,6 +107,9 @@ class Branch(Result):
         values = np.concatenate([folds, *(one.points["value"] for one in (self, *self.others))])
         places = f", at {listed([quantity(value, self.unit) for value in folds])}" if folds else ""
         known = f"; {count(len(folds), 'fold')}{places}"
+        for kind, name in ((Change.INFINITE, "infinite period"), (Change.CONTINUUM, "continuum")):
+            found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
+            known += f"; {name} at {listed([quantity(value, self.unit) for value in found])}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""
         return f"Limit cycles exist for {words(self.parameter)} {span(values, self.unit)}{known}.{left}"
 

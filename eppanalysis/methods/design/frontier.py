@@ -15,13 +15,12 @@ import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.allowed import Allowed
-from eppanalysis.methods.bounds.exact import ExactBound
+from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sized import farthest_passage
 from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import make_point
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -38,7 +37,6 @@ _AROUND = (0.8, 0.9, 0.97, 1.03, 1.1, 1.2, 1.35)
 _BEYOND = (0.02, 0.06, 0.15)
 #: Orbits of a branch at most, how many are made before it is asked whether it has turned back, and the longest step.
 _MOST, _AT_ONCE, _STEP = 120, 8, 0.05
-_KINDS = {Change.FOLD: Turn.FOLD, Change.TURNING: Turn.CORNER}
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,11 +230,11 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
         point, why = make_point(family, value, orbit, None, -sign), ""
         for _ in range(_MOST // (_AT_ONCE - 1)):
             points, why = walk.along(point, _AT_ONCE)
-            turn = next((s for s in walk.special if s[0] in _KINDS), None)
+            turn = next((s for s in walk.special if s[0] in BORN), None)
             if turn is not None:
                 found, system = turn[1], question.case_at(value).to_system()
                 cycle_there = to_limit_cycle(system, found.orbit)
-                return ExactBound(found.value, found.orbit.period, cycle_there, _KINDS[turn[0]], found)
+                return ExactBound(found.value, found.orbit.period, cycle_there, BORN[turn[0]], found)
             point = points[-1]
             if len(points) < _AT_ONCE:
                 break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.cover import gaps
 from eppanalysis.methods.continuation.families import Family, interpolate
+from eppanalysis.methods.continuation.labels import Change, standstill
 from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
 
 POUND = 4.4482216152605
@@ -106,6 +108,31 @@ def test_change_of_structure_is_not_interpolated():
     # Without friction the loop has one element less.
     family = Family(lambda v: steady_case(case.with_values({"drive.coulomb_friction": v})), (0.0, 0.3))
     assert family.at(0.0).model.mode_first.size < family.at(0.3).model.mode_first.size
+
+
+def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
+    """A servo with play, whose cycle is born with an infinite period at k = 2.077624."""
+    loop = epp.LureSystem.from_tf(([2.1], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=1.0))
+    branch = epp.continue_branch(loop, "loop.gain", 1.0, 0.95, n_points=60, max_step=0.08, n_others=0)
+    (end,) = branch.special
+    assert end.kind == "infinite period" and 2.1 * end.value == pytest.approx(2.077624, rel=5e-7)
+    assert branch.points["period"][-1] > 3 * branch.points["period"][0]
+    assert branch.ends[1] == "ends where the period grows without bound" and len(branch) < 40
+    assert "no folds; infinite period at 0.9893" in str(branch)
+
+
+def test_a_continuum_at_one_value_is_named():
+    """What grows in proportion is larger, and no longer; what stands still in all is a continuum, too."""
+    for tau, before, kind in (
+        ([1.0, 2.0, 9.0], [1.0, 2.0, 8.0], Change.INFINITE),
+        ([1.1, 2.2, 8.8], [1.0, 2.0, 8.0], Change.CONTINUUM),
+        ([1.0, 2.0, 8.0], [1.0, 2.0, 8.0], Change.CONTINUUM),
+    ):
+        old, new = (
+            SimpleNamespace(turn=1e-13, orbit=SimpleNamespace(tau=np.array(t), period=sum(t))) for t in (before, tau)
+        )
+        assert standstill(old, new) is kind
+        assert standstill(old, SimpleNamespace(turn=1e-6, orbit=new.orbit)) is None
 
 
 def test_empty_ranges_and_loops_without_cycles_are_refused():
