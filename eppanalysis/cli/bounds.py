@@ -108,6 +108,7 @@ def bounds_columns(result: DesignBounds) -> Table:
             "harmonic": c.harmonic,
             "order": c.order,
             "exact": c.exact,
+            **({"searched": c.searched, "values_asked": c.n_searched} if result.not_covered else {}),
             **({} if result.allowed is None else {"active": c.kind, "size": c.size}),
             "frequency": c.frequency,
             "safe_value": c.safe_value,
@@ -120,7 +121,7 @@ def bounds_columns(result: DesignBounds) -> Table:
         for c in result
     ]
     unit = result.units[result.limit]
-    units = dict.fromkeys(("first_order", "harmonic", "exact", "safe_value"), unit)
+    units = dict.fromkeys(("first_order", "harmonic", "exact", "searched", "safe_value"), unit)
     units |= {} if result.allowed is None else {"size": result.allowed.unit}
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
 
@@ -143,11 +144,13 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
         yield f"Allowed is a stable limit cycle up to {result.allowed}."
     n_good = sum(c.verified for c in result)
     n_bounds = sum(c.finding is Finding.BOUND for c in result)
-    if n_bounds:
+    if result.not_covered:
+        yield str(result)
+    elif n_bounds:
         margin = result.margin
         yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
     known = [c for c in result if math.isfinite(c.first_order_error)]
-    if result.allowed is not None and not known:
+    if not known and (result.allowed is not None or result.not_covered):
         n_bounds = 0
     unsafe = [c for c in result if c.first_order_unsafe]
     if unsafe:

@@ -350,6 +350,8 @@ class TruthTable:
 def bounds_table(bounds: DesignBounds) -> Table:
     """Bounds by every method, over the parameter that runs."""
     (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    if bounds.not_covered:
+        return _searched_bounds_table(bounds)
     if bounds.allowed is not None:
         return _sized_bounds_table(bounds)
     table = _table(
@@ -394,6 +396,18 @@ def design_table(design: Design) -> Table:
         first_order = _number(design.readable[design.objective][1] * best.first_order)
         active = (best.kind if best.kind != "end" else "own range") if best.feasible else "infeasible"
         table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
+    return table
+
+
+def _searched_bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds of a sampled loop: the last value without a cycle, and where one was found."""
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    heads = with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
+    table = _table(with_unit(bounds.over, x_unit), *heads, "frequency [Hz]", "values asked", "runs")
+    for c in bounds:
+        known = [_number(y * c.searched), _number(y * c.other_value), _number(c.frequency)]
+        shown = known if c.finding is Finding.BOUND else ["-", "-", c.finding]
+        table.add_row(_number(x * c.value), *shown, str(c.n_searched), str(c.n_runs))
     return table
 
 

@@ -3,13 +3,14 @@
 Each bound is found by harmonic balance (first order, and the order at which it ceases to change), corrected to the
 exact fold, put to the test on both sides, and comes with its elasticities. The parts are in ``harmonic`` (search and
 sweep), ``fold`` (the nonlinear programme), ``equations`` (its equations), ``exact``, ``verify`` and ``elasticity``.
-Where a size of cycles is allowed, exact orbits alone are asked (``sized``).
+Where a size of cycles is allowed, exact orbits alone are asked (``sized``), of a sampled loop the search
+(``searched``).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +26,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn,
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.searched import is_by_search, not_covered, searched_cell
 from eppanalysis.methods.bounds.sized import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.continuation.result import Branch
@@ -82,6 +84,8 @@ def design_bounds(
     Parameters
     ----------
     case : Case or LureSystem
+        With sampled controllers, and in discrete time, a bound is where the answer of the search for limit cycles
+        changes; what that does not cover is said (`DesignBounds.not_covered`).
     over, limit : str
         Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
     start, stop : str or number, optional
@@ -100,9 +104,10 @@ def design_bounds(
     verify : bool
         Test every corrected bound on both sides.
     margin : float
-        Distance of the tests from the bound, relative to it.
+        Distance of the tests from the bound, relative to it; of a sampled loop, that of both sides from one another.
     starts : int
-        Runs of each test, from a seeded cloud of initial states and steps of the inputs.
+        Runs of each test, from a seeded cloud of initial states and steps of the inputs; a sampled loop has those of
+        the search.
     seed : int
     workers : int
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
@@ -157,7 +162,16 @@ def design_bounds(
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
-    cells = (_cells if allowed is None else _sized_cells)(question, values, settings, workers, progress)
+    by_search = is_by_search(case.to_system())
+    if by_search and not exact:
+        raise EppError("design_bounds: exact is False for a sampled loop; expected True: it has no harmonic balance.")
+    if by_search:
+        ask = partial(searched_cell, question, allowed=allowed, margin=margin)
+        cells = _each(ask, values, workers, progress)
+    elif allowed is not None:
+        cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
+    else:
+        cells = _cells(question, values, settings, workers, progress)
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}
@@ -172,6 +186,7 @@ def design_bounds(
         cells=tuple(cells),
         margin=margin,
         allowed=allowed,
+        not_covered=not_covered(cells, margin) if by_search else "",
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
@@ -283,13 +298,13 @@ def _cells(
     return [c for c in cells if c is not None]
 
 
-def _sized_cells(
-    question: Question, values: Sequence[float], settings: Settings, workers: int, progress: Progress | None
+def _each(
+    ask: Callable[[float], BoundCell], values: Sequence[float], workers: int, progress: Progress | None
 ) -> list[BoundCell]:
-    """All cells with a size that is allowed, as they come, on all workers."""
+    """All cells that have nothing in common, as they come, on all workers."""
     cells: list[BoundCell] = []
     with worker_processes(workers) as pool:
-        for cell in (map if pool is None else pool.map)(partial(sized_cell, question, settings=settings), values):
+        for cell in (map if pool is None else pool.map)(ask, values):
             cells.append(cell)
             if progress is not None:
                 progress(len(cells), len(values), "")

@@ -215,8 +215,8 @@ def idle(question: Question, values: Iterable[float]) -> bool:
     first: list[Array] | None = None
     for value in values:
         case = question.case_at(value)
-        loop = steady_loop(case)
-        here = [*steady_hybrid(loop.system, case.operating_point).model, loop.value]
+        system = case.to_system()
+        here = [*steady_hybrid(system, case.operating_point).model, case.operating_point.vector(system)]
         if first is None:
             first = here
         elif not all(np.array_equal(a, b) for a, b in zip(first, here, strict=True)):

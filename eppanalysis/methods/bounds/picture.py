@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     """The boundary over the parameter that runs: first order, harmonic balance, exact, and the simulated tests.
 
     Filled circles are places at which every run came to rest and the search found no cycle; diamonds are exact orbits
-    on the other side. Open circles mark tests that failed.
+    on the other side. Open circles mark tests that failed. What bounds of a sampled loop do not cover stands below.
 
     Parameters
     ----------
@@ -46,15 +47,10 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     figure, ax = place_of(ax, (6.4, 4.4))
     curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
     for name, text, colour, style, width in curves:
-        if bounds.allowed is not None and not np.any(np.isfinite(bounds.array(name))):
-            continue  # a higher harmonic balance is not asked for sizes
+        if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
+            continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop
         ax.plot(x, y_factor * bounds.array(name), style, color=colour, linewidth=width, label=text)
-    exact = y_factor * bounds.array("exact")
-    ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label="exact fold" if bounds.allowed is None else "exact")
-    if bounds.allowed is not None:
-        reached = np.array([c.kind is Turn.SIZE for c in bounds])
-        size: dict[str, Any] = {"linestyle": "none", "marker": "s", "markersize": 5, "color": BLUE}
-        ax.plot(x[reached], exact[reached], **size, label="of these: allowed size reached")
+    _draw_best(ax, x, y_factor, bounds)
     verified = np.array([c.verified for c in bounds])
     safe, other = y_factor * bounds.array("safe_value"), y_factor * bounds.array("other_value")
     tested = np.isfinite(safe)
@@ -70,16 +66,13 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     there = np.array([c.other_orbit is not None for c in bounds])
     if np.any(there):
         diamond: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 4, "color": VERMILLION}
-        ax.plot(
-            x[there],
-            other[there],
-            **diamond,
-            label="exact orbit" if bounds.allowed is None else "exact orbit, too large",
-        )
+        what = "limit cycle found" if bounds.not_covered else "exact orbit"
+        ax.plot(x[there], other[there], **diamond, label=what if bounds.allowed is None else f"{what}, too large")
     sign = next(c.sign for c in bounds if np.isfinite(c.bound))
     best = y_factor * bounds.array("bound")
     edge = ax.get_ylim()[0 if sign > 0 else 1]
     free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
+    free = "no such limit cycle found" if bounds.not_covered else free
     ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
     ax.set_xlabel(with_unit(words(bounds.over), x_unit))
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
@@ -88,6 +81,22 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     allowed = "" if bounds.allowed is None else f", {bounds.allowed} allowed"
     ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}{allowed}", fontsize=10)
     return figure
+
+
+def _draw_best(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """The line of the best bounds: exact, or of the search with what it does not cover."""
+    if not bounds.not_covered:
+        exact, label = y_factor * bounds.array("exact"), "exact fold" if bounds.allowed is None else "exact"
+        ax.plot(x, exact, color=BLUE, linewidth=1.4, marker=".", label=label)
+        if bounds.allowed is not None:
+            reached = np.array([c.kind is Turn.SIZE for c in bounds])
+            size: dict[str, Any] = {"linestyle": "none", "marker": "s", "markersize": 5, "color": BLUE}
+            ax.plot(x[reached], exact[reached], **size, label="of these: allowed size reached")
+        return
+    line: dict[str, Any] = {"color": BLUE, "linewidth": 1.4, "linestyle": ":", "marker": "."}
+    ax.plot(x, y_factor * bounds.array("searched"), **line, label="by search")
+    text = textwrap.fill(bounds.not_covered, 96)
+    ax.annotate(text, (0.0, -0.2), xycoords="axes fraction", fontsize=6, color=GREY, va="top")
 
 
 def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:

@@ -88,6 +88,8 @@ class Turn(StrEnum):
     STABILITY = "change of stability"
     #: Cycles exist up to the end of the range.
     END = "end"
+    #: No orbit was followed: the search for limit cycles answers differently on both sides.
+    SEARCH = "search"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,6 +107,8 @@ class BoundCell(Brief):
     first_order, harmonic, exact : float
         The bound by describing functions, by harmonic balance of order `order`, and exactly [SI]; nan where unknown,
         or where its cycles go on to the end of the range.
+    searched : float
+        The bound of a sampled loop, by the search for limit cycles: the last value at which it finds none [SI].
     order : int
     error_estimate : float
         Largest relative difference of the harmonic bound from those of the orders from half of it on.
@@ -117,6 +121,8 @@ class BoundCell(Brief):
         Of the cycle at the bound [Hz].
     safe_value, other_value : float
         Where the tests were made [SI].
+    n_searched : int
+        Values of the limiting parameter at which the search was asked, where the bound is by it.
     n_runs, n_settled, n_cycles : int
         Runs on the safe side, those that came to rest (or to a cycle that is allowed), and limit cycles (that are not)
         which the search or the runs found there.
@@ -152,11 +158,13 @@ class BoundCell(Brief):
     harmonic_elasticities: dict[str, float] = field(default_factory=dict)
     message: str = ""
     size: float = _NAN
+    searched: float = _NAN
+    n_searched: int = 0
 
     in_json = (
-        "value finding sign first_order harmonic order error_estimate exact kind size frequency bound "
-        "first_order_error harmonic_error first_order_unsafe safe_value other_value n_runs n_settled n_cycles "
-        "verified elasticities harmonic_elasticities message orbit=_orbit "
+        "value finding sign first_order harmonic order error_estimate exact searched kind size frequency bound "
+        "first_order_error harmonic_error first_order_unsafe safe_value other_value n_searched n_runs n_settled "
+        "n_cycles verified elasticities harmonic_elasticities message orbit=_orbit "
         "other_orbit=_other_orbit"
     )
 
@@ -166,10 +174,10 @@ class BoundCell(Brief):
 
     @property
     def bound(self) -> float:
-        """The best value that is known: exact, else by harmonic balance; nan where there is none."""
+        """The best value that is known: exact, else by search, else by harmonic balance; nan where there is none."""
         if self.finding is not Finding.BOUND:
             return _NAN
-        return self.exact if math.isfinite(self.exact) else self.harmonic
+        return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.harmonic)
 
     @property
     def first_order_error(self) -> float:
@@ -220,6 +228,8 @@ class DesignBounds(Result):
         How far from each bound it was tested, relative to it.
     allowed : Allowed or None
         The largest stable cycle that is allowed; None where no cycle is.
+    not_covered : str
+        What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
@@ -234,8 +244,9 @@ class DesignBounds(Result):
     cells: tuple[BoundCell, ...]
     margin: float = _NAN
     allowed: Allowed | None = None
+    not_covered: str = ""
 
-    in_json = "over limit units within allowed status cells operating_point provenance"
+    in_json = "over limit units within allowed status not_covered cells operating_point provenance"
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -248,8 +259,13 @@ class DesignBounds(Result):
 
     @property
     def status(self) -> Status:
-        """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED."""
+        """CONVERGED where every cell has a verified bound (or a reason to have none), else UNDECIDED.
+
+        INCOMPLETE where all have, but by the search for limit cycles alone, of which `not_covered` says the limits.
+        """
         good = all(c.verified or c.finding.answers for c in self.cells)
+        if good and self.not_covered:
+            return Status.INCOMPLETE
         return Status.CONVERGED if good else Status.UNDECIDED
 
     def active(self, cell: BoundCell) -> str:
@@ -277,7 +293,7 @@ class DesignBounds(Result):
         unit = self.units[self.limit]
         columns: dict[str, Any] = {
             name: (self.over, self.array(name), {"units": unit})
-            for name in ("first_order", "harmonic", "exact", "bound", "safe_value", "other_value")
+            for name in ("first_order", "harmonic", "exact", "searched", "bound", "safe_value", "other_value")
         }
         columns |= {
             "order": (self.over, np.array([c.order for c in self.cells])),
@@ -311,14 +327,18 @@ class DesignBounds(Result):
         at = f"{words(self.over)} {self._span(self.over, [c.value for c in self.cells])}"
         if not found:
             why = " ".join(dict.fromkeys(c.message or c.finding.sentence for c in self.cells))
-            return f"No bound on {words(self.limit)} for {at}. {why}".rstrip()
+            return f"No bound on {words(self.limit)} for {at}. {why} {self.not_covered}".rstrip()
         side = "below" if found[0].sign > 0 else "above"
         tested = f"{sum(c.verified for c in found)} of {count(len(found), 'bound')} verified by runs and orbits"
         none = f"; no bound at {len(self) - len(found)} of {len(self)} values" if len(found) < len(self) else ""
+        free, orbits = "Free of limit cycles", tested
+        if self.not_covered:
+            free = "No limit cycle was found"
+            orbits = f"a cycle was found just beyond {sum(c.verified for c in found)} of {count(len(found), 'bound')}"
         return (
-            f"Free of limit cycles {side} a {words(self.limit)} that runs "
-            f"{self._span(self.limit, [c.bound for c in found])}, for {at}; {tested}{none}."
-        )
+            f"{free} {side} a {words(self.limit)} that runs "
+            f"{self._span(self.limit, [c.bound for c in found])}, for {at}; {orbits}{none}. {self.not_covered}"
+        ).rstrip()
 
     def _span(self, name: str, values: list[float]) -> str:
         """From where to where values of a parameter run, in the unit that people use for it."""
@@ -326,7 +346,7 @@ class DesignBounds(Result):
 
     def to_frame(self) -> pandas.DataFrame:
         """The bounds, one a row [SI]."""
-        names = ("first_order", "harmonic", "exact", "bound")
+        names = ("first_order", "harmonic", *["searched" if self.not_covered else "exact"], "bound")
         rows = [
             {
                 self.over: c.value,

@@ -79,18 +79,14 @@ def scan(question: Question, allowed: Allowed) -> Scan:
         At one value of the parameter that runs.
     allowed : Allowed
     """
-    spread = np.geomspace if question.low > 0 else np.linspace
-    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, N_SCAN)]
-    own = value_of(question.case, question.limit)
-    if own is not None and question.low < own < question.high:
-        values = sorted({*values, own})
+    values = tried_values(question)
     if idle(question, values):
         return Scan(Finding.IDLE, note=Finding.IDLE.sentence)
     seen = [_seen_at(question, allowed, value) for value in values]
     there = [bool(cycles) for _, cycles, _ in seen]
     what = f"stable limit cycle larger than allowed ({allowed})"
     if not any(there) or (there[0] and there[-1]):
-        return _without_bound(question, seen, what)
+        return without_bound(question, seen, what)
     sign = -1.0 if there[0] else 1.0
     ordered = seen if sign > 0 else seen[::-1]
     # The first value from the safe end on at which one is there: between it and its neighbour lies the bound.
@@ -100,7 +96,15 @@ def scan(question: Question, allowed: Allowed) -> Scan:
     return Scan(Finding.BOUND, sign, ordered[i - 1][0], ordered[i][0], ordered[i][1], above)
 
 
-def _without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
+def tried_values(question: Question) -> list[float]:
+    """Values of the limiting parameter over its range, and the case's own, lowest first [SI]."""
+    spread = np.geomspace if question.low > 0 else np.linspace
+    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, N_SCAN)]
+    own = value_of(question.case, question.limit)
+    return sorted({*values, own}) if own is not None and question.low < own < question.high else values
+
+
+def without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
     """Why there is no place where such cycles begin."""
     some, free, unknown = (
         _in_words(question, *(value for value, cycles, complete in seen if holds(bool(cycles), complete)))

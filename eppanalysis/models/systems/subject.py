@@ -58,7 +58,7 @@ def facts_of(case: CaseLike) -> Mapping[str, Any]:
 
 
 #: Analyses that know what to do with sampled controllers.
-_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles")
+_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles", "design_bounds")
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.
@@ -115,7 +115,7 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
     Raises
     ------
     EppError
-        If it is none, or has sampled controllers, which no analysis over parameters covers.
+        If it is none, or the analysis does not cover sampled controllers and there are some.
     """
     if isinstance(case, LureSystem) or not hasattr(case, "to_system"):
         kind = type(case).__name__
@@ -123,5 +123,6 @@ def require_case(case: C | LureSystem, analysis: str) -> C:
         raise EppError(
             f"{analysis}: the first argument is a {kind}; expected a Case, as case() and read_case() give{hint}."
         )
-    refuse_samples(case.to_system().elements, analysis)
+    if analysis not in _KNOW_SAMPLES:
+        refuse_samples(case.to_system().elements, analysis)
     return case

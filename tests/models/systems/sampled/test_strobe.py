@@ -43,6 +43,6 @@ def test_a_loop_is_begun_behind_any_of_its_samples() -> None:
 
 
 def test_an_analysis_that_does_not_cover_samples_names_those_that_do() -> None:
-    refuse_samples([epp.Play(1.0)], "trigger")
-    with pytest.raises(epp.EppError, match="trigger does not cover loops with sampled controllers; simulate"):
-        refuse_samples([epp.Play(1.0), epp.SampledController([], [], [], [[1.0]], 0.1)], "trigger")
+    refuse_samples([epp.Play(1.0)], "ladder")
+    with pytest.raises(epp.EppError, match="ladder does not cover loops with sampled controllers; simulate"):
+        refuse_samples([epp.Play(1.0), epp.SampledController([], [], [], [[1.0]], 0.1)], "ladder")

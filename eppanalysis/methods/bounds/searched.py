@@ -1,0 +1,179 @@
+"""Bounds of loops that are sampled: where the answer of the search for limit cycles changes, by halving.
+
+The cycles of such a loop stand in whole numbers of samples or in none, so no branch of them runs through a fold that
+could be solved for. The search is asked at some values over the range, and between two that it answers differently
+again and again, until both lie within the margin; from the cycles that are known on one side it starts on the other.
+Beside it the case's own run is asked. What only other starts lead to, and what comes and goes between the values that
+were asked, is not covered, and the result says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.allowed import Allowed
+from eppanalysis.methods.bounds.harmonic import Question, idle
+from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
+from eppanalysis.methods.bounds.sized import tried_values, without_bound
+from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.simulation.simulate import simulate
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.readable import listed
+from eppanalysis.results import LimitCycle, Status
+
+#: Share of the range below which a bound is as good as zero.
+_SMALL = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the search and the case's own run say at a value of the limiting parameter.
+
+    Attributes
+    ----------
+    value : float
+        [SI]
+    cycles : tuple of LimitCycle
+        Those found that are not allowed, the search's before that of the run.
+    open_ends : tuple of str
+        Why it is not known that nothing but rest (or what is allowed) was found, in words; empty where it is.
+    n_runs : int
+        Of the search, and the case's own.
+    """
+
+    value: float
+    cycles: tuple[LimitCycle, ...]
+    open_ends: tuple[str, ...]
+    n_runs: int
+
+    @property
+    def free(self) -> bool:
+        """Whether no cycle was found and nothing was left open."""
+        return not (self.cycles or self.open_ends)
+
+
+def is_by_search(system: LureSystem) -> bool:
+    """Whether the bounds of a loop are those of the search: it has sampled controllers, or is one of discrete time."""
+    return bool(system.time_step) or is_sampled(system.elements)
+
+
+def answer_at(question: Question, allowed: Allowed | None, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
+    """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
+    case = question.case_at(value)
+    try:
+        predicted = predict_limit_cycles(case).cycles
+    except ModelError:  # an element without a describing function
+        predicted = ()
+    search, run = find_limit_cycles(case, predicted=[*predicted, *known]), simulate(case)
+    own = () if run.limit_cycle is None else (run.limit_cycle,)
+    bad = tuple(c for c in (*search, *own) if allowed is None or allowed.exceeded_by(c))
+    grows = search.diverges or run.status is Status.DIVERGED
+    return Answer(value, bad, (*search.left_open, *["runs grow without bound"] * grows), search.n_runs + 1)
+
+
+def searched_cell(question: Question, value: float, allowed: Allowed | None, margin: float) -> BoundCell:
+    """The bound at one value of the parameter that runs; what fails is said in the cell."""
+    here = question.at(value)
+    try:
+        return _cell(here, value, allowed, margin)
+    except EppError as error:
+        message = f"The search failed ({str(error).rstrip('.')})."
+        return BoundCell(value=value, finding=Finding.FAILED, message=message)
+
+
+def _cell(question: Question, value: float, allowed: Allowed | None, margin: float) -> BoundCell:
+    values = tried_values(question)
+    # A loop in discrete time has no hybrid form to be compared.
+    if not question.case_at(values[0]).to_system().time_step and idle(question, values):
+        return BoundCell(value=value, finding=Finding.IDLE, message=Finding.IDLE.sentence)
+    asked = [answer_at(question, allowed, v) for v in values]
+    free, there = [a.free for a in asked], [bool(a.cycles) for a in asked]
+    if not any(there) or not (free[0] or free[-1]):
+        what = "limit cycle" if allowed is None else f"stable limit cycle larger than allowed ({allowed})"
+        found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what)
+        opened = listed(list(dict.fromkeys(text for a in asked for text in a.open_ends)))
+        note = found.note + (f" Left open: {opened}." if opened else "")
+        return BoundCell(value=value, finding=found.finding, message=note, n_searched=len(asked))
+    sign = 1.0 if free[0] else -1.0
+    ordered = asked if sign > 0 else asked[::-1]
+    first = next(k for k, a in enumerate(ordered) if not a.free)
+    beyond, safer = ordered[first:], ordered[:first][::-1]
+    while safer:
+        again = answer_at(question, allowed, safer[0].value, _nearest(beyond).cycles)
+        if again.free:
+            break
+        beyond, safer = [again, *beyond], safer[1:]
+    if not safer:
+        return BoundCell(value=value, finding=Finding.BEYOND, message=Finding.BEYOND.sentence, n_searched=len(asked))
+    sides, more = _narrowed(question, allowed, (safer[0], beyond[0], _nearest(beyond)), margin)
+    return _joined(question, value, sign, sides, allowed, len(asked) + more)
+
+
+def _nearest(beyond: Sequence[Answer]) -> Answer:
+    """The first answer that has cycles."""
+    return next(a for a in beyond if a.cycles)
+
+
+def _narrowed(
+    question: Question, allowed: Allowed | None, sides: tuple[Answer, Answer, Answer], margin: float
+) -> tuple[tuple[Answer, Answer, Answer], int]:
+    """Two values within the margin, the first free and the next not; the nearest with a cycle; how many were asked."""
+    safe, beyond, other = sides
+    count, least = 0, _SMALL * (question.high - question.low)  # a bound at zero has no relative margin
+    while abs(beyond.value - safe.value) > margin * max(abs(safe.value), abs(beyond.value), least):
+        middle = answer_at(question, allowed, 0.5 * (safe.value + beyond.value), other.cycles)
+        count += 1
+        safe, beyond = (middle, beyond) if middle.free else (safe, middle)
+        other = middle if middle.cycles else other
+    return (safe, beyond, other), count
+
+
+def _joined(
+    question: Question,
+    value: float,
+    sign: float,
+    sides: tuple[Answer, Answer, Answer],
+    allowed: Allowed | None,
+    n_searched: int,
+) -> BoundCell:
+    safe, beyond, other = sides
+    cycle = other.cycles[0] if allowed is None else max(other.cycles, key=allowed.of_cycle)
+    message = ""
+    if beyond is not other:
+        places = [question.case.text(question.limit, a.value) for a in (beyond, other)]
+        message = f"Not verified: at {places[0]} {listed(beyond.open_ends)}; the next cycle found is at {places[1]}."
+    return BoundCell(
+        value=value,
+        finding=Finding.BOUND,
+        sign=sign,
+        searched=safe.value,
+        kind=Turn.SEARCH,
+        frequency=cycle.frequency,
+        safe_value=safe.value,
+        other_value=other.value,
+        n_runs=safe.n_runs,
+        n_settled=safe.n_runs,
+        n_searched=n_searched,
+        verified=beyond is other,
+        other_orbit=cycle,
+        size=float("nan") if allowed is None else allowed.of_cycle(cycle),
+        message=message,
+    )
+
+
+def not_covered(cells: Sequence[BoundCell], margin: float) -> str:
+    """What bounds by the search do not cover, in a sentence; empty where none is."""
+    asked = [c.n_searched for c in cells if c.n_searched]
+    if not asked:
+        return ""
+    fewest, most = min(asked), max(asked)
+    numbers = str(most) if fewest == most else f"{fewest} to {most}"
+    return (
+        f"The loop is sampled: bounds are where the answer of the search for limit cycles changes, asked at {numbers} "
+        f"values of the range and to {100.0 * margin:g} %; cycles that only other starts lead to, or that come and go "
+        "between these values, are not covered."
+    )

@@ -1,0 +1,150 @@
+"""Bounds of sampled loops by the search: closed forms from sample to sample, runs, and what is not covered."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import eppanalysis as epp
+from eppanalysis.cli.bounds import bounds_columns, sentences
+from eppanalysis.methods.bounds import searched
+from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.searched import Answer, searched_cell
+
+#: 1/(s+1)^3 under a relay with a dead zone that reads the samples of its output.
+TEXT = """
+kind = "diagram"
+title = "Relay with a dead zone behind a sampler"
+connect = ["-plant -> reader", "reader -> relay", "relay -> plant"]
+run = { t_end = "100 s" }
+[parameters]
+dead = 0.16
+T = "0.5 s"
+[blocks]
+reader = { kind = "gain", gain = 1, sample_time = "T" }
+plant = { kind = "zero_pole_gain", poles = [-1, -1, -1], start = [1, 0, 0] }
+[elements]
+relay = { element = "relay_dead_zone", threshold = "dead" }
+"""
+
+
+def largest_dead_zone(T: float, longest: int) -> float:
+    """The largest dead zone with a locked cycle of one pulse up and one as long down in at most so many samples.
+
+    Of each such pattern of the relay the outputs at the samples are those of a linear map; the pattern is a cycle for
+    all dead zones between the largest output at which it gives nothing and the smallest at which it gives a pulse.
+    """
+    M = np.zeros((4, 4))
+    M[:3, :3], M[0, 3] = [[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]], 1.0
+    X = scipy.linalg.expm(M * T)
+    E, F, best = X[:3, :3], X[:3, 3], 0.0
+    for n in range(4, longest + 1):
+        once = np.linalg.inv(np.eye(3) - np.linalg.matrix_power(E, n))
+        after_pulse = np.fft.rfft([(once @ np.linalg.matrix_power(E, (j - 1) % n) @ F)[2] for j in range(n)])
+        for a in range(1, n // 2 + 1):
+            rests = [(m, n - 2 * a - m) for m in range(n - 2 * a + 1)]
+            u = np.array([np.r_[np.ones(a), np.zeros(m), -np.ones(a), np.zeros(k)] for m, k in rests])
+            y = np.fft.irfft(np.fft.rfft(u) * after_pulse, n)
+            pulse = np.where(u != 0.0, -u * y, np.inf).min(axis=1)
+            nothing = np.where(u == 0.0, np.abs(y), 0.0).max(axis=1)
+            best = max(best, float(np.max(pulse, where=pulse > nothing, initial=0.0)))
+    return best
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    return epp.Case.from_tables(tomllib.loads(TEXT), name="sampled relay")
+
+
+@pytest.fixture(scope="module")
+def bounds(case: epp.Case) -> DesignBounds:
+    return epp.design_bounds(case, "T", "dead", at=["0.5 s"], within=(0.15, 0.3), margin=0.05)
+
+
+def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: DesignBounds) -> None:
+    (cell,) = bounds
+    known = largest_dead_zone(0.5, 40)
+    assert known == pytest.approx(0.18166, abs=1e-5)
+    assert cell.finding is Finding.BOUND and cell.sign == -1.0 and cell.kind is Turn.SEARCH
+    assert cell.other_value <= known < cell.searched
+    assert cell.searched / cell.other_value - 1.0 < 0.06
+    assert cell.bound == cell.safe_value == cell.searched and np.isnan(cell.exact) and np.isnan(cell.harmonic)
+
+
+def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: DesignBounds) -> None:
+    (cell,) = bounds
+    assert epp.simulate(case.with_values({"dead": cell.searched})).status is epp.Status.SETTLED
+    assert cell.verified and cell.n_settled == cell.n_runs > 10 and cell.other_orbit is not None
+    beyond = case.with_values({"dead": cell.other_value}).to_system()
+    again = epp.simulate(replace(beyond, x0=cell.other_orbit.state, memory=cell.other_orbit.memory), t_end=100.0)
+    assert again.limit_cycle is not None
+    assert again.limit_cycle.period == pytest.approx(cell.other_orbit.period, rel=1e-12)
+
+
+def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bounds: DesignBounds) -> None:
+    said = bounds.not_covered
+    assert f"asked at {bounds[0].n_searched} values of the range and to 5 %" in said and "not covered" in said
+    assert str(bounds).startswith("No limit cycle was found above a dead that runs at 0.18") and said in str(bounds)
+    assert "Free of limit cycles" not in str(bounds)
+    assert bounds.status is epp.Status.INCOMPLETE and bounds.to_dict()["not_covered"] == said
+    assert said in " ".join(sentences(case, bounds))
+    assert not any("irst order" in text or "verified" in text for text in sentences(case, bounds))
+    assert bounds_columns(bounds).columns["searched"] == [bounds[0].searched]
+    ax = bounds.plot()
+    assert said in " ".join(" ".join(t.get_text() for t in ax.texts).split())
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "by search" in legend and "exact fold" not in legend and "free of limit cycles" not in legend
+
+
+def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:
+    with pytest.raises(epp.EppError, match="exact is False for a sampled loop; expected True"):
+        epp.design_bounds(case, "T", "dead", at=["0.5 s"], exact=False)
+
+
+def answers(monkeypatch: pytest.MonkeyPatch, cycle: object, cycles_from: float, free_to: float) -> None:
+    """Let the search find cycles from one value on and be complete up to another one."""
+
+    def answer(question: Question, allowed: object, value: float, known: object = ()) -> Answer:
+        opened = () if value <= free_to else ("a run was left undecided",)
+        return Answer(value, (cycle,) if value >= cycles_from else (), opened, 7)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(searched, "answer_at", answer)
+
+
+def cell_of(case: epp.Case, within: tuple[float, float] = (0.1, 0.2)) -> BoundCell:
+    return searched_cell(Question(case, "dead", *within, "T"), 0.5, None, 0.01)
+
+
+def test_where_runs_are_left_undecided_before_the_next_cycle_the_bound_is_not_verified(case, bounds, monkeypatch):
+    answers(monkeypatch, bounds[0].other_orbit, cycles_from=0.16, free_to=0.14)
+    cell = cell_of(case)
+    assert 0.1386 <= cell.searched <= 0.14 and not cell.verified
+    assert cell.message.startswith("Not verified: at 0.14") and "a run was left undecided" in cell.message
+    assert cell.other_value >= 0.16
+    told = replace(bounds, cells=(cell,))
+    assert told.status is epp.Status.UNDECIDED and "a cycle was found just beyond 0 of 1 bound" in str(told)
+
+
+@pytest.mark.parametrize(
+    ("cycles_from", "free_to", "finding"),
+    [(9.0, 9.0, Finding.NONE), (0.0, 0.0, Finding.ALWAYS), (9.0, 0.14, Finding.UNSURE)],
+)
+def test_where_the_answer_does_not_change_there_is_no_bound(case, bounds, monkeypatch, cycles_from, free_to, finding):
+    answers(monkeypatch, bounds[0].other_orbit, cycles_from, free_to)
+    cell = cell_of(case)
+    assert cell.finding is finding and np.isnan(cell.bound) and cell.n_searched == 6
+    told = str(replace(bounds, cells=(cell,)))
+    assert told.startswith("No bound on dead") and "not covered" in told
+
+
+def test_a_bound_at_zero_is_found_in_few_steps(case, bounds, monkeypatch) -> None:
+    answers(monkeypatch, bounds[0].other_orbit, cycles_from=1e-300, free_to=0.0)
+    question = Question(case, "dead", 0.0, 0.2)
+    ends = [searched.answer_at(question, None, value) for value in (0.0, 0.2)]
+    (safe, beyond, _), count = searched._narrowed(question, None, (ends[0], ends[1], ends[1]), 0.01)
+    assert safe.value == 0.0 and 0.0 < beyond.value < 1e-4 and count < 25
