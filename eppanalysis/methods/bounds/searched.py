@@ -12,13 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.harmonic import Question, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sized import tried_values, without_bound
-from eppanalysis.methods.describing.predict import predict_limit_cycles
-from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
@@ -64,11 +63,7 @@ def is_by_search(system: LureSystem) -> bool:
 def answer_at(question: Question, allowed: Allowed | None, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
     """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
     case = question.case_at(value)
-    try:
-        predicted = predict_limit_cycles(case).cycles
-    except ModelError:  # an element without a describing function
-        predicted = ()
-    search, run = find_limit_cycles(case, predicted=[*predicted, *known]), simulate(case)
+    search, run = search_from(case, known), simulate(case)
     own = () if run.limit_cycle is None else (run.limit_cycle,)
     bad = tuple(c for c in (*search, *own) if allowed is None or allowed.exceeded_by(c))
     grows = search.diverges or run.status is Status.DIVERGED

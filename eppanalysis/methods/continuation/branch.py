@@ -18,6 +18,7 @@ from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change, crossing, difference, standstill
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
+from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.steps import (
     LEAST_STEP,
     Point,
@@ -42,6 +43,7 @@ from eppanalysis.methods.simulation.simulate import judge, run_hybrid, simulate
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
@@ -77,6 +79,9 @@ def continue_branch(
     Parameters
     ----------
     case : Case or LureSystem
+        With sampled controllers a cycle that is locked to the samples is followed at its number of samples until it
+        ceases to exist, and on with the neighbouring number; one that is not locked is followed by runs. What that
+        does not cover is said (`Branch.not_covered`).
     parameter : str
         Dotted name of the field.
     start, stop : str or number
@@ -117,14 +122,19 @@ def continue_branch(
     limits = min(first, last), max(first, last)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     walk = Walk(case, parameter, family, limits, n_points, max_step)
-    if origin is None:
+    if origin is not None and origin.point is None:
+        raise EppError("continue_branch: cycles of doubled period are not followed in a loop with sampled controllers.")
+    if is_sampled(case.to_system().elements):
+        branch = sampled_branch(case, parameter, (first, last), cycle, n_points, max_step)
+    elif origin is None or origin.point is None:
         value, orbit = _seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:
             raise EppError("continue_branch: cycles are not followed where what is behind a dead time moves.")
         branch = walk.run((value, orbit))
     else:
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
-    branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)
+    if not branch.not_covered:
+        branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)
     if n_simulated == 0:
         return branch
     return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))

@@ -136,7 +136,7 @@ def continue_folds(
     if not branch.folds:
         raise EppError(f"continue_folds: the branch over {parameter} has no fold at {other} = {rows[0]:.6g}.")
     walk = _FoldWalk(case, parameter, other, (low, high))
-    found = [branch.folds[0].point]
+    found = [fold.point for fold in branch.folds[:1] if fold.point is not None]
     message = "The curve covers all values asked for."
     for here, value in zip(rows, rows[1:], strict=False):
         new = walk.reach(found[-1], float(here), float(value))
@@ -232,7 +232,7 @@ class _FoldWalk:
             branch = continue_branch(case, self.parameter, aside.value, limit, cycle=cycle, n_points=100)
         except EppError:
             return []
-        return [s.point for s in branch.folds]
+        return [s.point for s in branch.folds if s.point is not None]
 
 
 def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Point | None:

@@ -34,6 +34,8 @@ class Change(StrEnum):
     CONTINUUM = "continuum"
     #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
     PASSAGE = "passage"
+    #: Of a sampled loop: the cycle ceases, and the branch goes on with one that has another place among the samples.
+    SAMPLES = "change of samples"
 
 
 def standstill(old: Point, new: Point) -> Change | None:

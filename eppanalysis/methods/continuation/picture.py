@@ -74,6 +74,9 @@ def plot_branch(
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
             y = np.append(y, runs[1])
+        if branch.not_covered and ax is panels[0]:
+            text = textwrap.fill(branch.not_covered, 96)
+            ax.annotate(text, (0.0, 1.04), xycoords="axes fraction", fontsize=6, color=GREY, va="bottom")
         show_constant(ax, y)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")

@@ -38,8 +38,9 @@ class SpecialPoint(Brief):
         The orbit there.
     index : int
         Number of the branch's point after it.
-    point : Point
-        The orbit and the branch's direction, from which others may go on.
+    point : Point or None
+        The orbit and the branch's direction, from which others may go on; None where cycles of a sampled loop are
+        followed.
     """
 
     kind: Change
@@ -47,7 +48,7 @@ class SpecialPoint(Brief):
     note: str
     cycle: LimitCycle
     index: int
-    point: Point = field(repr=False)
+    point: Point | None = field(default=None, repr=False)
 
     in_json = "kind value note index cycle"
 
@@ -61,7 +62,8 @@ class Branch(Result):
     parameter, unit : str
     points : dict of str to array
         "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
-        "<signal>" for the peak-to-peak of every signal.
+        "<signal>" for the peak-to-peak of every signal; of a sampled loop also "samples", the number in a period, nan
+        where a cycle is not locked to them.
     special : tuple of SpecialPoint
     status : Status
     message : str
@@ -74,6 +76,8 @@ class Branch(Result):
         Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
     others : tuple of Branch
         Branches of other cycles, followed where this one leaves a part of the range without having turned back.
+    not_covered : str
+        What the branch of a sampled loop does not cover, in a sentence; empty for other loops.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs; with a parameter that moves them, at the case's own value of it.
     """
@@ -90,8 +94,11 @@ class Branch(Result):
     ends: tuple[str, str] = ("", "")
     missing: tuple[Gap, ...] = ()
     others: tuple[Branch, ...] = ()
+    not_covered: str = ""
 
-    in_json = "parameter unit status message points special simulated missing others operating_point provenance"
+    in_json = (
+        "parameter unit status message points special simulated missing others not_covered operating_point provenance"
+    )
 
     def __len__(self) -> int:
         return int(self.points["value"].size)
@@ -111,7 +118,9 @@ class Branch(Result):
             found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
             known += f"; {name} at {listed([quantity(value, self.unit) for value in found])}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""
-        return f"Limit cycles exist for {words(self.parameter)} {span(values, self.unit)}{known}.{left}"
+        known = "" if self.not_covered else known
+        beside = f" {self.not_covered}" if self.not_covered else ""
+        return f"Limit cycles exist for {words(self.parameter)} {span(values, self.unit)}{known}.{left}{beside}"
 
     def to_frame(self) -> pandas.DataFrame:
         """The orbits along the branch and then along the others, one a row, with what is special at each."""

@@ -130,6 +130,15 @@ def find_limit_cycles(
     )
 
 
+def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> CycleSearch:
+    """The search for all limit cycles, begun also from cycles that are known at another value of a parameter."""
+    try:
+        predicted = predict_limit_cycles(system).cycles
+    except ModelError:  # an element without a describing function
+        predicted = ()
+    return find_limit_cycles(system, predicted=[*predicted, *known])
+
+
 def _in_discrete_time(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle] | None) -> CycleSearch:
     """Orbits that close after whole numbers of samples."""
     found = search_sampled(system, at, _predictions(system, at) if predicted is None else predicted)

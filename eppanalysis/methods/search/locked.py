@@ -194,6 +194,7 @@ class _Search:
             )
         else:
             text += "no cycle gave a start to seek orbits from that are locked to the samples."
+        text += " All starts have the controllers' own memory; what only other contents of it lead to may be missed."
         if self.others:
             text += (
                 " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "

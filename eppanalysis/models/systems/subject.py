@@ -50,6 +50,9 @@ class CaseLike(Protocol):
     def readable(self, name: str) -> tuple[str, float]:
         """The unit people use, and the factor from SI to it."""
 
+    def text(self, name: str, value: float, digits: int = 6) -> str:
+        """A value of a parameter, given in SI units, as people write it."""
+
 
 def facts_of(case: CaseLike) -> Mapping[str, Any]:
     """What provenance says of a case: all that it tells of itself, at least its name."""
@@ -58,7 +61,7 @@ def facts_of(case: CaseLike) -> Mapping[str, Any]:
 
 
 #: Analyses that know what to do with sampled controllers.
-_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles", "design_bounds")
+_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles", "design_bounds", "continue_branch")
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
 
 import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
@@ -15,50 +13,12 @@ from eppanalysis.methods.bounds import searched
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds.searched import Answer, searched_cell
-
-#: 1/(s+1)^3 under a relay with a dead zone that reads the samples of its output.
-TEXT = """
-kind = "diagram"
-title = "Relay with a dead zone behind a sampler"
-connect = ["-plant -> reader", "reader -> relay", "relay -> plant"]
-run = { t_end = "100 s" }
-[parameters]
-dead = 0.16
-T = "0.5 s"
-[blocks]
-reader = { kind = "gain", gain = 1, sample_time = "T" }
-plant = { kind = "zero_pole_gain", poles = [-1, -1, -1], start = [1, 0, 0] }
-[elements]
-relay = { element = "relay_dead_zone", threshold = "dead" }
-"""
-
-
-def largest_dead_zone(T: float, longest: int) -> float:
-    """The largest dead zone with a locked cycle of one pulse up and one as long down in at most so many samples.
-
-    Of each such pattern of the relay the outputs at the samples are those of a linear map; the pattern is a cycle for
-    all dead zones between the largest output at which it gives nothing and the smallest at which it gives a pulse.
-    """
-    M = np.zeros((4, 4))
-    M[:3, :3], M[0, 3] = [[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]], 1.0
-    X = scipy.linalg.expm(M * T)
-    E, F, best = X[:3, :3], X[:3, 3], 0.0
-    for n in range(4, longest + 1):
-        once = np.linalg.inv(np.eye(3) - np.linalg.matrix_power(E, n))
-        after_pulse = np.fft.rfft([(once @ np.linalg.matrix_power(E, (j - 1) % n) @ F)[2] for j in range(n)])
-        for a in range(1, n // 2 + 1):
-            rests = [(m, n - 2 * a - m) for m in range(n - 2 * a + 1)]
-            u = np.array([np.r_[np.ones(a), np.zeros(m), -np.ones(a), np.zeros(k)] for m, k in rests])
-            y = np.fft.irfft(np.fft.rfft(u) * after_pulse, n)
-            pulse = np.where(u != 0.0, -u * y, np.inf).min(axis=1)
-            nothing = np.where(u == 0.0, np.abs(y), 0.0).max(axis=1)
-            best = max(best, float(np.max(pulse, where=pulse > nothing, initial=0.0)))
-    return best
+from tests.sampled_relay import patterns, sampled_relay
 
 
 @pytest.fixture(scope="module")
 def case() -> epp.Case:
-    return epp.Case.from_tables(tomllib.loads(TEXT), name="sampled relay")
+    return sampled_relay()
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +28,7 @@ def bounds(case: epp.Case) -> DesignBounds:
 
 def test_the_bound_of_a_sampled_relay_holds_that_of_closed_forms(bounds: DesignBounds) -> None:
     (cell,) = bounds
-    known = largest_dead_zone(0.5, 40)
+    known = max(p.high for p in patterns(0.5, 40))
     assert known == pytest.approx(0.18166, abs=1e-5)
     assert cell.finding is Finding.BOUND and cell.sign == -1.0 and cell.kind is Turn.SEARCH
     assert cell.other_value <= known < cell.searched

@@ -297,6 +297,17 @@ def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start
         return _none(start, "orbits through a dead time are not closed in loops with sampled controllers")
     if not strobe.every:
         return _none(start, "its samples never come round together, so no cycle is locked to them")
+    best = [locked_cycle(system, found) for found in rounds_near(hybrid, strobe, start)]
+    alike = [c for c in best if away(c, start) < np.log(2.0)]
+    fit = [c for c in alike if start.stable in (None, c.stable)] or alike
+    if fit:
+        return min(fit, key=lambda c: away(c, start))
+    length = start.period / strobe.period
+    return _none(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
+
+
+def rounds_near(hybrid: HybridSystem, strobe: Strobe, start: LimitCycle) -> Iterator[Round]:
+    """Closed orbits near an approximate cycle: of its number of samples, or where that is no whole one, of all near."""
     length = start.period / strobe.period
     run = run_hybrid(
         hybrid.begun(start.state, start.memory),
@@ -307,18 +318,11 @@ def locked_orbit(system: LureSystem, hybrid: HybridSystem, strobe: Strobe, start
         most,
     )
     whole = abs(length - round(length)) < 1e-6 * length and round(length) > 0
-    best: list[LimitCycle] = []
     for n in [round(length)] if whole else lengths_near(length):
-        for begin in starts_on(strobe, run, max(n, 1), 4):
-            found = close_locked(strobe, begin, n)
-            if found is not None:
-                best.append(locked_cycle(system, found))
-                break
-    alike = [c for c in best if away(c, start) < np.log(2.0)]
-    fit = [c for c in alike if start.stable in (None, c.stable)] or alike
-    if fit:
-        return min(fit, key=lambda c: away(c, start))
-    return _none(start, f"no orbit that is locked to the samples was found near {length:.6g} of {strobe.period:g} s")
+        tried = (close_locked(strobe, begin, n) for begin in starts_on(strobe, run, max(n, 1), 4))
+        found = next((once for once in tried if once is not None), None)
+        if found is not None:
+            yield found
 
 
 def lengths_near(length: float) -> list[int]:

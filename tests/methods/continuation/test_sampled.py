@@ -1,0 +1,78 @@
+"""Branches of sampled loops: borders against closed forms from sample to sample, runs, and what is not covered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.result import Branch
+from tests.sampled_relay import patterns, sampled_relay
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    return sampled_relay()
+
+
+@pytest.fixture(scope="module")
+def branch(case: epp.Case) -> Branch:
+    return epp.continue_branch(case, "dead", 0.05, 0.25, max_step=0.1)
+
+
+def test_borders_are_those_of_closed_forms(branch: Branch) -> None:
+    ends = np.array([p.high for p in patterns(0.5, 20)])
+    assert len(branch.special) >= 3
+    for special in branch.special:
+        assert np.abs(ends - special.value).min() < 2e-6 * 0.2
+    assert [s.kind for s in branch.special[:-1]] == [Change.SAMPLES] * (len(branch.special) - 1)
+
+
+def test_the_branch_goes_on_with_neighbours_until_no_cycle_is_left(branch: Branch) -> None:
+    known = list(patterns(0.5, 40))
+    assert branch.special[-1].kind is Change.END
+    assert branch.special[-1].value == pytest.approx(max(p.high for p in known), abs=1e-6)
+    samples = branch.points["samples"]
+    assert samples[0] == 9.0 and 10.0 in samples and not np.any(np.isnan(samples))
+    np.testing.assert_allclose(branch.points["period"], 0.5 * samples, rtol=1e-12)
+    for value, n in zip(branch.points["value"], samples, strict=True):
+        assert any(p.samples == n and p.low - 1e-6 <= value <= p.high + 1e-6 for p in known)
+
+
+def test_runs_on_both_sides_of_its_end_say_the_same(case: epp.Case, branch: Branch) -> None:
+    end = branch.special[-1]
+    for factor, rests in ((0.999, False), (1.001, True)):
+        loop = case.with_values({"dead": factor * end.value}).to_system()
+        run = epp.simulate(replace(loop, x0=end.cycle.state, memory=end.cycle.memory), t_end=200.0)
+        assert (run.status is epp.Status.SETTLED) is rests
+
+
+def test_what_it_does_not_cover_is_said_everywhere(branch: Branch) -> None:
+    assert branch.not_covered in str(branch) and "another number of samples" in branch.not_covered
+    assert branch.to_dict()["not_covered"] == branch.not_covered and branch.status is epp.Status.NOT_CONVERGED
+    (gap,) = branch.missing
+    assert gap.high == 0.25 and gap.low == branch.special[-1].value
+    shown = " ".join(" ".join(t.get_text() for t in branch.plot().figure.axes[0].texts).split())
+    assert branch.not_covered in shown
+    assert "samples" in branch.to_frame().columns
+
+
+def test_a_sample_time_is_an_axis_like_any_other(case: epp.Case) -> None:
+    along = epp.continue_branch(case, "T", "0.5 s", "0.47 s", max_step=0.5)
+    assert along.status is epp.Status.INCOMPLETE and not along.missing
+    np.testing.assert_allclose(along.points["period"], 10.0 * along.points["value"], rtol=1e-12)
+
+
+def test_where_nothing_oscillates_there_is_no_branch(case: epp.Case) -> None:
+    with pytest.raises(epp.EppError, match="no limit cycle was found at either end of the range of dead"):
+        epp.continue_branch(case, "dead", 0.3, 0.4)
+
+
+def test_a_cycle_that_is_given_begins_it(case: epp.Case, branch: Branch) -> None:
+    found = epp.find_limit_cycles(case)
+    own = max(found, key=lambda c: c.peak_to_peak["plant"])
+    along = epp.continue_branch(case, "dead", 0.16, 0.17, cycle=own, max_step=0.5)
+    assert along.points["plant"][0] == pytest.approx(own.peak_to_peak["plant"], rel=1e-9)
