@@ -131,6 +131,11 @@ class _Point:
         return self.here.value
 
     @property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Of the orbit; none where a run is all that is known."""
+        return np.zeros(0, complex) if self.cycle.multipliers is None else self.cycle.multipliers
+
+    @property
     def samples(self) -> float:
         """In a period; nan where they are no whole number."""
         return float("nan") if self.once is None else float(self.once.n * self.here.strobe.every)
@@ -222,7 +227,7 @@ class _Walk:
             self.points.append(inside)
         way = np.sign(outside.value - inside.value) * _BEYOND * self.width
         new = inside.beyond(self.at(float(np.clip(outside.value + way, min(self.ends), max(self.ends)))))
-        leading = np.min(np.abs(inside.cycle.multipliers - 1.0), initial=np.inf)
+        leading = np.min(np.abs(inside.multipliers - 1.0), initial=np.inf)
         fold = ": a multiplier comes to 1, as at a fold" if inside.once is not None and leading < _AT_FOLD else ""
         ceased = f"the cycle of {inside.in_words()} ceases to exist{fold}"
         if inside.once is None:
@@ -236,9 +241,9 @@ class _Walk:
 
     def _watch(self, old: _Point, new: _Point) -> None:
         """Note a change of stability between two orbits."""
-        if old.cycle.stable == new.cycle.stable or None in (old.cycle.stable, new.cycle.stable):
+        if old.once is None or new.once is None or old.cycle.stable == new.cycle.stable:
             return
-        values = (new if not new.cycle.stable else old).cycle.multipliers
+        values = (new if not new.cycle.stable else old).multipliers
         leading = values[np.argmax(np.abs(values))]
         kind = Change.TORUS if abs(leading.imag) > 1e-9 else Change.BRANCH_POINT
         kind = Change.PERIOD_DOUBLING if kind is Change.BRANCH_POINT and leading.real < 0 else kind
@@ -315,7 +320,7 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
         "period": np.array([p.cycle.period for p in points]),
         "frequency": np.array([p.cycle.frequency for p in points]),
         "stable": np.array([bool(p.cycle.stable) for p in points]),
-        "multiplier": np.array([float(np.max(np.abs(p.cycle.multipliers), initial=0.0)) for p in points]),
+        "multiplier": np.array([float(np.max(np.abs(p.multipliers), initial=0.0)) for p in points]),
         "residual": np.array([p.cycle.residual for p in points]),
         "samples": np.array([p.samples for p in points]),
     }

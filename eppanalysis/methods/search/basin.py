@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.orbits.samples.locked import away
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.readable import count, listed
 from eppanalysis.results import Result, Status
@@ -42,6 +44,8 @@ _ENDS = {
 #: Relative differences of the period, and of mean and peak-to-peak, within which a run's cycle is a known one. A batch
 #: takes extrema from 512 samples, which see a corner of a signal to within a per cent.
 _SAME_PERIOD, _SAME_SIZE = 1e-4, 2e-2
+#: The same, as logarithms together, of cycles that are not locked to the samples, of which runs differ.
+_ALIKE_UNLOCKED = 0.1
 _PERIODS = 60.0
 _LONGER = (1.0, 4.0, 16.0)
 
@@ -105,7 +109,7 @@ def basin(
     Parameters
     ----------
     system : LureSystem or Case
-        In continuous time.
+        In continuous time; with sampled controllers runs are made one by one, and these begin with their own memory.
     cycles : CycleSearch
     starts : array, shape (N, n)
         Initial states; held values are those of the system's start.
@@ -141,16 +145,37 @@ def basin(
         if not left.size:
             break
         systems = [steady_hybrid(replace(system, x0=starts[i]), at) for i in left]
+        if is_sampled(system.elements):
+            ends[left] = [_end_among_samples(system, cycles, start, factor * horizon) for start in systems]
+            continue
         result = simulate_batch(HybridStack.of(systems, system.signals.names), factor * horizon, threads=threads)
         ends[left] = [_end(cycles, result, i) for i in range(left.size)]
+    made_by = Provenance("runs from many starts", {"system": system.name}, statistics={"starts": len(starts)})
+    if is_sampled(system.elements):
+        return Basin(starts, ends, provenance=made_by)
     hybrid = steady_hybrid(system, at)
     oscillations = (swing_of(hybrid, c) for c in cycles)
     size = np.max([np.ptp(starts, axis=0), *oscillations], axis=0)
     for i in np.flatnonzero(ends == UNDECIDED):
         if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
             ends[i] = REST
-    made_by = Provenance("runs from many starts", {"system": system.name}, statistics={"starts": len(starts)})
     return Basin(starts, ends, provenance=made_by)
+
+
+def _end_among_samples(system: LureSystem, cycles: CycleSearch, start: HybridSystem, t: float) -> int:
+    """Where one run of a loop with sampled controllers ends."""
+    strobe = Strobe.of(start)
+    most = 20_000 + (0 if strobe is None else strobe.samples_in(t))
+    run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, most)
+    status, found = judge(start, run, t)
+    if status is not Status.LIMIT_CYCLE:
+        return {Status.SETTLED: REST, Status.DIVERGED: LEAVES}.get(status, UNDECIDED)
+    seen = cycle_of_run(system, start, run, found, Provenance("event-exact simulation"))
+    if seen is None:
+        return UNDECIDED
+    near = [away(seen, cycle) if cycle.stable else np.inf for cycle in cycles]
+    alike = _ALIKE_UNLOCKED if found[5] else _SAME_PERIOD
+    return int(np.argmin(near)) if min(near, default=np.inf) < alike else UNKNOWN
 
 
 def _creeps(start: HybridSystem, horizon: float, size: Array) -> bool:

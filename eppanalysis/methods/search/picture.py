@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,6 +102,9 @@ def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     ax.set_xlim(min(0.0, far), max(0.0, far))
     ax.set_yticks([])
     ax.set_xlabel(with_unit(words(trigger.name), unit))
+    if trigger.not_covered:
+        text = textwrap.fill(trigger.not_covered.strip(), 84)
+        ax.annotate(text, (0.0, -0.6), xycoords="axes fraction", fontsize=6, color=GREY, va="top")
     ax.spines[["top", "right", "left"]].set_visible(False)
     ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.orbits.samples.locked import starts_on
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
@@ -22,8 +23,9 @@ from eppanalysis.methods.simulation.simulate import judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.readable import quantity, words
+from eppanalysis.readable import count, quantity, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.shown import frame_of
@@ -45,6 +47,13 @@ _FOREARM = ("theta", "theta_dot")
 _UNITS = {"harness_position": "m", "theta": "rad", "theta_dot": "rad/s"}
 
 
+#: What is said of a loop with sampled controllers.
+_AT_SAMPLES = (
+    " The loop is sampled: it is disturbed just behind a sample; what comes at another time between two samples, or "
+    "with other contents of the controllers' memory, is not covered."
+)
+
+
 class NoRest(EppError):
     """The loop has no resting state that its start leads to, so there is nothing to disturb."""
 
@@ -63,6 +72,8 @@ class Trigger(Result):
         Sizes on both sides of it at which a run settles, and ends on a cycle.
     tried : float
         Largest size tried.
+    not_covered : str
+        What the runs leave open, in sentences; empty where that is nothing.
     operating_point : OperatingPoint or None
         Where the external inputs are held before it.
     """
@@ -72,6 +83,7 @@ class Trigger(Result):
     settles: float
     starts: float
     tried: float
+    not_covered: str = ""
 
     @property
     def unit(self) -> str:
@@ -82,8 +94,10 @@ class Trigger(Result):
         """From which size on it starts a cycle, or up to which it starts none."""
         if np.isnan(self.size):
             tried = quantity(self.tried, self.unit)
-            return f"No disturbance of {words(self.name)} starts a limit cycle; the largest tried is {tried}."
-        return f"A disturbance of {words(self.name)} by {quantity(self.size, self.unit)} just starts a limit cycle."
+            none = f"No disturbance of {words(self.name)} starts a limit cycle; the largest tried is {tried}."
+            return none + self.not_covered
+        size = quantity(self.size, self.unit)
+        return f"A disturbance of {words(self.name)} by {size} just starts a limit cycle.{self.not_covered}"
 
     def to_frame(self) -> pandas.DataFrame:
         """One row: what is disturbed, the threshold, and the sizes on both sides of it."""
@@ -96,7 +110,7 @@ class Trigger(Result):
         """Which sizes settle and which start a cycle."""
         return self.drawn("plot_trigger", ax)
 
-    in_json = "name size settles starts tried operating_point provenance"
+    in_json = "name size settles starts tried not_covered operating_point provenance"
 
 
 def trigger(
@@ -111,7 +125,7 @@ def trigger(
     Parameters
     ----------
     system : LureSystem or Case
-        In continuous time.
+        In continuous time; with sampled controllers it is disturbed just behind a sample.
     operating_point : OperatingPoint or mapping of str to float, optional
         Where the external inputs are held while the loop rests, or some of them by name [SI]; by default that of
         `cycles`, else that of the case or loop.
@@ -150,7 +164,8 @@ def trigger(
         both = [_threshold(name, apply, sign * scale, to) for sign in (1.0, -1.0)]
         out += sorted(both, key=lambda k: (not np.isfinite(k.size), abs(k.size)))
     made_by = Provenance("smallest disturbance by runs", {"system": system.name}, {"size": _DIGITS})
-    return tuple(replace(k, provenance=made_by, operating_point=at) for k in out)
+    beside = _AT_SAMPLES if is_sampled(system.elements) else ""
+    return tuple(replace(k, provenance=made_by, operating_point=at, not_covered=beside + k.not_covered) for k in out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +177,13 @@ class Judge:
 
     def ends(self, start: HybridSystem) -> tuple[Status, Run]:
         """SETTLED, LIMIT_CYCLE or what else it is, and the run."""
-        t = self.horizon
+        t, strobe = self.horizon, Strobe.of(start)
         for _ in range(4):
-            run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, 100_000, 600)
+            most = 100_000 if strobe is None else strobe.samples_in(t) + 20_000
+            run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, 600 if strobe is None else most)
             status, _ = judge(start, run, t)
-            if status is Status.UNDECIDED and decays(start, run, t, self.horizon, self.size):
+            still = strobe is None and status is Status.UNDECIDED
+            if still and decays(start, run, t, self.horizon, self.size):
                 status = Status.SETTLED
             if status is not Status.UNDECIDED:
                 break
@@ -182,6 +199,9 @@ def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judg
         x0[: hybrid.n_plant] = scale * system.x0 + carried
         start = replace(hybrid, x0=x0)
         status, run = to.ends(start)
+        strobe = Strobe.of(start)
+        if status is Status.SETTLED and strobe is not None:
+            return next(starts_on(strobe, run, 1, 1))
         if status is Status.SETTLED:
             last = run.order[-1] if run.n_kept else None
             modes = start.modes0 if last is None else run.modes[last]
@@ -239,19 +259,26 @@ def _directions(
 
 def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:
     """The first size on the grid that starts a cycle, and bisection between it and the one before."""
-    below = 0.0
+    below, left = 0.0, 0
     for share in _GRID:
         size = float(share * scale)
-        if to.ends(apply(size))[0] is Status.LIMIT_CYCLE:
+        status = to.ends(apply(size))[0]
+        if status is Status.LIMIT_CYCLE:
             break
-        below = size
+        below, left = size, left + (status is not Status.SETTLED)
     else:
-        return Trigger(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale))
+        return Trigger(name, float("nan"), below, float("nan"), float(_GRID[-1] * scale), _left_open(left))
     above = size
     while abs(above - below) > _DIGITS * abs(above):
         middle = 0.5 * (above + below)
-        if to.ends(apply(middle))[0] is Status.LIMIT_CYCLE:
+        status = to.ends(apply(middle))[0]
+        if status is Status.LIMIT_CYCLE:
             above = middle
         else:
-            below = middle
-    return Trigger(name, 0.5 * (above + below), below, above, size)
+            below, left = middle, left + (status is not Status.SETTLED)
+    return Trigger(name, 0.5 * (above + below), below, above, size, _left_open(left))
+
+
+def _left_open(runs: int) -> str:
+    """What runs that came to no end leave open, in a sentence."""
+    return f" {count(runs, 'run')} of smaller disturbances neither settled nor came to a cycle." if runs else ""

@@ -61,7 +61,15 @@ def facts_of(case: CaseLike) -> Mapping[str, Any]:
 
 
 #: Analyses that know what to do with sampled controllers.
-_KNOW_SAMPLES = ("predict_limit_cycles", "exact_orbit", "find_limit_cycles", "design_bounds", "continue_branch")
+_KNOW_SAMPLES = (
+    "predict_limit_cycles",
+    "exact_orbit",
+    "find_limit_cycles",
+    "design_bounds",
+    "continue_branch",
+    "trigger",
+    "basin",
+)
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")
 #: An operating point as analyses take it: itself, or inputs by name [SI], the others staying where they are.

@@ -76,3 +76,26 @@ def test_a_cycle_that_is_given_begins_it(case: epp.Case, branch: Branch) -> None
     own = max(found, key=lambda c: c.peak_to_peak["plant"])
     along = epp.continue_branch(case, "dead", 0.16, 0.17, cycle=own, max_step=0.5)
     assert along.points["plant"][0] == pytest.approx(own.peak_to_peak["plant"], rel=1e-9)
+
+
+def test_a_cycle_that_is_not_locked_is_followed_by_runs() -> None:
+    # A relay loop, a little disturbed by a sampled law whose samples have nothing to do with its period.
+    tables = {
+        "kind": "diagram",
+        "title": "Relay with hysteresis beside a sampled law",
+        "connect": ["-plant -> relay", "plant.out -> law", "relay + law -> plant"],
+        "run": {"t_end": "200 s"},
+        "parameters": {"lag": "1 s"},
+        "blocks": {
+            "law": {"kind": "gain", "gain": -0.02, "sample_time": "37.1 ms"},
+            "plant": {"kind": "zero_pole_gain", "poles": ["-1/lag"] * 3, "gain": "1/lag^3", "start": [1, 0, 0]},
+        },
+        "elements": {"relay": {"element": "hysteresis_relay", "lower": -0.1, "upper": 0.1}},
+    }  # fmt: skip
+    along = epp.continue_branch(epp.Case.from_tables(tables, name="relay"), "lag", "1 s", "1.1 s", max_step=0.5)
+    assert len(along) == 3 and not along.special and np.all(np.isnan(along.points["samples"]))
+    assert np.all(along.points["stable"]) and np.all(np.isnan(along.points["multiplier"]))
+    # Beside the small law the loop is that of the relay alone, whose period is in proportion to the lag.
+    periods = along.points["period"] / along.points["value"]
+    np.testing.assert_allclose(periods, periods[0], rtol=2e-3)
+    assert "not locked to the samples are stable cycles as runs have them" in str(along)

@@ -1,0 +1,79 @@
+"""Triggers and basins of sampled loops, by runs, against the map from sample to sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import eppanalysis as epp
+from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
+from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.trigger import trigger
+from tests.sampled_relay import sampled_relay
+
+DEAD, T = 0.16, 0.5
+
+
+PLANT = epp.blocks.ZeroPoleGain(poles=[-1.0, -1.0, -1.0]).state_space()
+
+
+def rests(state: np.ndarray, held: float = 0.0) -> bool:
+    """Whether the map from sample to sample comes to rest: disturbed behind a sample, with the relay's output held."""
+    M = np.zeros((4, 4))
+    M[:3, :3], M[:3, 3] = PLANT.A, PLANT.B[:, 0]
+    X = scipy.linalg.expm(M * T)
+    x = X[:3, :3] @ state + X[:3, 3] * held
+    for _ in range(200):
+        x = X[:3, :3] @ x + X[:3, 3] * relay(x)
+    return bool(np.abs(x).max() < 1e-6)
+
+
+def relay(x: np.ndarray) -> float:
+    y = float(PLANT.C[0] @ x)
+    return -float(np.sign(y)) if abs(y) > DEAD else 0.0
+
+
+@pytest.fixture(scope="module")
+def case() -> epp.Case:
+    return sampled_relay()
+
+
+@pytest.fixture(scope="module")
+def found(case: epp.Case) -> CycleSearch:
+    return epp.find_limit_cycles(case)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_the_smallest_disturbance_is_that_of_the_map(case: epp.Case, found: CycleSearch, place: int) -> None:
+    up, down = trigger(case, cycles=found, states=[f"plant_{place + 1}"])
+    for hit in (up, down):
+        state = np.eye(3)[place]
+        assert rests(hit.settles * state) and not rests(hit.starts * state)
+        assert abs(hit.starts / hit.settles - 1.0) < 2e-7
+        assert "disturbed just behind a sample" in str(hit) and hit.not_covered in str(hit)
+        assert hit.to_dict()["not_covered"] == hit.not_covered
+        shown = " ".join(" ".join(t.get_text() for t in hit.plot().texts).split())
+        assert "disturbed just behind a sample" in shown
+
+
+def test_runs_end_where_the_map_ends(case: epp.Case, found: CycleSearch) -> None:
+    system = case.to_system()
+    plant = [i for i, name in enumerate(system.state_names) if name.startswith("plant")]
+    starts = np.zeros((24, system.x0.size))
+    starts[:, plant] = np.random.default_rng(7).uniform(-3.0, 3.0, (24, 3)) * [1.0, 1.0, 0.3]
+    ends = basin(case, found, starts).ends
+    # The first sample is taken at once.
+    wanted = [rests(start[plant], relay(start[plant])) for start in starts]
+    assert 3 < sum(wanted) < 21
+    assert [end == REST for end in ends] == wanted
+    assert not np.any(ends == UNKNOWN)
+
+
+def test_a_cycle_that_is_not_listed_is_called_unknown(case: epp.Case, found: CycleSearch) -> None:
+    nothing = replace(found, cycles=())
+    starts = np.array([found[0].state, 0.0 * found[0].state])
+    assert basin(case, nothing, starts).ends.tolist() == [UNKNOWN, REST]
+    assert basin(case, found, starts).ends.tolist() == [0, REST]
