@@ -297,7 +297,7 @@ def _seed(
         if begin is not None:
             return begin
     for value in ends[::-1]:
-        begin = next(_points_of(at(value), find_limit_cycles(case.with_values({parameter: value}))), None)
+        begin = next(_points_of(at(value), find_limit_cycles(case.with_values({parameter: value})).cycles), None)
         if begin is not None:
             return begin
     raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
