@@ -144,6 +144,7 @@ class Arcs:
         """
         from eppanalysis.kernels.engine.tables import make_combinations, make_work
         from eppanalysis.kernels.orbits.arcs import READY, SINGULAR, build_arcs
+        from eppanalysis.kernels.orbits.flow import Channels
 
         model = hybrid.model
         n, n_w = model.B.shape

@@ -386,7 +386,7 @@ class LureSystem(Responses):
         return connections(self)
 
 
-def _require_room_for_own_states(system: LureSystem, outputs: list[slice]) -> None:
+def _require_room_for_own_states(system: LureSystem, outputs: Sequence[slice]) -> None:
     """No element with states of its own has a dead time behind it or stands in discrete time."""
     for element, label, place in zip(system.elements, system.element_names, outputs, strict=True):
         late = np.any(system.delays[place]) and not passes_outputs(element)

@@ -193,7 +193,7 @@ def test_a_relay_that_cannot_oscillate_is_certified_for_all_gains() -> None:
 @pytest.mark.parametrize(
     ("loop", "why"),
     [
-        (limited(1.0, [1.0, 1.0, 0.0], epp.Play(gap=1.0)), "memoryless"),
+        (limited(1.0, [1.0, 1.0, 0.0], epp.JumpAndFollow(1.0, 0.5)), "memoryless"),
         (limited(1.0, [1.0, 1.0, 0.0], epp.HysteresisRelay(-1.0, 1.0)), "memoryless"),
         (epp.LureSystem.from_tf(([0.1], [1.0, 1.0]), epp.Saturation(), delay=0.5), "dead time"),
         (epp.LureSystem.from_tf(([1.0, 2.0], [1.0, 1.0]), epp.Saturation()), "straight through"),
