@@ -238,7 +238,7 @@ def _hint(base: str, wanted: str) -> str:
 
 
 def parse_any(value: object) -> tuple[float, str]:
-    """SI value and SI unit of a quantity of any dimension.
+    """SI value and SI unit of a quantity of any dimension; hertz are those of what is written in hertz alone.
 
     Raises
     ------
@@ -247,14 +247,19 @@ def parse_any(value: object) -> tuple[float, str]:
 
     Examples
     --------
-    >>> parse_any("20 mm")
-    (0.02, 'm')
+    >>> parse_any("20 mm"), parse_any("2 kHz"), parse_any("30 1/s")
+    ((0.02, 'm'), (2000.0, 'Hz'), (30.0, '1/s'))
     """
     if not isinstance(value, str):
         return _number(value, None), ""
     number, given = _split(value, None)
-    unit = unit_of(dimensions(given))
+    unit = "Hz" if _counts_turns(given) else unit_of(dimensions(given))
     return _finite(number * _factor_and_base(given)[0], unit), unit
+
+
+def _counts_turns(unit: str) -> bool:
+    """Whether a unit is written as one of frequency; 1/s is none, nor is rad/s."""
+    return unit.lower().endswith(("hz", "hertz")) and dimensions(unit) == dimensions("Hz")
 
 
 @cache
@@ -281,7 +286,8 @@ def dimensions(unit: str) -> dict[str, int]:
 def unit_of(exponents: Mapping[str, float]) -> str:
     """The SI unit with these exponents of base units, as people call it where it has a name.
 
-    Units of :data:`KINDS` go first; what has no name is a product, of a force or a voltage where that is shorter.
+    Units of :data:`KINDS` go first; what has no name is a product, of a force or a voltage where that is shorter. What
+    is only known to be one over a time is no count of turns: it is in 1/s, never in Hz.
 
     Examples
     --------
@@ -290,7 +296,7 @@ def unit_of(exponents: Mapping[str, float]) -> str:
     """
     wanted = {name: power for name, power in exponents.items() if power}
     for unit in (*KINDS, *_COMMON):
-        if dimensions(unit) == wanted:
+        if unit != "Hz" and dimensions(unit) == wanted:
             return unit
     mass = wanted.get("kilogram", 0)
     ways: list[Mapping[str, float]] = [wanted]

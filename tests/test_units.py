@@ -153,7 +153,10 @@ def test_a_dimension_without_a_name_of_its_own() -> None:
         ("3 kg*m", "kg*m"),
         ("1 m/N", "m/N"),
         ("1 m/s^2", "m/s^2"),
-        ("5 1/s", "Hz"),
+        ("5 1/s", "1/s"),
+        ("5 1/min", "1/s"),
+        ("5 kHz", "Hz"),
+        ("5 1/s^2", "1/s^2"),
         ("5 s^3", "s^3"),
     ],
 )

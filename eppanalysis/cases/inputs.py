@@ -84,7 +84,7 @@ def _input_signal(given: Input, unit: str, raw: RawCase, field: str) -> InputSig
         start, stop = _time(given.start), None if given.stop is None else float(given.stop.value)
         if stop is not None and stop <= start:
             raise raw.refused(f"{field}.stop", "a time after start")
-        per_second = f"{unit}/s" if unit else "Hz"
+        per_second = f"{unit}/s" if unit else "1/s"
         return Ramp(_value(given.rate, f"{field}.rate", per_second, raw), start, stop)
     phase = 0.0 if given.phase is None else float(given.phase.value)
     return Sine(_value(given.amplitude, f"{field}.amplitude", unit, raw), float(given.frequency.value), phase)

@@ -264,7 +264,7 @@ class Case:
         if name in ("size", "amplitude"):
             return self.input_unit, _FRIENDLY.get(self.input_unit, self.input_unit)
         if name == "rate":
-            unit = f"{self.input_unit}/s" if self.input_unit else "Hz"
+            unit = f"{self.input_unit}/s" if self.input_unit else "1/s"
             return unit, _FRIENDLY.get(unit, unit)
         quantity = find_quantity(INPUTS[self._raw.data["run"]["input"]["kind"]], [name])
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)

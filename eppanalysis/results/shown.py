@@ -80,8 +80,12 @@ class Shown:
         return f'<img alt="{html.escape(str(self))}" src="data:image/png;base64,{data}">'
 
 
-def frame_of(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None = None) -> pandas.DataFrame:
-    """A table of rows of SI values that carries the units of its columns.
+def frame_of(
+    rows: Sequence[Mapping[str, Any]],
+    units: Mapping[str, str] | None = None,
+    shown: Mapping[str, tuple[str, float]] | None = None,
+) -> pandas.DataFrame:
+    """A table of rows of SI values that carries the units of its columns, and those that people use for some.
 
     Examples
     --------
@@ -92,6 +96,7 @@ def frame_of(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None 
 
     frame = pandas.DataFrame(list(rows))
     frame.attrs["units"] = {name: unit for name, unit in (units or {}).items() if unit and name in frame.columns}
+    frame.attrs["shown"] = dict(shown or {})
     return frame
 
 
@@ -107,10 +112,12 @@ def for_people(frame: pandas.DataFrame) -> pandas.DataFrame:
     import pandas
 
     units: Mapping[str, str] = frame.attrs.get("units", {})
+    known: Mapping[str, tuple[str, float]] = frame.attrs.get("shown", {})
     shown = {}
     for name in frame.columns:
         angular = str(name).endswith(_ANGULAR)
         unit, factor = (units.get(name, ""), 1.0) if angular else readable(units.get(name, ""))
+        unit, factor = known.get(str(name), (unit, factor))
         shown[with_unit(words(str(name)), unit)] = [_cell(value, factor) for value in frame[name].tolist()]
     table = pandas.DataFrame(shown)
     if len(table) <= _MOST_ROWS:

@@ -96,9 +96,8 @@ def _radians(unit: Unit) -> tuple[float, float]:
 
 
 def name_of_unit(unit: Unit) -> str:
-    """Text of a unit; what is computed is no count of turns, so that Hz would mislead."""
-    text = unit_of({name: float(power) for name, power in unit.items()})
-    return "1/s" if text == "Hz" else text
+    """Text of a unit; what is computed is no count of turns, and `unit_of` gives no Hz."""
+    return unit_of({name: float(power) for name, power in unit.items()})
 
 
 def _shown(unit: Unit) -> str:

@@ -201,12 +201,19 @@ class AnyQuantity(_Field):
             value, unit = parse_any(given)
         except QuantityError as error:
             raise not_as_expected(error.expected, given) from None
-        share = not unit and isinstance(given, str) and given.rstrip().endswith("%")
-        return Parameter(value, unit, "%" if share else written(unit), mark, note, _tolerance(tolerance, value, unit))
+        return Parameter(value, unit, _friendly(given, unit), mark, note, _tolerance(tolerance, value, unit))
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""
         return {"type": ["number", "string"]}
+
+
+def _friendly(given: Any, unit: str) -> str:
+    """The unit that people use for a quantity as it was written: an angular frequency stays in rad/s, a share in %."""
+    text = given.rstrip() if isinstance(given, str) else ""
+    if not unit and text.endswith("%"):
+        return "%"
+    return unit if unit == "rad/s" and text.endswith("rad/s") else written(unit)
 
 
 @dataclass(frozen=True)

@@ -389,6 +389,7 @@ class Walk:
         return Branch(
             parameter=self.parameter,
             unit=self.case.unit(self.parameter)[0],
+            readable=self.case.readable(self.parameter),
             points=data,
             special=special,
             status=Status.NOT_CONVERGED if failed else Status.CONVERGED,

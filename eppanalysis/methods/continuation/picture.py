@@ -27,7 +27,7 @@ from eppanalysis.plotting import (
     show_constant,
     with_name,
 )
-from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.readable import with_unit, words
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def plot_branch(
         If the branch has no such signal.
     """
     name = chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
-    x_unit, x_factor = readable(branch.unit)
+    x_unit, x_factor = branch.shown_in
     label, factor = label_of(name, branch.units)
     figure, panels = places_of(given, 2, height=2.4)
     if given is None:

@@ -12,7 +12,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.methods.continuation.cover import Gap
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point
-from eppanalysis.readable import count, listed, quantity, span, words
+from eppanalysis.readable import count, listed, number, readable, span, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -60,6 +60,7 @@ class Branch(Result):
     Attributes
     ----------
     parameter, unit : str
+        The parameter, and its SI unit.
     points : dict of str to array
         "value" [SI], "period" [s], "frequency" [Hz], "stable" (bool), "multiplier" (largest magnitude), "residual", and
         "<signal>" for the peak-to-peak of every signal; of a sampled loop also "samples", the number in a period, nan
@@ -76,6 +77,8 @@ class Branch(Result):
         Parts of the range asked for in which neither it nor one of `others` has an orbit, and why.
     others : tuple of Branch
         Branches of other cycles, followed where this one leaves a part of the range without having turned back.
+    readable : (str, float)
+        The unit that people use for the parameter, and the factor from SI to it.
     not_covered : str
         What the branch of a sampled loop does not cover, in a sentence; empty for other loops.
     operating_point : OperatingPoint or None
@@ -95,6 +98,7 @@ class Branch(Result):
     missing: tuple[Gap, ...] = ()
     others: tuple[Branch, ...] = ()
     not_covered: str = ""
+    readable: tuple[str, float] | None = None
 
     in_json = (
         "parameter unit status message points special simulated missing others not_covered operating_point provenance"
@@ -112,26 +116,34 @@ class Branch(Result):
         """Over which part of the range there are cycles, where they fold, and what the branches leave."""
         folds = [fold.value for one in (self, *self.others) for fold in one.folds]
         values = np.concatenate([folds, *(one.points["value"] for one in (self, *self.others))])
-        places = f", at {listed([quantity(value, self.unit) for value in folds])}" if folds else ""
+        unit, factor = self.shown_in
+        at = [f"{number(factor * value)} {unit}".rstrip() for value in folds]
+        places = f", at {listed(at)}" if folds else ""
         known = f"; {count(len(folds), 'fold')}{places}"
         for kind, name in ((Change.INFINITE, "infinite period"), (Change.CONTINUUM, "continuum")):
             found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
             known += f"; {name} at {listed([quantity(value, self.unit) for value in found])}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""
-        known = "" if self.not_covered else known
-        beside = f" {self.not_covered}" if self.not_covered else ""
-        return f"Limit cycles exist for {words(self.parameter)} {span(values, self.unit)}{known}.{left}{beside}"
+        if self.not_covered:
+            known, left = "", f"{left} {self.not_covered}"
+        where = span(values, self.unit, self.shown_in)
+        return f"Limit cycles exist for {words(self.parameter)} {where}{known}.{left}"
 
     def to_frame(self) -> pandas.DataFrame:
         """The orbits along the branch and then along the others, one a row, with what is special at each."""
         rows = []
-        for number, one in enumerate((self, *self.others), 1):
+        for k, one in enumerate((self, *self.others), 1):
             notes = {min(s.index, len(one) - 1): s.kind.value for s in one.special}
             for i in range(len(one)):
                 row = {self.parameter if name == "value" else name: v[i].item() for name, v in one.points.items()}
-                rows.append({"branch": number, **row, "special": notes.get(i, "")})
+                rows.append({"branch": k, **row, "special": notes.get(i, "")})
         units = {self.parameter: self.unit, "period": "s", "frequency": "Hz", **self.units}
-        return frame_of(rows, units)
+        return frame_of(rows, units, {self.parameter: self.shown_in})
+
+    @property
+    def shown_in(self) -> tuple[str, float]:
+        """The unit in which people read the parameter, and the factor from SI to it."""
+        return readable(self.unit) if self.readable is None else self.readable
 
     def in_brief(self) -> pandas.DataFrame:
         """The ends of the branches and their special points, by the first signal."""

@@ -332,6 +332,7 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
     return Branch(
         parameter=parameter,
         unit=case.unit(parameter)[0],
+        readable=case.readable(parameter),
         points=data,
         special=special,
         status=Status.NOT_CONVERGED if any(s.kind is Change.END for s in special) else Status.INCOMPLETE,
