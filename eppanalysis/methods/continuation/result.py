@@ -117,12 +117,15 @@ class Branch(Result):
         folds = [fold.value for one in (self, *self.others) for fold in one.folds]
         values = np.concatenate([folds, *(one.points["value"] for one in (self, *self.others))])
         unit, factor = self.shown_in
-        at = [f"{number(factor * value)} {unit}".rstrip() for value in folds]
-        places = f", at {listed(at)}" if folds else ""
+
+        def listed_at(found: list[float]) -> str:
+            return listed([f"{number(factor * value)} {unit}".rstrip() for value in found])
+
+        places = f", at {listed_at(folds)}" if folds else ""
         known = f"; {count(len(folds), 'fold')}{places}"
         for kind, name in ((Change.INFINITE, "infinite period"), (Change.CONTINUUM, "continuum")):
             found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
-            known += f"; {name} at {listed([quantity(value, self.unit) for value in found])}" if found else ""
+            known += f"; {name} at {listed_at(found)}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""
         if self.not_covered:
             known, left = "", f"{left} {self.not_covered}"
