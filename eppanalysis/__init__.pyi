@@ -18,7 +18,7 @@ from eppanalysis.guides.guideline import Guide as Guide, design_guide as design_
 from eppanalysis.guides.manual import manual_table as manual_table
 from eppanalysis.identify import Identification as Identification, identify as identify
 from eppanalysis.methods.bounds.design import DesignBounds as DesignBounds, design_bounds as design_bounds
-from eppanalysis.methods.bounds.tolerance import (
+from eppanalysis.methods.bounds.tolerances.bound import (
     ToleranceBound as ToleranceBound,
     tolerance_bound as tolerance_bound,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -55,6 +56,18 @@ def bounds(
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
+    prove: Annotated[
+        bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
+    ] = False,
+    certificates: Annotated[
+        Path | None,
+        typer.Option(
+            "--certificates",
+            metavar="FOLDER",
+            help="Also write the certificates (--prove is understood).",
+            show_default=False,
+        ),
+    ] = None,
     workers: Workers = None,
     as_json: Json = False,
     output: Output = None,
@@ -82,6 +95,7 @@ def bounds(
             margin=margin,
             starts=starts,
             seed=seed,
+            prove=prove or certificates is not None,
             workers=cores() if workers is None else workers,
             progress=advance,
         )
@@ -94,6 +108,8 @@ def bounds(
         from eppanalysis.tables.files import write_result
 
         write_result(result, bounds_columns, output)
+    if certificates is not None:
+        result.write_certificates(certificates)
     write_manual(result, manual, rounding)
 
 
@@ -115,13 +131,16 @@ def bounds_columns(result: DesignBounds) -> Table:
             "runs": c.n_runs,
             "settled": c.n_settled,
             "verified": c.verified,
+            **({} if c.proved is None else {"proved_free": c.proved.free, "proved_cycle": c.proved.cycle}),
             "finding": c.finding,
             "message": c.message,
         }
         for c in result
     ]
     unit = result.units[result.limit]
-    units = dict.fromkeys(("first_order", "harmonic", "exact", "searched", "safe_value"), unit)
+    units = dict.fromkeys(
+        ("first_order", "harmonic", "exact", "searched", "safe_value", "proved_free", "proved_cycle"), unit
+    )
     units |= {} if result.allowed is None else {"size": result.allowed.unit}
     return Table.from_rows(rows, {**units, result.over: result.units[result.over], "frequency": "Hz"})
 
@@ -149,6 +168,7 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     elif n_bounds:
         margin = result.margin
         yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
+    yield from filter(None, [result.in_theorems])
     known = [c for c in result if math.isfinite(c.first_order_error)]
     if not known and (result.allowed is not None or result.not_covered):
         n_bounds = 0

@@ -23,7 +23,8 @@ from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.regions import smallest_trigger, starts_from_rest
 from eppanalysis.methods.bounds.result import BoundCell
-from eppanalysis.methods.bounds.tolerance import ToleranceBound, check_tolerances, tolerance_bound
+from eppanalysis.methods.bounds.tolerances.bound import check_tolerances, tolerance_bound
+from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 from eppanalysis.models.systems.subject import require_case
 from eppanalysis.progress import Progress
 from eppanalysis.readable import DIGITS, count, cut, cut_text, with_unit

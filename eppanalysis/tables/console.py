@@ -354,6 +354,7 @@ def bounds_table(bounds: DesignBounds) -> Table:
         return _searched_bounds_table(bounds)
     if bounds.allowed is not None:
         return _sized_bounds_table(bounds)
+    proofs = any(c.proved is not None for c in bounds)
     table = _table(
         with_unit(bounds.over, x_unit),
         with_unit("first order", y_unit),
@@ -364,10 +365,14 @@ def bounds_table(bounds: DesignBounds) -> Table:
         with_unit("exact", y_unit),
         "frequency [Hz]",
         "verified",
+        *([with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")] if proofs else []),
     )
     for c in bounds:
+        proved = (
+            [_number(y * v) for v in (c.proved.free, c.proved.cycle)] if c.proved is not None else ["-"] * 2 * proofs
+        )
         if c.finding is not Finding.BOUND:
-            table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding)
+            table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding, *proved)
             continue
         tested = f"yes, {c.n_settled} runs" if c.verified else "no"
         side = " unsafe" if c.first_order_unsafe else ""
@@ -381,6 +386,7 @@ def bounds_table(bounds: DesignBounds) -> Table:
             f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
             _number(c.frequency),
             tested,
+            *proved,
         )
     return table
 

@@ -22,7 +22,7 @@ from eppanalysis.guides.guideline import Guide, GuideRow
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
-from eppanalysis.methods.bounds.tolerance import half_widths_of
+from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.readable import cut
 from eppanalysis.results.provenance import Provenance
 from tests.made_bounds import bounds_of

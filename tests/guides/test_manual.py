@@ -18,7 +18,8 @@ import eppanalysis as epp
 from eppanalysis.cli import app
 from eppanalysis.errors import EppError
 from eppanalysis.guides.guideline import Guide, GuideRow
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Quantile
+from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding
+from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import MANUALS, drawing_step, to_step
 from tests.made_bounds import bounds_of

@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.guides.guideline import GuideRow
-from eppanalysis.methods.bounds.result import BoundCell, Finding, Quantile, Turn
+from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
+from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.search.basin import Basin
 from eppanalysis.methods.search.trigger import Trigger

@@ -20,14 +20,15 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds.proved import proved_sides
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds.searched import is_by_search, not_covered, searched_cell
-from eppanalysis.methods.bounds.sized import bound_of_size, farthest_passage, first_order_bound, scan
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.models.systems.lure import LureSystem
@@ -76,6 +77,7 @@ def design_bounds(
     margin: float = 0.01,
     starts: int = 1000,
     seed: int = _SEED,
+    prove: bool = False,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> DesignBounds:
@@ -109,6 +111,9 @@ def design_bounds(
         Runs of each test, from a seeded cloud of initial states and steps of the inputs; a sampled loop has those of
         the search.
     seed : int
+    prove : bool
+        Prove what can be proved on both sides of every exact bound (:func:`certify`, :func:`certify_orbit`; seconds
+        each): that there is no limit cycle, and that there is one (`BoundCell.proved`). Needs the extra "proof".
     workers : int
         Processes that correct and test; results do not depend on their number. More than one needs a script that is
         guarded by ``if __name__ == "__main__"``.
@@ -163,6 +168,8 @@ def design_bounds(
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
     by_search = is_by_search(case.to_system())
+    if prove and (by_search or allowed is not None or not (exact and verify)):
+        raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
     if by_search and not exact:
         raise EppError("design_bounds: exact is False for a sampled loop; expected True: it has no harmonic balance.")
     if by_search:
@@ -172,6 +179,8 @@ def design_bounds(
         cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
     else:
         cells = _cells(question, values, settings, workers, progress)
+    if prove:
+        cells = [_with_proofs(question.at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}
@@ -190,6 +199,12 @@ def design_bounds(
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
+
+
+def _with_proofs(question: Question, cell: BoundCell) -> BoundCell:
+    if cell.finding is not Finding.BOUND:
+        return cell
+    return replace(cell, proved=proved_sides(question, cell.exact, cell.sign, cell.other_value, cell.other_orbit))
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:

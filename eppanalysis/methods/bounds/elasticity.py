@@ -19,10 +19,10 @@ from dataclasses import replace
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.fold import Fold, Programmes, anchored
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import gather
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import Point, evaluate_at

@@ -13,11 +13,10 @@ from matplotlib.figure import Figure
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of
-from eppanalysis.readable import number, readable, with_unit, words
+from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.result import DesignBounds
-    from eppanalysis.methods.bounds.tolerance import ToleranceBound
 
 _MOST_BARS = 14
 _SMALLEST_BAR = 5e-4
@@ -68,6 +67,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
         diamond: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 4, "color": VERMILLION}
         what = "limit cycle found" if bounds.not_covered else "exact orbit"
         ax.plot(x[there], other[there], **diamond, label=what if bounds.allowed is None else f"{what}, too large")
+    _draw_proofs(ax, x, y_factor, bounds)
     sign = next(c.sign for c in bounds if np.isfinite(c.bound))
     best = y_factor * bounds.array("bound")
     edge = ax.get_ylim()[0 if sign > 0 else 1]
@@ -99,25 +99,13 @@ def _draw_best(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -
     ax.annotate(text, (0.0, -0.2), xycoords="axes fraction", fontsize=6, color=GREY, va="top")
 
 
-def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:
-    """The bounds of all draws as a histogram, with the nominal bound and the worst case."""
-    figure, ax = place_of(ax, (5.6, 3.6))
-    unit, factor = readable(bound.unit)
-    draws = factor * bound.draws[np.isfinite(bound.draws)]
-    if draws.size:
-        ax.hist(draws, bins="auto", color=SKY, alpha=0.7, label=f"{draws.size} draws")
-    lines = (("nominal", bound.nominal, BLUE, "-"), ("worst case", bound.worst_case, VERMILLION, "--"))
-    for text, value, colour, style in lines:
-        if np.isfinite(value):
-            text = f"{text}: {number(factor * value)} {unit}".rstrip()
-            ax.axvline(factor * value, color=colour, linestyle=style, linewidth=1.6, label=text)
-    ax.set_xlabel(with_unit(f"bound on {words(bound.limit)}", unit))
-    ax.set_ylabel("draws" if draws.size else "")
-    if not draws.size:
-        ax.set_yticks([])
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=7, framealpha=0.9)
-    return figure
+def _draw_proofs(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:
+    """Where absence of cycles is proved, and where a cycle is."""
+    bars: dict[str, Any] = {"linestyle": "none", "marker": "_", "markersize": 13, "markeredgewidth": 1.8}
+    for at, colour, label in ((0, GREEN, "proved free of limit cycles"), (1, VERMILLION, "cycle proved")):
+        values = [(c.proved.free, c.proved.cycle)[at] if c.proved is not None else np.nan for c in bounds]
+        if np.any(np.isfinite(values)):
+            ax.plot(x, y_factor * np.array(values), **bars, color=colour, label=label)
 
 
 def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) -> Figure:

@@ -1,18 +1,20 @@
-"""What bounds return: a cell for every value of the parameter that runs with its tests, bounds under tolerances."""
+"""What bounds return: a cell for each value of the parameter that runs, with its tests and what is proved by it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.methods.bounds.allowed import Allowed
-from eppanalysis.readable import count, listed, number, quantity, span, with_unit, words
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.readable import count, percent, span, with_unit, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.axes import Axes
+
+    from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
+    from eppanalysis.methods.certificates.result import Certificate
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
@@ -93,6 +98,36 @@ class Turn(StrEnum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ProvedSides(Brief):
+    """What is proved on both sides of a bound.
+
+    Attributes
+    ----------
+    free : float
+        The value nearest the bound at which the loop is proved to have no periodic motion [SI]; nan where none is.
+    cycle : float
+        The value nearest the bound at which it is proved to have one [SI]; nan where none is.
+    gap : float
+        How far the two are apart, relative to the bound.
+    absence : Certificate or None
+        The proof at `free`.
+    orbit : CertifiedOrbit or None
+        The proof at `cycle`.
+    message : str
+        Why there is no proof on a side, or none nearer.
+    """
+
+    free: float = _NAN
+    cycle: float = _NAN
+    gap: float = _NAN
+    absence: Certificate | None = None
+    orbit: CertifiedOrbit | None = None
+    message: str = ""
+
+    in_json = "free cycle gap message"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class BoundCell(Brief):
     """The bound at one value of the parameter that runs.
 
@@ -134,6 +169,8 @@ class BoundCell(Brief):
         Relative change of the exact bound, and of the harmonic one, for a relative change of each parameter.
     message : str
         What is missing, or why there is no bound.
+    proved : ProvedSides or None
+        What is proved on both sides of the bound, where that was asked for.
     """
 
     value: float
@@ -160,11 +197,12 @@ class BoundCell(Brief):
     size: float = _NAN
     searched: float = _NAN
     n_searched: int = 0
+    proved: ProvedSides | None = None
 
     in_json = (
         "value finding sign first_order harmonic order error_estimate exact searched kind size frequency bound "
         "first_order_error harmonic_error first_order_unsafe safe_value other_value n_searched n_runs n_settled "
-        "n_cycles verified elasticities harmonic_elasticities message orbit=_orbit "
+        "n_cycles verified proved elasticities harmonic_elasticities message orbit=_orbit "
         "other_orbit=_other_orbit"
     )
 
@@ -299,6 +337,7 @@ class DesignBounds(Result):
             "order": (self.over, np.array([c.order for c in self.cells])),
             "frequency": (self.over, self.array("frequency"), {"units": "Hz"}),
             "verified": (self.over, np.array([c.verified for c in self.cells])),
+            **{name: (self.over, at, {"units": unit}) for name, at in self._proved().items()},
             "n_runs": (self.over, np.array([c.n_runs for c in self.cells])),
             "n_settled": (self.over, np.array([c.n_settled for c in self.cells])),
             "finding": (self.over, np.array([c.finding.value for c in self.cells], object)),
@@ -338,7 +377,44 @@ class DesignBounds(Result):
         return (
             f"{free} {side} a {words(self.limit)} that runs "
             f"{self._span(self.limit, [c.bound for c in found])}, for {at}; {orbits}{none}. {self.not_covered}"
-        ).rstrip()
+        ).rstrip() + f" {self.in_theorems}".rstrip()
+
+    @property
+    def in_theorems(self) -> str:
+        """What is proved of the bounds, in sentences; empty where no proofs were asked for."""
+        proofs = [(c, c.proved) for c in self.cells if c.proved is not None]
+        if not proofs:
+            return ""
+        both = [p for _, p in proofs if math.isfinite(p.gap)]
+        said = [f"{len(both)} of {count(len(proofs), 'bound')} proved on both sides"]
+        if both:
+            said[0] += f", {percent(max(p.gap for p in both))} apart at most"
+        said += [f"{sum(math.isfinite(p.free) for _, p in proofs)} with absence of cycles alone"] * (not both)
+        why = dict.fromkeys(p.message for _, p in proofs if p.message)
+        return " ".join([f"{'; '.join(said)}.", *why])
+
+    def _proved(self) -> dict[str, Array]:
+        """The values at which absence of cycles, and a cycle, are proved; nothing where that was not asked for."""
+        if all(c.proved is None for c in self.cells):
+            return {}
+        sides = {"proved_free": "free", "proved_cycle": "cycle"}
+        return {name: np.array([getattr(c.proved, side, _NAN) for c in self.cells]) for name, side in sides.items()}
+
+    @checked
+    def write_certificates(self, folder: str | Path) -> list[Path]:
+        """Write the certificates of absence into a folder, one a file, as `check_certificate` reads them.
+
+        Raises
+        ------
+        EppError
+            If there are none, or the folder cannot be written.
+        """
+        given = [(c.value, c.proved.absence) for c in self.cells if c.proved is not None and c.proved.absence]
+        if not given:
+            raise EppError(f"{folder}: there is no certificate to write. {self.in_theorems}".rstrip())
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        return [proof.write(place / f"{self.over}={value:.6g}.json") for value, proof in given]
 
     def _span(self, name: str, values: list[float]) -> str:
         """From where to where values of a parameter run, in the unit that people use for it."""
@@ -347,17 +423,19 @@ class DesignBounds(Result):
     def to_frame(self) -> pandas.DataFrame:
         """The bounds, one a row [SI]."""
         names = ("first_order", "harmonic", *["searched" if self.not_covered else "exact"], "bound")
+        proved = self._proved()
         rows = [
             {
                 self.over: c.value,
                 **{name: getattr(c, name) for name in names},
                 "frequency": c.frequency,
                 "verified": c.verified,
+                **{name: at[i] for name, at in proved.items()},
                 "finding": c.finding.value,
             }
-            for c in self.cells
+            for i, c in enumerate(self.cells)
         ]
-        limit = dict.fromkeys(names, self.units[self.limit])
+        limit = dict.fromkeys((*names, *proved), self.units[self.limit])
         return frame_of(rows, {self.over: self.units[self.over], **limit, "frequency": "Hz"})
 
     def in_brief(self) -> pandas.DataFrame:
@@ -384,104 +462,3 @@ class DesignBounds(Result):
     def plot_elasticities(self, ax: Axes | None = None, cell: int = 0) -> Axes:
         """Tornado of the elasticities in one cell."""
         return self.drawn("plot_tornado", ax, cell)
-
-
-@dataclass(frozen=True)
-class Quantile:
-    """The bound that holds with a probability.
-
-    Attributes
-    ----------
-    probability : float
-    value : float
-        [SI]; nan where there are too few draws.
-    low, high : float
-        Its 95 % confidence interval.
-    """
-
-    probability: float
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ToleranceBound(Result):
-    """The bound of a case whose parameters carry tolerances.
-
-    Attributes
-    ----------
-    limit, unit : str
-    sign : float
-        1: free below the bound.
-    half_widths : dict of str to float
-        Of the parameters [SI].
-    nominal, worst_case : float
-        Exact bounds with the parameters at their values, and anywhere in their box [SI].
-    worst_values : dict of str to float
-        Parameters in the worst case [SI].
-    n_corners : int
-        Corners checked besides.
-    quantiles : tuple of Quantile
-    draws : array, shape (samples,)
-        Bounds of the draws [SI].
-    engine_offset : float
-        Relative difference of the nominal bound as runs see it from the exact one.
-    message : str
-        What is missing; empty where nothing is.
-    """
-
-    limit: str
-    unit: str
-    sign: float
-    half_widths: dict[str, float]
-    nominal: float
-    worst_case: float
-    worst_values: dict[str, float]
-    n_corners: int
-    quantiles: tuple[Quantile, ...]
-    draws: Array
-    engine_offset: float
-    message: str = ""
-
-    in_json = (
-        "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
-        "engine_offset message provenance"
-    )
-
-    def __str__(self) -> str:
-        """The bound in the worst case, beside the nominal one and those that hold with a probability."""
-        side = "below" if self.sign > 0 else "above"
-        worst, nominal = (quantity(value, self.unit) for value in (self.worst_case, self.nominal))
-        shares = [
-            f"{side} {quantity(q.value, self.unit)} in {number(100 * q.probability)} %"
-            for q in self.quantiles
-            if np.isfinite(q.value)
-        ]
-        rest = f"; of all designs, {listed(shares)}" if shares else ""
-        return (
-            f"Free of limit cycles {side} a {words(self.limit)} of {worst} wherever the tolerances lie, against "
-            f"{nominal} at the nominal values{rest}.{' ' + self.message if self.message else ''}"
-        )
-
-    def to_frame(self) -> pandas.DataFrame:
-        """The bounds, one a row [SI], with the ends of the 95 % intervals of those that hold with a probability."""
-        rows: list[dict[str, object]] = [
-            {"holds": "at the nominal values", "bound": self.nominal},
-            {"holds": "in the worst case", "bound": self.worst_case},
-        ]
-        rows += [
-            {"holds": f"in {number(100 * q.probability)} %", "bound": q.value, "low": q.low, "high": q.high}
-            for q in self.quantiles
-        ]
-        return frame_of(rows, dict.fromkeys(("bound", "low", "high"), self.unit))
-
-    @checked
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """The bounds of the draws, with the nominal one and the worst case."""
-        return self.drawn("plot_tolerance", ax)
-
-    @property
-    def status(self) -> Status:
-        """CONVERGED where nothing is missing."""
-        return Status.UNDECIDED if self.message else Status.CONVERGED

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.harmonic import Question, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
-from eppanalysis.methods.bounds.sized import tried_values, without_bound
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.allowed import Allowed, Measure
 from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit

@@ -15,11 +15,11 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError, shown
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.elasticity import exact_elasticities, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
 from eppanalysis.methods.bounds.harmonic import Question, idle
 from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.result import Design, Optimum

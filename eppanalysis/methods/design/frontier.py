@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.methods.bounds.sized import farthest_passage
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.sizes.bound import farthest_passage
 from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import make_point

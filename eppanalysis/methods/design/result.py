@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.result import Turn
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 

@@ -15,7 +15,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import _unknowns, anchored
 from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
-from eppanalysis.methods.bounds.tolerance import quantile, tolerance_bound
+from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
 from eppanalysis.methods.bounds.verify import verify
 from eppanalysis.methods.harmonic.balance import harmonic_balance
 from eppanalysis.methods.harmonic.loop import inputs_of

@@ -15,10 +15,10 @@ from functools import cache
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.bounds.allowed import Allowed
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change

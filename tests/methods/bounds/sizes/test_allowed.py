@@ -10,12 +10,12 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.cli.bounds import bounds_columns, sentences
-from eppanalysis.methods.bounds.allowed import Allowed, Measure
 from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
-from eppanalysis.methods.bounds.sized import Scan, bound_of_size, scan
+from eppanalysis.methods.bounds.sizes.allowed import Allowed, Measure
+from eppanalysis.methods.bounds.sizes.bound import Scan, bound_of_size, scan
 from tests import made_bounds
 
 #: Amplitude of the cycle of `backlash_servo` at its gap of 2, as published with the case.
@@ -149,7 +149,7 @@ def test_what_a_scan_says(
         size = sizes[0 if value < 0.11 else 2 if value > 3.9 else 1]
         return value, tuple(c for c in [replace(cycle, peak_to_peak={"x": size})] if asked.exceeded_by(c)), done
 
-    monkeypatch.setattr("eppanalysis.methods.bounds.sized._seen_at", seen)
+    monkeypatch.setattr("eppanalysis.methods.bounds.sizes.bound._seen_at", seen)
     found = scan(question, allowed)
     assert found.finding == finding and words in found.note
     assert finding == "bound" or "x 1.5 peak to peak" in found.note

@@ -26,7 +26,8 @@ from eppanalysis.methods.bounds.elasticity import exact_elasticities, parameters
 from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
-from eppanalysis.methods.bounds.result import Finding, Quantile, ToleranceBound
+from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.bounds.tolerances.result import Quantile, ToleranceBound
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem

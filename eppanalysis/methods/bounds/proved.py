@@ -1,0 +1,105 @@
+"""What is proved beside a bound: that no limit cycle exists at a value on its free side, and that one does beyond.
+
+A certificate holds at the value that it was made for and at no other, however near. The nearest values at which the
+proofs succeed stand on both sides of the bound; between them nothing is proved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, TypeVar
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.result import ProvedSides
+from eppanalysis.methods.certificates.certify import certify
+from eppanalysis.methods.certificates.orbits.certify import certify_orbit
+from eppanalysis.methods.search.find import find_limit_cycles
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.bounds.harmonic import Question
+    from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
+    from eppanalysis.methods.certificates.result import Certificate
+    from eppanalysis.models.systems.subject import CaseLike
+    from eppanalysis.results import LimitCycle
+
+T = TypeVar("T")
+_NAN = float("nan")
+#: Distances from a bound, relative to it, at which proofs are tried in turn until one fails.
+_DISTANCES = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
+
+
+def proved_sides(question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
+    """Prove what can be proved on both sides of a bound, as near to it as can be.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    bound, sign : float
+        An exact bound [SI], and 1 where the loop is free of cycles below it, -1 above it.
+    tested : float
+        Where an orbit is known on its other side [SI].
+    near : LimitCycle or None
+        That orbit.
+
+    Raises
+    ------
+    EppError
+        If the packages of the extra "proof" are missing.
+    """
+    if not math.isfinite(bound):
+        return ProvedSides(message="Nothing is proved: the bound is not exact.")
+    free, absence, why_no_absence = _nearest(_absences(question, bound, sign))
+    cycle, orbit, why_no_orbit = _nearest(_orbits(question, bound, sign, tested, near))
+    reasons = []
+    if absence is None:
+        reasons.append(f"Absence of cycles is not proved. {why_no_absence}")
+    if orbit is None:
+        reasons.append(f"A cycle is not proved. {why_no_orbit}")
+    return ProvedSides(free, cycle, abs(cycle - free) / abs(bound), absence, orbit, " ".join(reasons))
+
+
+def _nearest(tried: Iterator[tuple[float, T | None, str]]) -> tuple[float, T | None, str]:
+    """The last proof that succeeds, of those that come nearer and nearer to the bound."""
+    kept: tuple[float, T | None, str] = (_NAN, None, "")
+    for value, proof, why in tried:
+        if proof is None:
+            return kept if kept[1] is not None else (_NAN, None, why)
+        kept = (value, proof, "")
+    return kept
+
+
+def _absences(question: Question, bound: float, sign: float) -> Iterator[tuple[float, Certificate | None, str]]:
+    for distance in _DISTANCES:
+        value = bound - sign * distance * abs(bound)
+        if question.low <= value <= question.high:
+            found = certify(question.case_at(value), "absence")
+            yield value, found if found.proved else None, found.message
+
+
+def _orbits(
+    question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None
+) -> Iterator[tuple[float, CertifiedOrbit | None, str]]:
+    """The cycle that is known, then those of searches nearer and nearer to the bound."""
+    if near is None:
+        yield _NAN, None, "No exact orbit is known beyond the bound."
+        return
+    distances = [d for d in _DISTANCES if d < 0.9 * abs(tested / bound - 1.0)]
+    for value in (tested, *(bound + sign * d * abs(bound) for d in distances)):
+        case = question.case_at(value)
+        proof, why = None, "The search finds no cycle."
+        for cycle in [near] if value == tested else find_limit_cycles(case).cycles:
+            proof, why = _proof(case, cycle)
+            if proof is not None:
+                break
+        yield value, proof, why
+
+
+def _proof(case: CaseLike, cycle: LimitCycle) -> tuple[CertifiedOrbit | None, str]:
+    """The proof of a cycle, or why there is none."""
+    try:
+        found = certify_orbit(case, cycle)
+    except EppError as error:
+        return None, str(error)
+    return found if found.status.ok else None, found.message

@@ -1,0 +1,1 @@
+"""Bounds where a limit cycle of some size is allowed."""

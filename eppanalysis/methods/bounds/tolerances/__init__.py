@@ -1,0 +1,1 @@
+"""Bounds of designs whose parameters carry tolerances."""

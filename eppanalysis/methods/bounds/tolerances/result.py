@@ -1,0 +1,121 @@
+"""What a bound under tolerances is: nominal, in the worst case, and with a probability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import checked
+from eppanalysis.readable import listed, number, quantity, words
+from eppanalysis.results import Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """The bound that holds with a probability.
+
+    Attributes
+    ----------
+    probability : float
+    value : float
+        [SI]; nan where there are too few draws.
+    low, high : float
+        Its 95 % confidence interval.
+    """
+
+    probability: float
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToleranceBound(Result):
+    """The bound of a case whose parameters carry tolerances.
+
+    Attributes
+    ----------
+    limit, unit : str
+    sign : float
+        1: free below the bound.
+    half_widths : dict of str to float
+        Of the parameters [SI].
+    nominal, worst_case : float
+        Exact bounds with the parameters at their values, and anywhere in their box [SI].
+    worst_values : dict of str to float
+        Parameters in the worst case [SI].
+    n_corners : int
+        Corners checked besides.
+    quantiles : tuple of Quantile
+    draws : array, shape (samples,)
+        Bounds of the draws [SI].
+    engine_offset : float
+        Relative difference of the nominal bound as runs see it from the exact one.
+    message : str
+        What is missing; empty where nothing is.
+    """
+
+    limit: str
+    unit: str
+    sign: float
+    half_widths: dict[str, float]
+    nominal: float
+    worst_case: float
+    worst_values: dict[str, float]
+    n_corners: int
+    quantiles: tuple[Quantile, ...]
+    draws: Array
+    engine_offset: float
+    message: str = ""
+
+    in_json = (
+        "limit unit sign half_widths nominal worst_case worst_values n_corners quantiles samples=draws.size "
+        "engine_offset message provenance"
+    )
+
+    def __str__(self) -> str:
+        """The bound in the worst case, beside the nominal one and those that hold with a probability."""
+        side = "below" if self.sign > 0 else "above"
+        worst, nominal = (quantity(value, self.unit) for value in (self.worst_case, self.nominal))
+        shares = [
+            f"{side} {quantity(q.value, self.unit)} in {number(100 * q.probability)} %"
+            for q in self.quantiles
+            if np.isfinite(q.value)
+        ]
+        rest = f"; of all designs, {listed(shares)}" if shares else ""
+        return (
+            f"Free of limit cycles {side} a {words(self.limit)} of {worst} wherever the tolerances lie, against "
+            f"{nominal} at the nominal values{rest}.{' ' + self.message if self.message else ''}"
+        )
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The bounds, one a row [SI], with the ends of the 95 % intervals of those that hold with a probability."""
+        rows: list[dict[str, object]] = [
+            {"holds": "at the nominal values", "bound": self.nominal},
+            {"holds": "in the worst case", "bound": self.worst_case},
+        ]
+        rows += [
+            {"holds": f"in {number(100 * q.probability)} %", "bound": q.value, "low": q.low, "high": q.high}
+            for q in self.quantiles
+        ]
+        return frame_of(rows, dict.fromkeys(("bound", "low", "high"), self.unit))
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The bounds of the draws, with the nominal one and the worst case."""
+        return self.drawn("plot_tolerance", ax)
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED where nothing is missing."""
+        return Status.UNDECIDED if self.message else Status.CONVERGED

@@ -1,0 +1,81 @@
+"""Bounds with what is proved on both sides of them, each at a value of its own."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from typer.testing import CliRunner
+
+import eppanalysis as epp
+from eppanalysis.cli import app
+
+pytest.importorskip("flint")
+GAIN, THRESHOLD = "loop.gain", "relaydeadzone.threshold"
+
+
+@pytest.fixture(scope="module")
+def valve() -> epp.Case:
+    """1/(s(s+1)^2) behind a relay with dead zone: its cycles begin at a gain of 3.0074 thresholds."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(level=1.0, threshold=1.0))
+    return epp.Case.from_system(loop, name="valve")
+
+
+@pytest.fixture(scope="module")
+def bounds(valve) -> epp.DesignBounds:
+    return epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), starts=20, prove=True)
+
+
+def test_the_bound_lies_between_what_is_proved(bounds) -> None:
+    (cell,) = bounds
+    assert cell.proved.free < cell.exact < cell.proved.cycle
+    # Popov's criterion holds up to the linear limit of the sector, a gain of 2; the cycle is proved next to the bound.
+    assert 1.5 <= cell.proved.free < 2.0
+    assert cell.proved.cycle == pytest.approx(cell.exact, rel=2e-3)
+    assert cell.proved.gap == pytest.approx((cell.proved.cycle - cell.proved.free) / cell.exact)
+    assert "1 of 1 bound proved on both sides" in str(bounds)
+    assert bounds.to_frame()["proved_cycle"].tolist() == [cell.proved.cycle]
+    assert bounds.to_dataset()["proved_free"].values.tolist() == [cell.proved.free]
+
+
+def test_the_files_hold_for_the_values_they_name(bounds, valve, tmp_path) -> None:
+    (path,) = bounds.write_certificates(tmp_path / "proofs")
+    assert epp.check_certificate(path).accepted
+    assert epp.certify(valve.with_values({GAIN: bounds[0].proved.free}), "absence").proved
+    assert not epp.certify(valve.with_values({GAIN: bounds[0].exact}), "absence").proved
+
+
+def test_the_picture_shows_both(bounds) -> None:
+    labels = [text.get_text() for text in bounds.plot().get_legend().get_texts()]
+    assert {"proved free of limit cycles", "cycle proved"} <= set(labels)
+
+
+def test_what_cannot_be_proved_is_said(monkeypatch, valve) -> None:
+    from eppanalysis.methods.bounds import proved
+
+    monkeypatch.setattr(proved, "_DISTANCES", (0.01,))  # nearer than the criteria reach
+    (cell,) = found = epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), starts=20, prove=True)
+    assert math.isnan(cell.proved.free) and math.isfinite(cell.proved.cycle)
+    assert "0 of 1 bound proved on both sides" in str(found) and "Absence of cycles is not proved." in str(found)
+    with pytest.raises(epp.EppError, match="no certificate to write"):
+        found.write_certificates("nowhere")
+
+
+def test_bounds_that_are_not_of_any_cycle_are_refused(valve) -> None:
+    for other in ({"allow": "x 0.5"}, {"exact": False}, {"verify": False}):
+        with pytest.raises(epp.EppError, match="prove is True; expected"):
+            epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), prove=True, **other)
+
+
+def test_command(valve, tmp_path) -> None:
+    path = tmp_path / "valve.toml"
+    path.write_text(valve.to_toml(), encoding="utf-8")
+    said = CliRunner().invoke(
+        app,
+        [
+            *("bounds", str(path), "--over", THRESHOLD, "--limit", GAIN, "--from", "1", "--points", "1"),
+            *("--within", "1..8", "--starts", "20", "--certificates", str(tmp_path / "proofs")),
+        ],
+    )
+    assert said.exit_code == 0, said.output
+    assert "proved free" in said.output and [p.suffix for p in (tmp_path / "proofs").iterdir()] == [".json"]
