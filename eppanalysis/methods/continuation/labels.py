@@ -14,8 +14,8 @@ from eppanalysis.methods.simulation.stability import is_stable
 
 #: Rate of the parameter along the branch, relative to its range, that is rounding. Points beside a fold have more.
 _STANDS = 1e-9
-#: Growth of the longest dwell time over a step, relative to the period, that counts as one.
-_LONGER = 1e-4
+#: Relative growth of the longest dwell time over a step that counts as one, and dwell times that are not looked at.
+_LONGER, _BRIEF = 1e-4, 1e-3
 
 
 class Change(StrEnum):
@@ -43,11 +43,12 @@ def standstill(old: Point, new: Point) -> Change | None:
     if abs(new.turn) > _STANDS:
         return None
     before, tau = old.orbit.tau, new.orbit.tau
-    longer = (tau - before) / new.orbit.period
-    k = int(np.argmax(tau))
+    of_size = tau > _BRIEF * new.orbit.period
+    growth = (tau[of_size] - before[of_size]) / tau[of_size]
+    longest = float(growth[np.argmax(tau[of_size])])
     # Where all dwell times grow in proportion the motion is only larger.
-    alike = np.all(np.abs(longer * tau[k] - longer[k] * tau) < 0.1 * abs(longer[k]) * tau[k])
-    return Change.INFINITE if longer[k] > _LONGER and not alike else Change.CONTINUUM
+    alike = bool(np.all(np.abs(growth - longest) < 0.1 * abs(longest)))
+    return Change.INFINITE if longest > _LONGER and not alike else Change.CONTINUUM
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
