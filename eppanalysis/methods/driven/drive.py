@@ -135,8 +135,8 @@ def drive_of(
     Raises
     ------
     EppError
-        If it has no such input, or the others do not stand still, the sine is not given, or the loop has dead time,
-        sampled controllers or discrete time, which driven loops do not cover.
+        If it has no such input, or the others do not stand still, the sine is not given, or the loop is in discrete
+        time, which driven loops do not cover.
     """
     system = system_of(loop, analysis)
     own = _own_sines(system, getattr(loop, "input", None))
@@ -155,8 +155,6 @@ def drive_of(
     system, at = standing(loop, point.with_inputs({name: middle}), analysis)
     if system.time_step:
         raise EppError(f"{analysis}: {system.name} is a loop in discrete time; expected one in continuous time.")
-    if np.any(system.delays > 0):
-        raise EppError(f"{analysis}: {system.name} has dead time; expected a loop without, or simulate.")
     return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency))
 
 

@@ -14,6 +14,7 @@ from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, 
 from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoids
 from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
+from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.simulation.stability import is_stable, return_map
@@ -39,6 +40,7 @@ _RETURNS = 0.15
 _PARTING, _NO_RATE = 300, 0.02
 #: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
 _SAME = 1e-6
+_FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
 _PARTS = {
     Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
     Motion.QUASI_PERIODIC: "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet",
@@ -60,7 +62,8 @@ def forced_response(
     The run from the loop's own start, runs from what describing functions say, and these themselves lead to responses
     that are closed by Newton's method on the exact map of the state over one and several periods of the input, with its
     exact derivative, whose eigenvalues are the Floquet multipliers. Not every response need be found: there is no proof
-    that these are all.
+    that these are all. Of a loop with dead time or sampled controllers the response is that on which its run ends, to a
+    millionth, and the message says so: others are not looked for, and there are no multipliers.
 
     Parameters
     ----------
@@ -83,8 +86,7 @@ def forced_response(
     Raises
     ------
     EppError
-        For a number that is not positive, an input that does not stand still besides, dead time, sampled controllers
-        or discrete time.
+        For a number that is not positive, an input that does not stand still besides, or discrete time.
     ModelError
         If there is no such input.
 
@@ -110,13 +112,15 @@ def forced_response(
     """
     check_counts("forced_response", {"most_periods": (most_periods, 1)})
     drive = drive_of(system, input, amplitude, frequency, operating_point, "forced_response")
+    facts = facts_of(system) if not isinstance(system, LureSystem) else {}
+    settings = {"system": drive.system.name, "input": drive.input, "most_periods": most_periods}
+    if by_runs(drive):
+        return _of_run(drive, most_periods, Provenance(RUN, settings, {"distance": REPEATS}, case=facts))
     search = Search(drive, most_periods)
     first = sinusoids(drive)
     motion, exponent = search.run(drive.hybrid, to_the_end=True)
     search.from_first_order(first)
     responses = search.responses()
-    facts = facts_of(system) if not isinstance(system, LureSystem) else {}
-    settings = {"system": drive.system.name, "input": drive.input, "most_periods": most_periods}
     names = drive.system.signals.names
     return ForcedResponse(
         input=drive.input,
@@ -132,6 +136,37 @@ def forced_response(
         provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
         operating_point=drive.at,
     )
+
+
+def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedResponse:
+    """What the run from the loop's own start comes to, where nothing closes the response exactly."""
+    found = steady_of_run(drive, most_periods)
+    response, repeats = found.response, 0 if found.response is None else found.response.multiple
+    if response is None:
+        goes_on = _PARTS[Motion.UNDECIDED].format(0.0, found.periods)
+    else:
+        goes_on = f"{_FOLLOWS if repeats == 1 else _EVERY.format(repeats)} (to {found.distance:.1g} of its size)"
+    return ForcedResponse(
+        input=drive.input,
+        amplitude=drive.amplitude,
+        frequency=drive.frequency,
+        responses=() if response is None else (response,),
+        motion=Motion.UNDECIDED if response is None else Motion.PERIODIC,
+        repeats=repeats,
+        exponent=float("nan"),
+        status=Status.NOT_CONVERGED if response is None else Status.CONVERGED,
+        message=(
+            f"Response to a sine of {_sine(drive)}, from a run alone, for the loop has {by_runs(drive)}: after "
+            f"{found.periods} periods of the input it {goes_on}. Other responses were not looked for."
+        ),
+        provenance=provenance,
+        operating_point=drive.at,
+    )
+
+
+def _sine(drive: Drive) -> str:
+    """The input in words."""
+    return f"amplitude {quantity(drive.amplitude, drive.unit, 4)} and {drive.frequency:.4g} Hz at {drive.input}"
 
 
 @dataclass
@@ -290,13 +325,10 @@ def _sentence(
     multiples = sorted({r.multiple for r in responses} - {1})
     what = f"{len(responses)} found, {stable} stable" if responses else "none found"
     sub = f", some of them of {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
-    goes_on = "comes to follow the input" if search.repeats == 1 else f"repeats itself every {search.repeats} periods"
+    goes_on = _FOLLOWS if search.repeats == 1 else _EVERY.format(search.repeats)
     if motion is not Motion.PERIODIC:
         goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
-    return (
-        f"Periodic responses to a sine of amplitude {quantity(drive.amplitude, drive.unit, 4)} and "
-        f"{drive.frequency:.4g} Hz at {drive.input}: {what}{sub}. The run from the loop's own start {goes_on}."
-    )
+    return f"Periodic responses to a sine of {_sine(drive)}: {what}{sub}. The run from the loop's own start {goes_on}."
 
 
 def some_responses(drive: Drive, most: int = 8) -> list[Orbit]:

@@ -14,6 +14,7 @@ from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
 from eppanalysis.methods.driven.follow import Place, Road, Walk, between
 from eppanalysis.methods.driven.forced import Search, some_responses
 from eppanalysis.methods.driven.result import FrequencyResponse, ResponseBranch, SpecialResponse
+from eppanalysis.methods.driven.runs import by_runs
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.models.systems.lure import LureSystem
@@ -98,7 +99,7 @@ def frequency_response(
     [0.7722, 0.8325]
     """
     low, high = _range("frequency_response", "frequencies", frequencies)
-    drive = drive_of(system, input, amplitude, low, operating_point, "frequency_response")
+    drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
     road = Road(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)))
     return _Response("frequency", drive, road, _output(drive, output), n_points, max_step).found(system)
 
@@ -155,7 +156,7 @@ def amplitude_response(
     ['fold', 'fold']
     """
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
-    drive = drive_of(system, input, low, frequency, operating_point, "amplitude_response")
+    drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
     road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)))
     return _Response("amplitude", drive, road, _output(drive, output), n_points, max_step).found(system)
 
@@ -165,6 +166,17 @@ def _range(analysis: str, name: str, given: tuple[float, float]) -> tuple[float,
     if len(values) != 2 or not (np.all(np.isfinite(values)) and 0.0 < min(values) < max(values)):
         raise EppError(f"{analysis}: {name} is {given}; expected two different positive numbers.")
     return min(values), max(values)
+
+
+def _closed_exactly(drive: Drive) -> Drive:
+    """The drive, refused where responses are known from runs alone."""
+    why = by_runs(drive)
+    if why:
+        raise EppError(
+            f"{drive.system.name} has {why}, so there is no exact response to follow; "
+            "expected a loop without, or forced_response, which takes one from a run."
+        )
+    return drive
 
 
 def _output(drive: Drive, output: str | None) -> str:

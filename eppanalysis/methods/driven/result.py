@@ -60,14 +60,16 @@ class PeriodicResponse(Brief):
 
     @property
     def stable(self) -> bool:
-        """Whether all Floquet multipliers lie inside the unit circle."""
+        """Whether all Floquet multipliers lie inside the unit circle, or a run has come to it."""
         return bool(self.cycle.stable)
 
     @property
     def largest_multiplier(self) -> float:
-        """Largest magnitude of the Floquet multipliers; 0 where every disturbance vanishes within a period."""
+        """Largest magnitude of the Floquet multipliers; 0 where every disturbance vanishes within a period, nan where
+        a run alone has found the response.
+        """
         values = self.cycle.multipliers
-        return 0.0 if values is None else float(np.max(np.abs(values), initial=0.0))
+        return float("nan") if values is None else float(np.max(np.abs(values), initial=0.0))
 
     @property
     def responses(self) -> dict[str, complex]:

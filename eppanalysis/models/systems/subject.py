@@ -69,6 +69,7 @@ _KNOW_SAMPLES = (
     "continue_branch",
     "trigger",
     "basin",
+    "forced_response",
 )
 #: Analyses that need no states, so that a measured frequency response is enough.
 _KNOW_DATA = ("predict_limit_cycles", "harmonic_balance")

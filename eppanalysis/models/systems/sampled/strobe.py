@@ -35,7 +35,7 @@ def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
     if is_sampled(elements):
         raise EppError(
             f"{analysis} does not cover loops with sampled controllers; simulate, predict_limit_cycles, exact_orbit, "
-            "find_limit_cycles, design_bounds, continue_branch and trigger do."
+            "find_limit_cycles, design_bounds, continue_branch, trigger and forced_response do."
         )
 
 

@@ -1,0 +1,80 @@
+"""Responses known from runs: dead time and sampled controllers, against closed forms and another integrator."""
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from eppanalysis.methods.driven.result import Motion
+from tests.driven_loops import TURN
+
+
+def late(element: epp.Nonlinearity, delay: float) -> epp.Diagram:
+    """x' = -x + force - element(x), seen late: where the element is linear, a frequency response."""
+    return epp.Diagram(
+        parts={
+            "spring": element,
+            "late": epp.blocks.DeadTime(delay=delay),
+            "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+        },
+        connect=["force - late -> lag", "lag -> spring", "spring -> late"],
+        inputs=["force"],
+    )
+
+
+def test_with_dead_time_the_linear_range_gives_the_frequency_response() -> None:
+    delay, omega = 0.3, 2.0
+    found = epp.forced_response(late(epp.Saturation(-1.0, 1.0, 0.8), delay), amplitude=0.4, frequency=omega / TURN)
+    (one,) = found
+    s = 1j * omega
+    # Half a millionth of a transient is left: it repeats itself to a millionth.
+    assert one.response("lag") == pytest.approx(1.0 / (s + 1.0 + 0.8 * np.exp(-s * delay)), rel=1e-6)
+    assert found.motion is Motion.PERIODIC and found.repeats == 1 and one.stable and np.isnan(one.largest_multiplier)
+    assert "from a run alone, for the loop has dead time: after 30 periods" in str(found)
+    assert "Other responses were not looked for." in str(found)
+
+
+def test_a_relay_behind_dead_time_against_its_closed_form() -> None:
+    # The relay sees the force alone; what it gives is a square wave, seen late and through a lag of one second.
+    system = epp.Diagram(
+        parts={
+            "relay": epp.Relay(),
+            "late": epp.blocks.DeadTime(delay=0.4),
+            "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+        },
+        connect=["force -> relay", "relay -> late", "late -> lag"],
+        inputs=["force"],
+    )
+    T = 3.0
+    (one,) = epp.forced_response(system, amplitude=1.0, frequency=1 / T, most_periods=2)
+    w = TURN / T
+    assert one.response("lag") == pytest.approx(4 / np.pi * np.exp(-0.4j * w) / (1 + 1j * w), rel=1e-9)
+    assert one.cycle.peak_to_peak["lag"] / 2 == pytest.approx(np.tanh(T / 4), rel=1e-9)
+
+
+def test_a_sampled_gain_is_a_hold() -> None:
+    """A gain that is sampled eight times a period: a staircase, whose fundamental is that of samples and a hold."""
+    T, n = 2.0, 8
+    system = epp.Diagram(
+        parts={
+            "gain": epp.blocks.PI(kp=2.0, ti=1e9, sample_time=T / n),
+            "lag": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0]),
+        },
+        connect=["force -> gain", "gain -> lag"],
+        inputs=["force"],
+    )
+    found = epp.forced_response(system, amplitude=0.5, frequency=1 / T, most_periods=1)
+    (one,) = found
+    s = 1j * TURN / T
+    hold = (1 - np.exp(-s * T / n)) / (s * T / n)
+    assert one.response("lag") == pytest.approx(2.0 * hold / (s + 1.0), rel=1e-6)
+    assert "a sampled controller" in str(found)
+
+
+def test_what_does_not_repeat_itself_and_what_cannot_be_followed_is_said() -> None:
+    slow = late(epp.Saturation(-1.0, 1.0, 5.0), 1.0)  # oscillates by itself, besides
+    found = epp.forced_response(slow, amplitude=0.01, frequency=0.137, most_periods=2)
+    assert found.motion is Motion.UNDECIDED and not found.responses and not found.status.ok
+    assert "has not come to repeat itself within 300 periods of the input" in str(found)
+    with pytest.raises(EppError, match="has dead time, so there is no exact response to follow"):
+        epp.frequency_response(slow, amplitude=1.0, frequencies=(0.1, 1.0))
