@@ -142,10 +142,15 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
     """What the run from the loop's own start comes to, where nothing closes the response exactly."""
     found = steady_of_run(drive, most_periods)
     response, repeats = found.response, 0 if found.response is None else found.response.multiple
-    if response is None:
-        goes_on = _PARTS[Motion.UNDECIDED].format(0.0, found.periods)
+    if response is not None:
+        goes_on = (
+            f"after {found.periods} periods of the input it {_FOLLOWS if repeats == 1 else _EVERY.format(repeats)} "
+            f"(to {found.distance:.1g} of its size)"
+        )
+    elif found.periods:
+        goes_on = f"it {_PARTS[Motion.UNDECIDED].format(0.0, found.periods)}"
     else:
-        goes_on = f"{_FOLLOWS if repeats == 1 else _EVERY.format(repeats)} (to {found.distance:.1g} of its size)"
+        goes_on = "it ends early, or grows beyond bounds"
     return ForcedResponse(
         input=drive.input,
         amplitude=drive.amplitude,
@@ -156,8 +161,8 @@ def _of_run(drive: Drive, most_periods: int, provenance: Provenance) -> ForcedRe
         exponent=float("nan"),
         status=Status.NOT_CONVERGED if response is None else Status.CONVERGED,
         message=(
-            f"Response to a sine of {_sine(drive)}, from a run alone, for the loop has {by_runs(drive)}: after "
-            f"{found.periods} periods of the input it {goes_on}. Other responses were not looked for."
+            f"Response to a sine of {_sine(drive)}, from a run alone, for the loop has {by_runs(drive)}: {goes_on}. "
+            f"Other responses were not looked for."
         ),
         provenance=provenance,
         operating_point=drive.at,
