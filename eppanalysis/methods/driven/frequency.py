@@ -174,7 +174,7 @@ def _closed_exactly(drive: Drive) -> Drive:
     if why:
         raise EppError(
             f"{drive.system.name} has {why}, so there is no exact response to follow; "
-            "expected a loop without, or forced_response, which takes one from a run."
+            "expected a loop without, or one frequency and amplitude (forced_response), which a run answers."
         )
     return drive
 
