@@ -318,9 +318,6 @@ class Walk:
         elif old.stable != new.stable:
             kind, test = _crossing(old, new)
             found = self._located(old, new, test)
-        elif new.before is not None and _passed_by(old, new, new.before[0]):
-            # Even the shortest step does not show how the branch goes on: it is said that another one is met here.
-            kind, found = Turning.BRANCH_POINT, new
         else:
             return []
         if found is None:
