@@ -9,7 +9,7 @@ it is carried by runs, each from the last one's state, as long as these stay nea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -303,7 +303,7 @@ def _seed(
     raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
 
 
-def _points_of(here: _Here, cycles: Sequence[LimitCycle]) -> Iterator[_Point]:
+def _points_of(here: _Here, cycles: Iterable[LimitCycle]) -> Iterator[_Point]:
     """Cycles as points: closed to an orbit where they are locked, else as a run has them."""
     for cycle in cycles:
         known = [] if here.strobe.forgets or not here.strobe.every else rounds_near(here.hybrid, here.strobe, cycle)

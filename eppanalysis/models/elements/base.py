@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,6 +88,49 @@ class OwnStates:
             object.__setattr__(self, name, values)
 
 
+class MeanAndGain(NamedTuple):
+    """What a describing function gives: the mean of the output, and the complex gain of its fundamental.
+
+    As one complex number, which is what python-control takes it for, it is the gain; with a mean it is none.
+
+    Parameters
+    ----------
+    mean : array
+    gain : array of complex
+    """
+
+    mean: NDArray[np.float64]
+    gain: NDArray[np.complex128]
+
+    def __complex__(self) -> complex:
+        """The gain of one amplitude, of an element with one output that has no mean there.
+
+        Raises
+        ------
+        ModelError
+            If there is a mean, or more than one gain.
+        """
+        mean, gain = np.asarray(self.mean), np.asarray(self.gain)
+        if gain.size != 1:
+            raise ModelError(f"A describing function of {gain.size} gains is no number", expected="one amplitude")
+        if abs(mean.item()) > _ROUNDING * abs(gain.item()):
+            raise ModelError(
+                f"The output has a mean of {mean.item():.6g}, which python-control does not know",
+                expected="an element without one; predict_limit_cycles balances means",
+            )
+        return complex(gain.item())
+
+
+class _OfMore(MeanAndGain):
+    """The same of an element whose gain hangs on more than an amplitude."""
+
+    def __complex__(self) -> complex:
+        raise ModelError(
+            "This describing function depends on the frequency, or has several inputs or outputs",
+            expected="an element of one input and one output without states of its own",
+        )
+
+
 class Nonlinearity(ABC):
     """One nonlinear element of a loop.
 
@@ -157,6 +201,34 @@ class Nonlinearity(ABC):
         cls.kind = kind
         if kind:
             ELEMENTS[kind] = cls
+        if "describing_function" in vars(cls):
+            cls.describing_function = _named(cls.describing_function)  # type: ignore[method-assign]
+
+    def __call__(self, x: float) -> float:
+        """Output of an element without memory for an input, as python-control calls a function.
+
+        Raises
+        ------
+        ModelError
+            If it remembers something (`output` takes that and gives it back, :meth:`to_control` keeps it from call to
+            call), or has several inputs or outputs.
+
+        Examples
+        --------
+        >>> from eppanalysis.models.elements import DeadZone
+        >>> DeadZone(width=1.0)(3.0)
+        2.0
+        """
+        self._refuse_several()
+        y, memory = self.output(np.squeeze(x), None)
+        if memory is not None:
+            expected = "to_control(), which keeps it from call to call"
+            raise ModelError(f"{type(self).__name__} remembers where it has been", expected=expected)
+        return float(y)
+
+    def _isstatic(self) -> bool:
+        """Whether it has no memory, which python-control asks before it samples the calls."""
+        return self.output(0.0, None)[1] is None
 
     @abstractmethod
     def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
@@ -236,10 +308,10 @@ class Nonlinearity(ABC):
         return False
 
     def to_control(self) -> control.DescribingFunctionNonlinearity:
-        """The element as python-control takes one, for ``control.describing_function_plot`` and its like.
+        """The element as one of python-control's own, which keeps what it remembers from call to call.
 
-        There a describing function is a number of the amplitude alone: what has a mean output without a bias is refused
-        when it is asked for. Called, the object keeps what it remembers from call to call, as python-control's do.
+        ``control.describing_function_plot`` and its like take the element itself, too, by its describing function.
+        There that is a number of the amplitude alone: what has a mean output without a bias is refused when asked for.
 
         Raises
         ------
@@ -253,10 +325,29 @@ class Nonlinearity(ABC):
         >>> control.describing_function(Play(gap=1.0).to_control(), [1.0, 2.0]).round(4).tolist()
         [(0.5-0.3183j), (0.8045-0.2387j)]
         """
-        if (self.n_inputs, self.n_outputs) != (1, 1) or self.own_states is not None:
+        self._refuse_several()
+        return _for_control(self)
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it has one input, one output and no linear states of its own."""
+        return (self.n_inputs, self.n_outputs) == (1, 1) and self.own_states is None
+
+    def _refuse_several(self) -> None:
+        if not self.is_single:
             who = type(self).__name__
             raise ModelError(f"{who} has several inputs or outputs, or states of its own", expected="one of each alone")
-        return _for_control(self)
+
+
+def _named(described: Callable[..., tuple[Any, Any]]) -> Callable[..., MeanAndGain]:
+    """A describing function whose mean and gain are named."""
+
+    @wraps(described)
+    def named(element: Nonlinearity, *args: Any, **kwargs: Any) -> MeanAndGain:
+        kind = MeanAndGain if element.is_single and not element.of_frequency else _OfMore
+        return kind(*described(element, *args, **kwargs))
+
+    return named
 
 
 def _for_control(element: Nonlinearity) -> control.DescribingFunctionNonlinearity:

@@ -80,6 +80,66 @@ def test_intersections_of_the_plot_are_the_predicted_cycle():
     plt.close("all")
 
 
+@pytest.mark.parametrize("kind", ["saturation", "backlash", "relay"])
+def test_an_element_itself_is_taken_as_python_controls_own_is(kind: str) -> None:
+    import matplotlib.pyplot as plt
+
+    element, begin = theirs(kind, 0.7, 1.3)
+    ours, plant = as_element(element), control.tf([8.0], [1.0, 2.0, 2.0, 1.0])
+    np.testing.assert_allclose(
+        control.describing_function(ours, begin * AMPLITUDES), control.describing_function(element, begin * AMPLITUDES),
+        rtol=1e-9,
+    )  # fmt: skip
+    wanted, found = (
+        control.describing_function_response(plant, f, begin * AMPLITUDES, warn_nyquist=False) for f in (element, ours)
+    )
+    assert len(found.intersections) == len(wanted.intersections)
+    np.testing.assert_allclose(found.intersections, wanted.intersections, rtol=1e-6)
+    lines = [
+        control.describing_function_plot(plant, f, begin * AMPLITUDES, warn_nyquist=False).lines[1][0]
+        for f in (element, ours)
+    ]
+    np.testing.assert_allclose(lines[1].get_xydata(), lines[0].get_xydata(), rtol=1e-9)
+    plt.close("all")
+
+
+#: One of every element of one input and one output that remembers nothing and is symmetric about zero.
+MEMORYLESS = [
+    epp.Saturation(), epp.DeadZone(), epp.Relay(), epp.RelayDeadZone(0.3), epp.Cube(2.0), epp.Quantiser(0.2, 4),
+    epp.Tanh(1.0, 2.0), epp.Arctan(1.0), epp.Sine(1.0), epp.Drag(1.0), epp.Friction(0.4), epp.ViscousCoulomb(0.4, 0.1),
+    epp.StribeckFriction(1.0, 1.5, 0.2, 0.1), epp.Polynomial([0.0, 1.0, 0.0, 0.5]), epp.Preload(1.0, 1.0),
+    epp.LookupTable([-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0]), epp.MidRiseQuantiser(0.1, 10), epp.Coulomb(0.5),
+    epp.PiecewiseLinear([-1.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]), epp.DeadZoneSaturation(0.2, 1.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("element", MEMORYLESS, ids=lambda e: type(e).__name__)
+def test_what_remembers_nothing_is_a_function_that_python_control_samples_to_the_closed_form(element) -> None:
+    for amplitude in (0.5, 1.7):
+        sampled = control.describing_function(element, amplitude, num_points=4000, zero_check=False, try_method=False)
+        closed = control.describing_function(element, amplitude)
+        np.testing.assert_allclose(sampled, closed, atol=5e-3)
+        # A sample of the plain function is its output; python-control asks whether it may be sampled in any order.
+        assert element._isstatic() and element(amplitude) == float(element.output(amplitude)[0])
+
+
+def test_what_remembers_is_no_function_and_says_what_keeps_it() -> None:
+    for element in (epp.Play(1.0), epp.HysteresisRelay(-1.0, 1.0)):
+        assert not element._isstatic()
+        with pytest.raises(ModelError, match=r"remembers where it has been; expected to_control\(\)"):
+            element(0.5)
+
+
+def test_gains_that_are_no_number_of_the_amplitude_alone_are_refused() -> None:
+    for element in (epp.LockPin(gap=0.1, stiffness=10.0, damping=0.1), epp.RateLimiter(1.0)):
+        with pytest.raises(ModelError, match="depends on the frequency, or has several inputs or outputs"):
+            control.describing_function(element, [1.0, 2.0])
+    with pytest.raises(ModelError, match="has a mean of"):
+        control.describing_function(epp.Saturation(-0.5, 2.0), [0.4, 1.0])
+    mean, gain = epp.Saturation(-0.5, 2.0).describing_function(1.0)  # as ever
+    assert mean > 0.0 and abs(gain) < 1.0
+
+
 def test_a_mean_that_python_control_would_leave_out_is_refused():
     adapter = epp.Saturation(-0.5, 2.0).to_control()
     assert adapter.describing_function(0.4) == pytest.approx(1.0)
