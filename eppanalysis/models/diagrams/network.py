@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.diagrams.blocks import Block, Constant, DeadTime
+from eppanalysis.models.diagrams.blocks import Block, Constant, DeadTime, Sensor
 from eppanalysis.models.diagrams.linear import Linear, closed_blocks
 from eppanalysis.models.diagrams.wiring import Drawn, Port, free_name
 from eppanalysis.models.elements.base import Nonlinearity
@@ -91,11 +91,14 @@ class Network:
             else:
                 network.elements[name] = part
                 network.ports[name] = diagram.ports.inputs[name], diagram.ports.outputs[name]
+        sensors = {name: part for name, part in diagram.parts.items() if isinstance(part, Sensor)}
+        steps = {name: network._quantise(name, part) for name, part in sensors.items()}
         for name, part in diagram.parts.items():
             if isinstance(part, Block) and part.delay and name in network.linear:
                 (network._delay_alone if isinstance(part, DeadTime) else network._delay)(name, part.delay)
         for (step, delay), blocks in sampled.items():
             network._execute(blocks, step, delay)
+        network.moved |= {(name, sensors[name].inputs[0]): port for name, port in steps.items()}
         return network
 
     def linear_ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
@@ -123,6 +126,15 @@ class Network:
     def state_names(self) -> list[str]:
         """A name for each state."""
         return [name for block in self.linear.values() for name in block.state_names]
+
+    def _quantise(self, name: str, sensor: Sensor) -> Port:
+        """Put the quantiser of a sensor in front of it; its input."""
+        made, entry = self._fresh(f"{name}_quantiser"), (name, sensor.inputs[0])
+        self.elements[made] = sensor.quantiser
+        self.ports[made] = ("in",), ("out",)
+        self.wires[made, "in"] = self.wires[entry]
+        self.wires[entry] = [(1.0, (made, "out"))]
+        return made, "in"
 
     def _execute(self, blocks: Mapping[str, Linear], step: float, delay: float) -> None:
         """Put blocks that are executed together in as one sampled controller."""

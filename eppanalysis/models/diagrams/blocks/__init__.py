@@ -12,6 +12,7 @@ from eppanalysis.models.diagrams.blocks.control import (
     LeadLag as LeadLag,
     LowPass as LowPass,
     Notch as Notch,
+    Sensor as Sensor,
     StateSpaceBlock as StateSpaceBlock,
     TransferFunction as TransferFunction,
     ZeroPoleGain as ZeroPoleGain,

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.declared import Form, Section, choice, names, numbers, quantity, required
+from eppanalysis.models.elements.static import Quantiser
 from eppanalysis.models.systems.linear import StateSpace, transfer_function
 
 #: Blocks by the kind that a case file gives them.
@@ -114,6 +115,37 @@ class Gain(Block, kind="gain"):
     """A factor."""
 
     gain: float = quantity(1.0, "Output per input")
+
+    def continuous(self) -> StateSpace:
+        """No states."""
+        return static([[self.gain]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(Block, kind="sensor"):
+    """A sensor with its converter: ``gain`` times what comes in, in whole steps; held where it has a sample time.
+
+    It is a gain with a quantiser in front of it, which stands among the elements of the loop by the sensor's name and
+    "_quantiser".
+    """
+
+    gain: float = quantity(1.0, "Output per input")
+    step: float = required(
+        "Step of the output: a turn over the counts of an encoder, the least bit of a converter", above=0
+    )
+    levels: float = quantity(2048.0, "Steps on either side of zero, a whole number", at_least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not float(self.levels).is_integer():
+            raise ModelError(type(self).__name__, self.levels, "a positive whole number", field="levels")
+        if not self.gain:
+            raise ModelError(type(self).__name__, self.gain, "a factor other than zero", field="gain")
+
+    @property
+    def quantiser(self) -> Quantiser:
+        """The steps as they are at the input: the same numbers are held whether they are taken before or behind it."""
+        return Quantiser(step=self.step / abs(self.gain), levels=int(self.levels))
 
     def continuous(self) -> StateSpace:
         """No states."""
