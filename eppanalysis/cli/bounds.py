@@ -52,6 +52,9 @@ def bounds(
         typer.Option("--within", metavar="LOW..HIGH", help='Range of --limit to look in, as in "0.1 deg..5 deg".'),
     ] = None,
     allow: Allow = None,
+    own_run: Annotated[
+        bool, typer.Option("--own-run", help="Of a sampled loop, ask the case's own run alone, not the search.")
+    ] = False,
     verify: Annotated[bool, typer.Option("--verify/--no-verify", help="Test every bound on both sides.")] = True,
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
@@ -91,6 +94,7 @@ def bounds(
             points=points,
             within=within_of(within),
             allow=allow,
+            own_run=own_run,
             verify=verify,
             margin=margin,
             starts=starts,

@@ -26,7 +26,7 @@ from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds.proved import proved_sides
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
-from eppanalysis.methods.bounds.searched import is_by_search, not_covered, searched_cell
+from eppanalysis.methods.bounds.searched import Asking, is_by_search, searched_cell
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
@@ -72,6 +72,7 @@ def design_bounds(
     at: Sequence[object] | None = None,
     within: tuple[object, object] | None = None,
     allow: str | None = None,
+    own_run: bool = False,
     exact: bool = True,
     verify: bool = True,
     margin: float = 0.01,
@@ -101,8 +102,11 @@ def design_bounds(
     allow : str, optional
         A limit cycle that is allowed: a signal and its size peak to peak, "theta 0.3 deg", or "theta 0.1 deg rms"
         (about the mean; plain numbers are SI). The bound is then where the largest stable cycle becomes larger.
+    own_run : bool
+        Of a sampled loop, ask the case's own run alone, from its own start and with its own input: which is the last
+        value from which that comes to rest?
     exact : bool
-        Correct every bound to the exact fold.
+        Correct every bound to the exact fold; a sampled loop has nothing else.
     verify : bool
         Test every corrected bound on both sides.
     margin : float
@@ -167,14 +171,14 @@ def design_bounds(
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
-    by_search = is_by_search(case.to_system())
-    if prove and (by_search or allowed is not None or not (exact and verify)):
+    asking = Asking(allowed, margin, own_run) if is_by_search(case.to_system()) else None
+    if (asking is None and own_run) or (asking is not None and not exact):
+        wanted = "own_run is True for a loop that is not" if own_run else "exact is False for one that is"
+        raise EppError(f"design_bounds: {wanted} sampled; expected own_run for sampled loops alone, exact for others.")
+    if prove and (asking is not None or allowed is not None or not (exact and verify)):
         raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
-    if by_search and not exact:
-        raise EppError("design_bounds: exact is False for a sampled loop; expected True: it has no harmonic balance.")
-    if by_search:
-        ask = partial(searched_cell, question, allowed=allowed, margin=margin)
-        cells = _each(ask, values, workers, progress)
+    if asking is not None:
+        cells = _each(partial(searched_cell, question, asking=asking), values, workers, progress)
     elif allowed is not None:
         cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)
     else:
@@ -195,7 +199,7 @@ def design_bounds(
         cells=tuple(cells),
         margin=margin,
         allowed=allowed,
-        not_covered=not_covered(cells, margin) if by_search else "",
+        not_covered="" if asking is None else asking.not_covered(cells),
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )

@@ -3,8 +3,8 @@
 The cycles of such a loop stand in whole numbers of samples or in none, so no branch of them runs through a fold that
 could be solved for. The search is asked at some values over the range, and between two that it answers differently
 again and again, until both lie within the margin; from the cycles that are known on one side it starts on the other.
-Beside it the case's own run is asked. What only other starts lead to, and what comes and goes between the values that
-were asked, is not covered, and the result says so.
+Beside it the case's own run is asked, or that alone. What only other starts lead to, and what comes and goes between
+the values that were asked, is not covered, and the result says so.
 """
 
 from __future__ import annotations
@@ -60,70 +60,112 @@ def is_by_search(system: LureSystem) -> bool:
     return bool(system.time_step) or is_sampled(system.elements)
 
 
-def answer_at(question: Question, allowed: Allowed | None, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
-    """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
-    case = question.case_at(value)
-    search, run = search_from(case, known), simulate(case)
-    own = () if run.limit_cycle is None else (run.limit_cycle,)
-    bad = tuple(c for c in (*search, *own) if allowed is None or allowed.exceeded_by(c))
-    grows = search.diverges or run.status is Status.DIVERGED
-    return Answer(value, bad, (*search.left_open, *["runs grow without bound"] * grows), search.n_runs + 1)
+@dataclass(frozen=True)
+class Asking:
+    """What is asked at each value.
+
+    Attributes
+    ----------
+    allowed : Allowed or None
+        The largest stable cycle that is allowed.
+    margin : float
+        How near the two sides of a bound come, relative to it.
+    own_run : bool
+        Whether the case's own run alone is asked, from its own start and with its own input.
+    """
+
+    allowed: Allowed | None = None
+    margin: float = 0.01
+    own_run: bool = False
+
+    def answer(self, question: Question, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
+        """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
+        case = question.case_at(value)
+        run, search = simulate(case), None if self.own_run else search_from(case, known)
+        cycles = [*(search or ()), *([] if run.limit_cycle is None else [run.limit_cycle])]
+        bad = tuple(c for c in cycles if self.allowed is None or self.allowed.exceeded_by(c))
+        grows = run.status is Status.DIVERGED or (search is not None and search.diverges)
+        left = ["runs grow without bound"] * grows
+        if search is not None:
+            left += search.left_open
+        elif not cycles and run.status not in (Status.SETTLED, Status.DIVERGED):
+            left.append("the case's own run neither settles nor repeats itself")
+        return Answer(value, bad, tuple(left), 1 + (0 if search is None else search.n_runs))
+
+    def not_covered(self, cells: Sequence[BoundCell]) -> str:
+        """What the bounds do not cover, in a sentence."""
+        asked = [c.n_searched for c in cells if c.n_searched] or [0]
+        fewest, most = min(asked), max(asked)
+        numbers = str(most) if fewest == most else f"{fewest} to {most}"
+        how = "the answer of the search for limit cycles changes"
+        others = "cycles that only other starts lead to"
+        if self.own_run:
+            how, others = "the case's own run ceases to come to rest", "other starts and inputs"
+        return (
+            f"The loop is sampled: bounds are where {how}, asked at {numbers} values of the range and to "
+            f"{100.0 * self.margin:g} %; {others}, and what comes and goes between these values, are not covered."
+        )
 
 
-def searched_cell(question: Question, value: float, allowed: Allowed | None, margin: float) -> BoundCell:
+def searched_cell(question: Question, value: float, asking: Asking) -> BoundCell:
     """The bound at one value of the parameter that runs; what fails is said in the cell."""
     here = question.at(value)
     try:
-        return _cell(here, value, allowed, margin)
+        return _cell(here, value, asking)
     except EppError as error:
         message = f"The search failed ({str(error).rstrip('.')})."
         return BoundCell(value=value, finding=Finding.FAILED, message=message)
 
 
-def _cell(question: Question, value: float, allowed: Allowed | None, margin: float) -> BoundCell:
+def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
     values = tried_values(question)
     # A loop in discrete time has no hybrid form to be compared.
     if not question.case_at(values[0]).to_system().time_step and idle(question, values):
         return BoundCell(value=value, finding=Finding.IDLE, message=Finding.IDLE.sentence)
-    asked = [answer_at(question, allowed, v) for v in values]
-    free, there = [a.free for a in asked], [bool(a.cycles) for a in asked]
-    if not any(there) or not (free[0] or free[-1]):
-        what = "limit cycle" if allowed is None else f"stable limit cycle larger than allowed ({allowed})"
-        found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what)
-        opened = listed(list(dict.fromkeys(text for a in asked for text in a.open_ends)))
-        note = found.note + (f" Left open: {opened}." if opened else "")
-        return BoundCell(value=value, finding=found.finding, message=note, n_searched=len(asked))
+    asked = [asking.answer(question, v) for v in values]
+    free = [a.free for a in asked]
+    if all(free) or not (free[0] or free[-1]):
+        return _without(question, value, asked, asking)
     sign = 1.0 if free[0] else -1.0
     ordered = asked if sign > 0 else asked[::-1]
     first = next(k for k, a in enumerate(ordered) if not a.free)
     beyond, safer = ordered[first:], ordered[:first][::-1]
-    while safer:
-        again = answer_at(question, allowed, safer[0].value, _nearest(beyond).cycles)
+    while safer and (known := _nearest(beyond).cycles) and not asking.own_run:
+        again = asking.answer(question, safer[0].value, known)
         if again.free:
             break
         beyond, safer = [again, *beyond], safer[1:]
     if not safer:
         return BoundCell(value=value, finding=Finding.BEYOND, message=Finding.BEYOND.sentence, n_searched=len(asked))
-    sides, more = _narrowed(question, allowed, (safer[0], beyond[0], _nearest(beyond)), margin)
-    return _joined(question, value, sign, sides, allowed, len(asked) + more)
+    sides, more = _narrowed(question, (safer[0], beyond[0], _nearest(beyond)), asking)
+    return _joined(question, value, sign, sides, asking.allowed, len(asked) + more)
+
+
+def _without(question: Question, value: float, asked: Sequence[Answer], asking: Asking) -> BoundCell:
+    """A cell without a bound, and why."""
+    what = "limit cycle" if asking.allowed is None else f"stable limit cycle larger than allowed ({asking.allowed})"
+    found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what)
+    opened = listed(list(dict.fromkeys(text for a in asked for text in a.open_ends)))
+    note = found.note + (f" Left open: {opened}." if opened else "")
+    return BoundCell(value=value, finding=found.finding, message=note, n_searched=len(asked))
 
 
 def _nearest(beyond: Sequence[Answer]) -> Answer:
-    """The first answer that has cycles."""
-    return next(a for a in beyond if a.cycles)
+    """The first answer that has cycles; where none has, the first."""
+    return next((a for a in beyond if a.cycles), beyond[0])
 
 
 def _narrowed(
-    question: Question, allowed: Allowed | None, sides: tuple[Answer, Answer, Answer], margin: float
+    question: Question, sides: tuple[Answer, Answer, Answer], asking: Asking
 ) -> tuple[tuple[Answer, Answer, Answer], int]:
     """Two values within the margin, the first free and the next not; the nearest with a cycle; how many were asked."""
     safe, beyond, other = sides
     count, least = 0, _SMALL * (question.high - question.low)  # a bound at zero has no relative margin
-    while abs(beyond.value - safe.value) > margin * max(abs(safe.value), abs(beyond.value), least):
-        middle = answer_at(question, allowed, 0.5 * (safe.value + beyond.value), other.cycles)
+    while abs(beyond.value - safe.value) > asking.margin * max(abs(safe.value), abs(beyond.value), least):
+        middle = asking.answer(question, 0.5 * (safe.value + beyond.value), other.cycles)
         count += 1
         safe, beyond = (middle, beyond) if middle.free else (safe, middle)
-        other = middle if middle.cycles else other
+        other = middle if middle.cycles or (beyond is middle and not other.cycles) else other
     return (safe, beyond, other), count
 
 
@@ -136,39 +178,26 @@ def _joined(
     n_searched: int,
 ) -> BoundCell:
     safe, beyond, other = sides
-    cycle = other.cycles[0] if allowed is None else max(other.cycles, key=allowed.of_cycle)
+    cycle = max(other.cycles, key=allowed.of_cycle, default=None) if allowed else next(iter(other.cycles), None)
     message = ""
-    if beyond is not other:
-        places = [question.case.text(question.limit, a.value) for a in (beyond, other)]
-        message = f"Not verified: at {places[0]} {listed(beyond.open_ends)}; the next cycle found is at {places[1]}."
+    if not beyond.cycles:
+        place, next_one = (question.case.text(question.limit, a.value) for a in (beyond, other))
+        further = "no cycle was found beyond" if cycle is None else f"the next cycle found is at {next_one}"
+        message = f"Not verified: at {place} {listed(beyond.open_ends)}; {further}."
     return BoundCell(
         value=value,
         finding=Finding.BOUND,
         sign=sign,
         searched=safe.value,
         kind=Turn.SEARCH,
-        frequency=cycle.frequency,
+        frequency=float("nan") if cycle is None else cycle.frequency,
         safe_value=safe.value,
         other_value=other.value,
         n_runs=safe.n_runs,
         n_settled=safe.n_runs,
         n_searched=n_searched,
-        verified=beyond is other,
+        verified=bool(beyond.cycles),
         other_orbit=cycle,
-        size=float("nan") if allowed is None else allowed.of_cycle(cycle),
+        size=float("nan") if allowed is None or cycle is None else allowed.of_cycle(cycle),
         message=message,
-    )
-
-
-def not_covered(cells: Sequence[BoundCell], margin: float) -> str:
-    """What bounds by the search do not cover, in a sentence; empty where none is."""
-    asked = [c.n_searched for c in cells if c.n_searched]
-    if not asked:
-        return ""
-    fewest, most = min(asked), max(asked)
-    numbers = str(most) if fewest == most else f"{fewest} to {most}"
-    return (
-        f"The loop is sampled: bounds are where the answer of the search for limit cycles changes, asked at {numbers} "
-        f"values of the range and to {100.0 * margin:g} %; cycles that only other starts lead to, or that come and go "
-        "between these values, are not covered."
     )

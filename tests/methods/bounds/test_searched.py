@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from eppanalysis.cli.bounds import bounds_columns, sentences
 from eppanalysis.methods.bounds import searched
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
-from eppanalysis.methods.bounds.searched import Answer, searched_cell
+from eppanalysis.methods.bounds.searched import Answer, Asking, searched_cell
+from studies.virtual_spring import Haptic, comes_to_rest
 from tests.sampled_relay import patterns, sampled_relay
 
 
@@ -62,49 +63,84 @@ def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bound
 
 
 def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:
-    with pytest.raises(epp.EppError, match="exact is False for a sampled loop; expected True"):
+    with pytest.raises(epp.EppError, match="exact is False for one that is sampled"):
         epp.design_bounds(case, "T", "dead", at=["0.5 s"], exact=False)
 
 
-def answers(monkeypatch: pytest.MonkeyPatch, cycle: object, cycles_from: float, free_to: float) -> None:
-    """Let the search find cycles from one value on and be complete up to another one."""
+@dataclass(frozen=True)
+class Told(Asking):
+    """The answers of a loop that has cycles from one value on, and whose search is complete up to another one."""
 
-    def answer(question: Question, allowed: object, value: float, known: object = ()) -> Answer:
-        opened = () if value <= free_to else ("a run was left undecided",)
-        return Answer(value, (cycle,) if value >= cycles_from else (), opened, 7)  # type: ignore[arg-type]
+    cycle: epp.LimitCycle | None = None
+    cycles_from: float = 0.0
+    free_to: float = 0.0
 
-    monkeypatch.setattr(searched, "answer_at", answer)
+    def answer(self, question: Question, value: float, known: object = ()) -> Answer:
+        opened = () if value <= self.free_to else ("a run was left undecided",)
+        cycles = () if value < self.cycles_from or self.cycle is None else (self.cycle,)
+        return Answer(value, cycles, opened, 7)
 
 
-def cell_of(case: epp.Case, within: tuple[float, float] = (0.1, 0.2)) -> BoundCell:
-    return searched_cell(Question(case, "dead", *within, "T"), 0.5, None, 0.01)
+def cell_of(case: epp.Case, told: Told) -> BoundCell:
+    return searched_cell(Question(case, "dead", 0.1, 0.2, "T"), 0.5, told)
 
 
-def test_where_runs_are_left_undecided_before_the_next_cycle_the_bound_is_not_verified(case, bounds, monkeypatch):
-    answers(monkeypatch, bounds[0].other_orbit, cycles_from=0.16, free_to=0.14)
-    cell = cell_of(case)
+def test_where_runs_are_left_undecided_before_the_next_cycle_the_bound_is_not_verified(case, bounds) -> None:
+    cell = cell_of(case, Told(cycle=bounds[0].other_orbit, cycles_from=0.16, free_to=0.14))
     assert 0.1386 <= cell.searched <= 0.14 and not cell.verified
-    assert cell.message.startswith("Not verified: at 0.14") and "a run was left undecided" in cell.message
+    assert cell.message.startswith("Not verified: at 0.14") and "a run was left undecided; the next" in cell.message
     assert cell.other_value >= 0.16
     told = replace(bounds, cells=(cell,))
     assert told.status is epp.Status.UNDECIDED and "a cycle was found just beyond 0 of 1 bound" in str(told)
 
 
+def test_where_no_cycle_is_found_beyond_that_is_said(case, bounds) -> None:
+    cell = cell_of(case, Told(free_to=0.14))
+    assert 0.1386 <= cell.searched <= 0.14 < cell.other_value < 0.142 and not cell.verified
+    assert cell.other_orbit is None and "no cycle was found beyond" in cell.message
+    replace(bounds, cells=(cell,)).plot()
+
+
 @pytest.mark.parametrize(
     ("cycles_from", "free_to", "finding"),
-    [(9.0, 9.0, Finding.NONE), (0.0, 0.0, Finding.ALWAYS), (9.0, 0.14, Finding.UNSURE)],
+    [(9.0, 9.0, Finding.NONE), (0.0, 0.0, Finding.ALWAYS), (9.0, 0.0, Finding.UNSURE)],
 )
-def test_where_the_answer_does_not_change_there_is_no_bound(case, bounds, monkeypatch, cycles_from, free_to, finding):
-    answers(monkeypatch, bounds[0].other_orbit, cycles_from, free_to)
-    cell = cell_of(case)
+def test_where_the_answer_does_not_change_there_is_no_bound(case, bounds, cycles_from, free_to, finding) -> None:
+    cell = cell_of(case, Told(cycle=bounds[0].other_orbit, cycles_from=cycles_from, free_to=free_to))
     assert cell.finding is finding and np.isnan(cell.bound) and cell.n_searched == 6
     told = str(replace(bounds, cells=(cell,)))
     assert told.startswith("No bound on dead") and "not covered" in told
 
 
-def test_a_bound_at_zero_is_found_in_few_steps(case, bounds, monkeypatch) -> None:
-    answers(monkeypatch, bounds[0].other_orbit, cycles_from=1e-300, free_to=0.0)
+def test_a_bound_at_zero_is_found_in_few_steps(case, bounds) -> None:
+    told = Told(cycle=bounds[0].other_orbit, cycles_from=1e-300)
     question = Question(case, "dead", 0.0, 0.2)
-    ends = [searched.answer_at(question, None, value) for value in (0.0, 0.2)]
-    (safe, beyond, _), count = searched._narrowed(question, None, (ends[0], ends[1], ends[1]), 0.01)
+    safe, beyond = (told.answer(question, value) for value in (0.0, 0.2))
+    (safe, beyond, _), count = searched._narrowed(question, (safe, beyond, beyond), told)
     assert safe.value == 0.0 and 0.0 < beyond.value < 1e-4 and count < 25
+
+
+def test_the_own_run_of_a_virtual_spring_is_bounded_where_closed_forms_are() -> None:
+    """Let go 5 mm aside it comes to rest up to 544 N/m, by closed forms that know nothing of the engine."""
+    spring = epp.case("virtual_spring")
+    found = epp.design_bounds(spring, "aside", "K", at=["5 mm"], within=(500.0, 600.0), own_run=True, margin=0.02)
+    (cell,) = found
+    assert comes_to_rest(Haptic(5e-3), cell.searched) and not comes_to_rest(Haptic(5e-3), cell.other_value)
+    assert cell.sign == 1.0 and 0.98 < cell.searched / cell.other_value < 1.0
+    assert "where the case's own run ceases to come to rest" in str(found) and "other starts and inputs" in str(found)
+    assert found.status is epp.Status.UNDECIDED and "neither settles nor repeats itself" in cell.message
+
+
+def test_the_own_run_is_for_sampled_loops() -> None:
+    with pytest.raises(epp.EppError, match="own_run is True for a loop that is not sampled"):
+        epp.design_bounds(epp.case("wheelchair"), "play.gap", "loop.gain", at=[0.012], within=(0.5, 1.0), own_run=True)
+
+
+def test_a_loop_in_discrete_time_is_bounded_by_the_search() -> None:
+    """x+ = a x - (1 - a) relay(x) changes its sign at each sample as long as (1 - a)/(1 + a) is above the dead zone."""
+    loop = epp.LureSystem.from_tf(epp.StateSpace([[0.5]], [[0.5]], [[1.0]], [[0.0]], 0.1), epp.RelayDeadZone(0.2))
+    case = epp.Case.from_system(replace(loop, x0=np.array([0.3])), name="discrete")
+    found = epp.design_bounds(case, "relaydeadzone.level", "relaydeadzone.threshold", at=[1.0], within=(0.2, 0.6))
+    (cell,) = found
+    assert cell.other_value <= 1.0 / 3.0 <= cell.searched and cell.sign == -1.0 and cell.verified
+    assert found.not_covered in str(found)
