@@ -106,6 +106,8 @@ def _functions() -> Iterator[Door]:
         "design_bounds": {"case": case, "over": level, "limit": threshold, "start": 1.0, "stop": 1.1, "points": 1,
                           "at": None, "within": (0.4, 2.0), "allow": None, "exact": False, "verify": False,
                           "margin": 0.01, "prove": False, "workers": 1, "progress": None, **few},
+                          "at": None, "within": (0.4, 2.0), "allow": None, "own_run": False, "exact": False,
+                          "verify": False, "margin": 0.01, "workers": 1, "progress": None, **few},
         "design": {"case": case, "tune": {threshold: (0.4, 2.0)}, "maximise": threshold, "minimise": None,
                    "allow": None, "front": None, "verify": False, "margin": 0.01, "progress": None, **few},
         "tolerance_bound": {"case": case, "limit": threshold, "tolerances": None, "within": (0.4, 2.0),
