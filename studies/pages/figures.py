@@ -153,6 +153,14 @@ def drawings() -> dict[str, Drawing]:
 def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple[Array, Array]:
     """One steady period of input and (first) output, by stepping the element's own map along the sine."""
     if element.inside is not None:
+        "reset": Drawing(
+            {
+                "Clegg's integrator": epp.CleggIntegrator(gain=1.0),
+                "first order, pole 1 rad/s": epp.FirstOrderReset(pole=1.0, gain=1.0),
+            },
+            1.5,
+            4.0,
+        ),
         return _loop_of_states(element, drawing, n)
     phase = np.linspace(0.0, 4.0 * np.pi, 2 * n + 1)
     x = drawing.bias + drawing.amplitude * np.sin(phase)

@@ -17,7 +17,7 @@ from eppanalysis.kernels.engine.periodicity import carry_on, come_back
 from eppanalysis.kernels.engine.series import DELAY_LINE
 from eppanalysis.kernels.engine.series_step import expand_step, look_ahead, plan, reach, read_lines
 from eppanalysis.kernels.engine.signals import enter, rate_at_end, rates, write_rest
-from eppanalysis.kernels.engine.switches import record, switch
+from eppanalysis.kernels.engine.switches import jumps_state, record, switch
 from eppanalysis.kernels.engine.tables import ENTRY, HOT, INLINE
 from eppanalysis.kernels.engine.workspace import DIVERGED, DONE, EVENT_LIMIT, PAUSED, SINGULAR, STEP_LIMIT
 from eppanalysis.kernels.simd.vectors import lower_to, polynomial, raise_to, take, take_sizes
@@ -240,6 +240,10 @@ def _happen(model, compiled, work, workspace, buffer, now):
         now.code = EVENT_LIMIT
         return False
     now.guard = compiled.guard[now.q, now.which]
+    if jumps_state(model, now.guard):
+        # The state jumps: its extremes may stand before the event.
+        lower_to(workspace.low, workspace.x)
+        raise_to(workspace.high, workspace.x)
     _switch_over(model, compiled, work, workspace, buffer, now)
     if now.q < 0:
         now.code = SINGULAR

@@ -36,6 +36,7 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
     """
     k = compiled.guard[q, which]
     jumped = beyond_level(model, compiled, q, k, x, recent, H, Sg, last, u)
+    strength = impulse(model, compiled, q, k, x, H, Sg, last, u)
     reset(model, compiled, q, k, x, H, Sg, last, u, modes, memory)
     new = compiled.next[q, which]
     if jumped:
@@ -54,6 +55,10 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
             return -1
         if compiled.count[0] >= before and not jumped:
             compiled.next[q, which] = new
+    if strength != 0.0:
+        w0 = model.first[model.guard_element[k], 1]
+        for i in range(model.B.shape[0]):
+            x[i] += model.B[i, w0] * strength
     settle_on_level(model, compiled, new, model.guard_element[k], modes, x, H)
     return new
 
@@ -76,6 +81,26 @@ def reset(model, compiled, q, k, x, H, Sg, last, u, modes, new):
     for a in range(n_he):
         H[h0 + a] = new[a]
     modes[e] = model.guard_target[k]
+
+
+@njit(**HOT)
+def jumps_state(model, k):
+    """Whether states jump at guard k's event."""
+    for b in range(model.guard_impulse.shape[1]):
+        if model.guard_impulse[k, b] != 0.0:
+            return True
+    return False
+
+
+@njit(**HOT)
+def impulse(model, compiled, q, k, x, H, Sg, last, u):
+    """Impulse of the first output of guard k's element at its event."""
+    v, z0 = 0.0, model.first[model.guard_element[k], 0]
+    for b in range(model.guard_impulse.shape[1]):
+        c = model.guard_impulse[k, b]
+        if c != 0.0:
+            v += c * input_at(compiled, q, z0 + b, x, H, Sg, last, u)
+    return v
 
 
 @njit(**HOT)

@@ -63,6 +63,7 @@ class Model(NamedTuple):
     reset_z: np.ndarray  # (g, h_max, z_max)
     reset_h: np.ndarray  # (g, h_max, h_max)
     reset_0: np.ndarray  # (g, h_max)
+    guard_impulse: np.ndarray  # (g, z_max): on the inputs, of the impulse of its element's first output
     smooth_kind: np.ndarray  # (s,) int
     smooth_x: np.ndarray  # (s, n)
     smooth_H: np.ndarray  # (s, H)

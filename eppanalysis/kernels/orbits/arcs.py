@@ -106,7 +106,7 @@ def _guard_rows(model, compiled, q, guard, g, gs):
 
 @njit(**PART)
 def _event_map(model, compiled, q, guard, after, J):
-    """Memory values after the event; then the input of a sticking element is put on its level."""
+    """Memory values and the state after the event; then the input of a sticking element is put on its level."""
     n, n_H = model.A.shape[0], model.K.shape[1]
     e = model.guard_element[guard]
     z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
@@ -123,6 +123,15 @@ def _event_map(model, compiled, q, guard, after, J):
                     return UNSUPPORTED
                 accumulate(row[:n], c, compiled.Zx[q, z0 + b])
                 accumulate(row[n:], c, compiled.ZH[q, z0 + b])
+    for b in range(model.first[e + 1, 0] - z0):
+        c = model.guard_impulse[guard, b]
+        if c != 0.0:
+            if np.any(compiled.Zs[q, z0 + b] != 0.0):
+                return UNSUPPORTED
+            for i in range(n):
+                if model.B[i, w0] != 0.0:
+                    accumulate(J[i, :n], c * model.B[i, w0], compiled.Zx[q, z0 + b])
+                    accumulate(J[i, n:], c * model.B[i, w0], compiled.ZH[q, z0 + b])
     m = model.mode_first[e] + after[e]
     if model.mode_stick[m]:
         _level_map(J, model.C[z0], model.Kz[z0], model.mode_level[m], model.B[:, w0])

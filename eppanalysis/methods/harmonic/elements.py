@@ -117,6 +117,11 @@ class PeriodicElement:
         self.automaton: Automaton = element.automaton()
         self.name = type(element).__name__
         self.n_free = self.roles.count("free")
+        if self.automaton.has_impulses:
+            raise ModelError(
+                f"{self.name}: a state that jumps where it is reset is no Fourier series of low order",
+                expected="the exact orbit instead of a harmonic balance",
+            )
         if self.n_free > 1:
             raise ModelError(
                 f"{self.name}: a state of the loop that stops at the edge of a gap is no Fourier series of low order; "

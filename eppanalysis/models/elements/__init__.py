@@ -9,6 +9,7 @@ from eppanalysis.models.elements.curves.table import LookupTable
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.elements.friction import Friction
+from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
 from eppanalysis.models.elements.memory import JumpAndFollow, Play, Slip, StictionPulley
 from eppanalysis.models.elements.own import AutomatonElement
@@ -38,6 +39,7 @@ __all__ = [
     "DeadZone",
     "DeadZoneSaturation",
     "Drag",
+    "CleggIntegrator",
     "ELEMENTS",
     "FiveBandLaw",
     "FloorQuantiser",
@@ -45,6 +47,7 @@ __all__ = [
     "HysteresisRelay",
     "HysteresisRelayDeadZone",
     "JumpAndFollow",
+    "FirstOrderReset",
     "LockPin",
     "LookupTable",
     "MidRiseQuantiser",

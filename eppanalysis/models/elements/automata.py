@@ -82,6 +82,7 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
         "memory_from_input": np.zeros((n, 0, 1)),
         "memory_from_memory": np.zeros((n, 0, 0)),
         "memory_constant": np.zeros((n, 0)),
+        "impulse": np.zeros((n, 1)),
         "bypass": column(none, none, above, below),
     }, numbers
 

@@ -88,8 +88,9 @@ class Guard:
     """Event of an element: fires in `mode` where the affine function rises through zero, and leads to `target`.
 
     ``value = on_input @ z + on_rate @ dz/dt + on_memory @ h + on_output @ w + constant``. At the event the memory
-    values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``. Where the loop does not admit
-    the sticking mode that is the target, the event leads to `bypass`.
+    values become ``memory_from_input @ z + memory_from_memory @ h + memory_constant``, and the first output has an
+    impulse of the strength ``impulse @ z``, by which states jump that integrate it. Where the loop does not admit the
+    sticking mode that is the target, the event leads to `bypass`.
     """
 
     name: str
@@ -103,6 +104,7 @@ class Guard:
     memory_from_input: Array
     memory_from_memory: Array
     memory_constant: Array
+    impulse: Array
     bypass: int = -1
 
 
@@ -202,7 +204,7 @@ class Automaton:
         z, w, h = self.n_inputs, self.n_outputs, self.n_memory
         return {
             "on_input": (z,), "on_rate": (z,), "on_memory": (h,), "on_output": (w,), "constant": (),
-            "memory_from_input": (h, z), "memory_from_memory": (h, h), "memory_constant": (h,),
+            "memory_from_input": (h, z), "memory_from_memory": (h, h), "memory_constant": (h,), "impulse": (z,),
         }  # fmt: skip
 
     @cached_property
@@ -229,6 +231,11 @@ class Automaton:
     def guards_of(self, mode: int) -> list[Guard]:
         """Guards of a mode, in their order."""
         return [self.guards[i] for i in self.by_mode[self.first_of_mode[mode] : self.first_of_mode[mode + 1]].tolist()]
+
+    @cached_property
+    def has_impulses(self) -> bool:
+        """Whether its output has impulses: states of the loop jump at events."""
+        return bool(np.any(self.guard_columns["impulse"]))
 
     @cached_property
     def followed(self) -> NDArray[np.bool_]:
@@ -318,6 +325,7 @@ class AutomatonBuilder:
         memory_from_memory: ArrayLike | None = None,
         memory_constant: ArrayLike | None = None,
         bypass: int = -1,
+        impulse: ArrayLike = 0.0,
     ) -> None:
         """Add a guard; when no reset is given the memory values are kept."""
         keep = memory_from_input is None and memory_from_memory is None and memory_constant is None
@@ -346,6 +354,7 @@ class AutomatonBuilder:
                 matrix(memory_from_input, m),
                 np.eye(n) if keep else matrix(memory_from_memory, n),
                 np.zeros(n) if memory_constant is None else _vector(memory_constant, n),
+                _vector(impulse, m),
                 bypass,
             )
         )
@@ -369,10 +378,12 @@ def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
 
     In a mode the slopes stand in `from_input`. At an event the output jumps where it differs, by what the reset writes,
     from what it was, and not just by a multiple of the guard, which is zero there. Where the sign of a jump depends on
-    inputs or memory values, and for smooth functions of the inputs, nothing is known.
+    inputs or memory values, for smooth functions of the inputs, and of an output with impulses, nothing is known.
     """
     shape = automaton.n_outputs, automaton.n_inputs
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    if automaton.has_impulses:
+        _widen(low, high, -np.inf, np.inf)
     for mode in automaton.modes:
         if mode.sticking:
             _widen(low, high, np.copysign(np.inf, mode.jump) * (np.arange(shape[1]) == 0)[None, :])
@@ -388,7 +399,7 @@ def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
     return low, high
 
 
-def _widen(low: Array, high: Array, *slopes: Array) -> None:
+def _widen(low: Array, high: Array, *slopes: Array | float) -> None:
     for values in slopes:
         np.minimum(low, values, out=low)
         np.maximum(high, values, out=high)

@@ -187,10 +187,12 @@ class AutomatonElement(Nonlinearity):
         Raises
         ------
         ModelError
-            If an amplitude is negative, or the automaton has more than two inputs.
+            If an amplitude is negative, or the automaton has more than two inputs or an output with impulses.
         """
         from eppanalysis.kernels.sinusoid import describe
 
+        if self.rules.has_impulses:
+            raise ModelError("AutomatonElement: its output has impulses", expected="none, for a describing function")
         if self.n_inputs > 2:
             raise ModelError(f"AutomatonElement: it has {self.n_inputs} inputs; expected one and its rate.")
         a, b, w = broadcast(amplitude, bias, omega)

@@ -154,7 +154,7 @@ class _Packer:
         if self.n_z > nz:
             C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
         S, smooth = self._smooth(B, C, D, Kz)
-        acts = self._acts_on(D)
+        acts = self._acts_on(D, B, C)
         B[:, : self.n_w][:, self._delayed()] = 0.0
         modes, guards = self._modes(B, C, D, smooth["count"])
         s = system.signals
@@ -213,14 +213,33 @@ class _Packer:
             time_scale=2.0 / fastest if fastest > 0 else 1.0,
         )
 
-    def _acts_on(self, D: Array) -> NDArray[np.bool_]:
-        """Where the output of an element (column) acts straight on an input of another (row), or on its own."""
+    def _acts_on(self, D: Array, B: Array, C: Array) -> NDArray[np.bool_]:
+        """Where the output of an element (column) acts straight on an input of another (row), or on its own.
+
+        So does an impulse, by way of the states that integrate it.
+        """
         n = len(self.automata)
         acts = np.zeros((n, n), bool)
-        rows, columns = np.nonzero(D)
+        kicks = np.array([w for w, a in zip(self.first[:-1, 1], self.automata, strict=True) if a.has_impulses], int)
+        self._refuse_impulses(kicks, D)
+        straight = D != 0.0
+        straight[:, kicks] |= (C @ B[:, kicks]) != 0.0
+        rows, columns = np.nonzero(straight)
         of_input, of_output = (np.repeat(np.arange(n), np.diff(self.first[:, k])) for k in (0, 1))
         acts[of_input[rows], of_output[columns]] = True
         return acts
+
+    def _refuse_impulses(self, kicks: IntArray, D: Array) -> None:
+        """An output with impulses acts on rates of states alone: no input, signal or dead time takes one."""
+        n_w = self.system.B.shape[1]
+        seen = np.any(self.system.signals.D[:, kicks[kicks < n_w]], axis=0)
+        for w, named in zip(kicks, seen, strict=True):
+            if named or np.any(D[:, w]) or self.system.delays[w]:
+                name = self.names[int(np.searchsorted(self.first[:, 1], w, side="right")) - 1]
+                raise ModelError(
+                    f"{self.system.name}: the output of {name} has impulses",
+                    expected="one that acts on the rates of states alone, straight and without dead time",
+                )
 
     def _order(self, acts: NDArray[np.bool_]) -> IntArray:
         """Elements along the cascade: each behind those that act straight on it, but for algebraic loops.
@@ -364,6 +383,7 @@ class _Packer:
             "reset_z": np.zeros((n_guards, h_max, z_max)),
             "reset_h": np.zeros((n_guards, h_max, h_max)),
             "reset_0": np.zeros((n_guards, h_max)),
+            "guard_impulse": np.zeros((n_guards, z_max)),
         }
         of_mode, of_guard, i_smooth = m["mode_first"], np.zeros(1, np.int64), 0
         for e, a in enumerate(self.automata):
@@ -401,3 +421,4 @@ class _Packer:
         g["reset_z"][rows, :h, :z] = guards["memory_from_input"]
         g["reset_h"][rows, :h, :h] = guards["memory_from_memory"]
         g["reset_0"][rows, :h] = guards["memory_constant"]
+        g["guard_impulse"][rows, :z] = guards["impulse"]

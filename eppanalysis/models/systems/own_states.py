@@ -26,12 +26,17 @@ def own_count(element: Nonlinearity) -> int:
     return 0 if element.own_states is None else len(element.own_states.A)
 
 
+def _inputs_inside(element: Nonlinearity) -> int:
+    """Number of inputs of what stands in the loop behind an element's own states."""
+    return (element.inside or element).n_inputs
+
+
 def passes_outputs(element: Nonlinearity) -> bool:
     """Whether the loop's signals behind an element are the outputs of its automaton."""
     own = element.own_states
     if own is None:
         return True
-    behind = np.hstack([own.C, own.D])[element.n_inputs :]
+    behind = np.hstack([own.C, own.D])[_inputs_inside(element) :]
     outputs = np.eye(element.n_outputs, own.n_before + len(own.A) + element.n_outputs, len(own.A) + own.n_before)
     return behind.shape == outputs.shape and bool(np.all(behind == outputs))
 
@@ -43,7 +48,7 @@ def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
     for e in elements:
         before, behind = ports(e)
         own = e.own_states
-        k, z = own_count(e), e.n_inputs
+        k, z = own_count(e), _inputs_inside(e)
         A, B, C, D = (
             np.zeros((0, 0)),
             np.zeros((0, before + e.n_outputs)),

@@ -213,6 +213,10 @@ class ExactModes:
             for b in range(h1 - h0):
                 J[n + h0 + a][n + h0 + b] += rational(model.reset_h[g, a, b])
             J[n + h0 + a][-1] += rational(model.reset_0[g, a])
+        if np.any(model.guard_impulse[g]):
+            kick = self._spread(model.guard_impulse[g, : z1 - z0], z0, int(model.first[-1, 0])) * before.inputs
+            for row, weight in zip(J[:n], self._tables[1].tolist(), strict=True):
+                row[:] = [v + weight[w0] * k for v, k in zip(row, kick.tolist()[0], strict=True)]
         if self.sticks(e, after):
             self._put_on_level(J, self.level(e, after).tolist()[0], w0)
         return fmpq_mat(J)

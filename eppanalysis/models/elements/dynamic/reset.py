@@ -1,0 +1,272 @@
+"""Reset elements: an integrator and a first-order lag whose state becomes zero where the input passes through zero.
+
+Each brings one linear state s, its output, and the law inside it, which reads the input and that state, drives the
+state and has an impulse where the input passes through zero, of the size that takes the state to zero. So the law is
+what stands in the loop; what is said here, from u to y, is what the element does, and first order takes it for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
+from eppanalysis.models.elements.base import Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.own import AutomatonElement
+from eppanalysis.models.elements.phases import SMALLEST_AMPLITUDE, broadcast, require, require_numbers
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, NDArray[np.complex128]]
+_PER_TIME: Role = (0, 0, -1)
+_GAIN_PER_TIME: Role = (-1, 1, -1)
+#: Pole of the state of an integrator in the loop's matrices, which the law inside takes back [rad/s]: without one the
+#: balance of means would not determine its mean.
+_POLE_OF_INTEGRATOR = 1.0
+#: Product of a pole and a time below which the exponential is a series.
+_SHORT = 1e-2
+
+
+@dataclass(frozen=True)
+class _Resetting(Nonlinearity):
+    """From the input and the state of a reset element to what drives the state, its impulses included.
+
+    Its describing function is that of the input, for the fundamental: behind it the state is what the element's own
+    describing function says.
+    """
+
+    n_inputs: ClassVar[int] = 2
+    of_frequency: ClassVar[bool] = True
+    linear_gain_is: ClassVar[str] = "without its resets"
+
+    gain: float
+    pole: float
+
+    @property
+    def leak(self) -> float:
+        """Pole of the state without what the law drives it by [rad/s]."""
+        return self.pole or _POLE_OF_INTEGRATOR
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """What drives the state, for an input and a state."""
+        u, s = x
+        return self.gain * floats(u, "output: x") + (self.leak - self.pole) * floats(s, "output: x"), memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain that make the state's those of the reset element."""
+        a, b, w = broadcast(amplitude, bias, omega)
+        mean, gain = _answer(a, b, w, self.gain, self.pole)
+        return self.leak * mean, (1j * w + self.leak) * gain
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """None: what it does does not depend on the amplitude."""
+        return np.zeros(0)
+
+    def linear_gain(self) -> Array:
+        """Without the impulses."""
+        return np.array([[self.gain, self.leak - self.pole]])
+
+    def automaton(self) -> Automaton:
+        """A mode for either sign of the input, and one at the start, which is left without a reset."""
+        build = AutomatonBuilder(n_inputs=2)
+        law = [self.gain, self.leak - self.pole]
+        start, plus, minus = (build.mode(name, from_input=law) for name in ("start", "positive", "negative"))
+        for before, after, sign, name in ((minus, plus, 1.0, "upward"), (plus, minus, -1.0, "downward")):
+            build.guard(f"begins {build.modes[after].name}", start, after, on_input=[sign, 0.0])
+            build.guard(f"resets {name}", before, after, on_input=[sign, 0.0], impulse=[0.0, -1.0])
+        return build.build(start)
+
+
+def _answer(a: Array, b: Array, w: Array, k: float, pole: float) -> Answer:
+    """Mean and gain of ``dy/dt = -pole y + k u``, reset where ``u = b + a sin(w t)`` passes through zero.
+
+    With ``sin(beta) = b/a`` the input is positive over ``L = pi + 2 beta`` and negative over ``pi - 2 beta``; what the
+    output has reached at the end of either is lost there, and stands in the fundamental as an impulse.
+    """
+    a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        kappa, drive = pole / w, k / w
+        sine = np.clip(b / a, -1.0, 1.0)
+        beta, cosine = np.arcsin(sine), np.sqrt((1 - sine) * (1 + sine))
+        lost, area = _half(kappa, np.pi + 2 * beta, sine, cosine)
+        lost_below, area_below = _half(kappa, np.pi - 2 * beta, -sine, cosine)
+        mean = a * drive / (2 * np.pi) * (area - area_below)
+        jump = lost * (-cosine + 1j * sine) - lost_below * (cosine + 1j * sine)
+        gain = drive * (1 - 1j * jump / np.pi) / (kappa + 1j)
+        linear = k / (pole + 1j * w)
+        steady = k * b / pole if pole else np.where(b == 0, 0.0, np.copysign(np.inf, k * b))
+        rests = (np.abs(b) >= a) | (w == 0)
+    undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
+    mean, gain = np.where(rests, steady, mean), np.where(rests, linear, gain)
+    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+
+
+def _half(kappa: Array, length: Array, sine: Array, cosine: Array) -> tuple[Array, Array]:
+    """What the output reaches behind a positive input of a length, and its integral; of ``dy/dphi = -kappa y + u``.
+
+    The input is ``sine + sin(phi)``, from its passage through zero to the next.
+    """
+    x = kappa * length
+    series = 0.5 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720 - x / 5040))))
+    safe = np.where(x < _SHORT, 1.0, x)
+    second = np.where(x < _SHORT, series, (safe + np.expm1(-safe)) / safe**2) * length**2
+    first = length - kappa * second
+    whole = sine * length + 2 * cosine
+    scale = 1 + kappa**2
+    reached = (sine * first + cosine * (2 - kappa * first)) / scale
+    return reached, (sine * second + cosine * first + kappa * whole) / scale
+
+
+class _WithoutResets(AutomatonElement):
+    """What margins take for a reset element."""
+
+    linear_gain_is = "without its resets"
+
+
+class _Reset(Nonlinearity):
+    """What both share: an output that is a state, reset where the input passes through zero."""
+
+    of_frequency: ClassVar[bool] = True
+    linear_gain_is: ClassVar[str] = "without its resets"
+
+    def _set_parts(self, gain: float, pole: float) -> None:
+        """Store the state, what drives it and the linear element; subclasses call it when their fields are valid."""
+        law = _Resetting(gain, pole)
+        behind, through = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+        state = OwnStates(np.array([[-law.leak]]), np.array([[0.0, 1.0]]), behind, through)
+        lag = OwnStates(
+            np.array([[-pole]]), np.array([[gain, 0.0]]), np.array([[1.0], [0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]])
+        )
+        linear = _WithoutResets(PiecewiseLinear([], [1.0], [0.0]).automaton(), lag)
+        for name, part in {"own_states": state, "inside": law, "small_signal": linear}.items():
+            object.__setattr__(self, name, part)
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """Output for an input `x` that is reached in no time: the state, which is its memory."""
+        held = 0.0 if memory is None else memory
+        return held + 0.0 * floats(x, "output: x"), held
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain; exact, and the gain is independent of the amplitude where there is no bias.
+
+        An input that never passes through zero resets nothing: there the gain is the linear one.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude or a frequency is negative.
+        """
+        a, b, w = broadcast(amplitude, bias, omega)
+        if np.any(w < 0):
+            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        return _answer(a, b, w, self._law.gain, self._law.pole)
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """The amplitude from which the input passes through zero."""
+        return np.array([abs(bias)]) if bias else np.zeros(0)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Infinite: the output moves on while the input rests, and jumps."""
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> Array:
+        """Static gain without resets, infinite for an integrator."""
+        return np.array([[self._law.gain / self._law.pole if self._law.pole else np.inf]])
+
+    def automaton(self) -> Automaton:
+        """That of the law inside, from the input and the state to what drives the state."""
+        return self._law.automaton()
+
+    @property
+    def _law(self) -> _Resetting:
+        assert isinstance(self.inside, _Resetting)
+        return self.inside
+
+
+@dataclass(frozen=True)
+class CleggIntegrator(_Reset, kind="clegg_integrator"):
+    """Integrator ``dy/dt = gain u`` whose output becomes zero where its input passes through zero.
+
+    It begins at its memory, which is zero where none is given.
+
+    Parameters
+    ----------
+    gain : float
+        [unit of the output per unit of the input and s], positive.
+
+    Raises
+    ------
+    ModelError
+        If the gain is not a positive number.
+
+    Notes
+    -----
+    Clegg, A nonlinear integrator for servomechanisms, 1958. About a bias that is no smaller than the amplitude it is
+    never reset and its mean grows without bound.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eppanalysis.models.elements import CleggIntegrator
+    >>> mean, gain = CleggIntegrator(gain=1.0).describing_function(amplitude=1.0, omega=2.0)
+    >>> round(float(abs(gain)) * 2.0, 4), round(float(np.degrees(np.angle(gain))), 2)
+    (1.619, -38.15)
+    """
+
+    units = MappingProxyType({"gain": _GAIN_PER_TIME})
+
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "gain")
+        require(self, "gain", self.gain > 0, "a positive number")
+        self._set_parts(self.gain, 0.0)
+
+
+@dataclass(frozen=True)
+class FirstOrderReset(_Reset, kind="first_order_reset"):
+    """First-order lag ``dy/dt = -pole y + gain u`` whose output becomes zero where its input passes through zero.
+
+    It begins at its memory, which is zero where none is given.
+
+    Parameters
+    ----------
+    pole : float
+        [rad/s], positive.
+    gain : float
+        [unit of the output per unit of the input and s], positive.
+
+    Raises
+    ------
+    ModelError
+        If a field is not a positive number.
+
+    Notes
+    -----
+    Horowitz and Rosenbaum, Non-linear design for cost of feedback reduction in systems with large parameter
+    uncertainty, 1975: the first-order reset element (FORE).
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import FirstOrderReset
+    >>> mean, gain = FirstOrderReset(pole=1.0, gain=1.0).describing_function(amplitude=[1.0, 5.0], omega=1.0)
+    >>> gain.round(4).tolist()
+    [(0.8321-0.1679j), (0.8321-0.1679j)]
+    """
+
+    units = MappingProxyType({"pole": _PER_TIME, "gain": _GAIN_PER_TIME})
+
+    pole: float
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "pole", "gain")
+        require(self, "pole", self.pole > 0, "a positive number")
+        require(self, "gain", self.gain > 0, "a positive number")
+        self._set_parts(self.gain, self.pole)
