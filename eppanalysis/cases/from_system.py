@@ -70,6 +70,9 @@ def _as_given(loop: LureSystem) -> LureSystem:
     if any(not np.array_equal(getattr(loop, name), getattr(appended, name)) for name in ("A", "B", "C", "D")):
         raise ModelError(f"{loop.name}: its matrices are not those with which it was given; expected those.")
     starts = np.split(loop.x0[n:], np.cumsum([own_count(e) for e in loop.given.elements])[:-1])
+    for e, name, start in zip(loop.given.elements, loop.element_names, starts, strict=True):
+        if own_count(e) and e.inside is None and np.any(start):
+            raise ModelError(f"{loop.name}: states of {name} start", start.tolist(), "zero, as no file holds them")
     rows = zip(loop.given.elements, loop.memory, starts, strict=True)
     memory = tuple(float(start[0]) if e.inside is not None else kept for e, kept, start in rows)
     return replace(loop.given, x0=loop.x0[:n], v0=loop.v0, memory=memory)

@@ -84,6 +84,22 @@ def drawings() -> dict[str, Drawing]:
         "hysteresis_relay_dead_zone": Drawing(
             {"on 1, off 0.6": epp.HysteresisRelayDeadZone(on=1.0, off=0.6)}, 1.5, 4.0
         ),
+        "backlash_compensator": Drawing(
+            {"gap 1": epp.BacklashCompensator(1.0), "gap 1, travel 0.6": epp.BacklashCompensator(1.0, 0.6)}, 1.5, 4.0
+        ),
+        "dahl": Drawing(
+            {"1 N/mm": epp.DahlFriction(1e3, 1.0), "10 N/mm": epp.DahlFriction(1e4, 1.0)},
+            0.005,
+            0.05,
+            omega=2.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
+        "friction_compensator": Drawing(
+            {"jump": epp.FrictionCompensator(1.0), "ramp of 0.3": epp.FrictionCompensator(1.0, 0.3)},
+            1.5,
+            4.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
         "play": Drawing({"gap 1": epp.Play(gap=1.0)}, 1.5, 4.0),
         "jump_and_follow": Drawing(
             {f"S = 1, J = {jump:g}": epp.JumpAndFollow(stick_band=1.0, slip_jump=jump) for jump in (0.0, 0.5, 1.0)},
@@ -137,6 +153,14 @@ def drawings() -> dict[str, Drawing]:
             1.5,
             4.0,
         ),
+        "reset": Drawing(
+            {
+                "Clegg's integrator": epp.CleggIntegrator(gain=1.0),
+                "first order, pole 1 rad/s": epp.FirstOrderReset(pole=1.0, gain=1.0),
+            },
+            1.5,
+            4.0,
+        ),
         "lock_pin": Drawing(
             {
                 "contact only pushes": epp.LockPin(**pin),
@@ -153,14 +177,6 @@ def drawings() -> dict[str, Drawing]:
 def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple[Array, Array]:
     """One steady period of input and (first) output, by stepping the element's own map along the sine."""
     if element.inside is not None:
-        "reset": Drawing(
-            {
-                "Clegg's integrator": epp.CleggIntegrator(gain=1.0),
-                "first order, pole 1 rad/s": epp.FirstOrderReset(pole=1.0, gain=1.0),
-            },
-            1.5,
-            4.0,
-        ),
         return _loop_of_states(element, drawing, n)
     phase = np.linspace(0.0, 4.0 * np.pi, 2 * n + 1)
     x = drawing.bias + drawing.amplitude * np.sin(phase)

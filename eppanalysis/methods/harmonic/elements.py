@@ -124,8 +124,8 @@ class PeriodicElement:
             )
         if self.n_free > 1:
             raise ModelError(
-                f"{self.name}: a state of the loop that stops at the edge of a gap is no Fourier series of low order; "
-                "use LockPin for a harmonic balance."
+                f"{self.name}: a harmonic balance does not cover an element that reads a state of the loop beside its "
+                "input; use LockPin for a shaft with a gap, the exact orbit for others."
             )
         a = self.automaton
         self.smooth = [(s, self.row(s.on_input)) for s in a.smooth]

@@ -6,12 +6,14 @@ from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuant
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
 from eppanalysis.models.elements.curves.smooth import Arctan, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
+from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
+from eppanalysis.models.elements.dynamic.presliding import DahlFriction
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
+from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
 from eppanalysis.models.elements.dynamic.sampled import ControllerMemory, SampledController
 from eppanalysis.models.elements.friction import Friction
-from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
-from eppanalysis.models.elements.memory import JumpAndFollow, Play, Slip, StictionPulley
+from eppanalysis.models.elements.memory import BacklashCompensator, JumpAndFollow, Play, Slip, StictionPulley
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import (
@@ -20,6 +22,7 @@ from eppanalysis.models.elements.static import (
     DeadZone,
     DeadZoneSaturation,
     FiveBandLaw,
+    FrictionCompensator,
     PiecewiseLinear,
     Preload,
     Quantiser,
@@ -30,24 +33,28 @@ from eppanalysis.models.elements.static import (
 )
 
 __all__ = [
+    "AntiWindupPID",
     "Arctan",
     "AutomatonElement",
     "ControllerMemory",
+    "BacklashCompensator",
     "BilinearSpring",
+    "CleggIntegrator",
     "Coulomb",
     "Cube",
+    "DahlFriction",
     "DeadZone",
     "DeadZoneSaturation",
     "Drag",
-    "CleggIntegrator",
     "ELEMENTS",
+    "FirstOrderReset",
     "FiveBandLaw",
     "FloorQuantiser",
     "Friction",
+    "FrictionCompensator",
     "HysteresisRelay",
     "HysteresisRelayDeadZone",
     "JumpAndFollow",
-    "FirstOrderReset",
     "LockPin",
     "LookupTable",
     "MidRiseQuantiser",

@@ -154,6 +154,27 @@ def play(gap: float) -> Automaton:
     return build.build(rest)
 
 
+def backlash_compensator(gap: float, travel: float) -> Automaton:
+    """Half the gap on the side to which the input moves; over the travel behind a reversal a line takes it there."""
+    b = gap / 2
+    build = AutomatonBuilder(n_memory=1 if travel else 0)
+    steep = gap / travel if travel else 0.0
+    turns = build.mode("turns", from_input=1.0 + steep, from_memory=-steep)
+    up, down = build.mode("leads up", from_input=1.0, constant=b), build.mode("leads down", from_input=1.0, constant=-b)
+    if not travel:
+        build.guard("moves up", turns, up, on_rate=1.0)
+        build.guard("moves down", turns, down, on_rate=-1.0)
+        build.guard("turns down", up, down, on_rate=-1.0)
+        build.guard("turns up", down, up, on_rate=1.0)
+        return build.build(turns)
+    half = travel / 2
+    build.guard("has turned up", turns, up, on_input=1.0, on_memory=-1.0, constant=-half)
+    build.guard("has turned down", turns, down, on_input=-1.0, on_memory=1.0, constant=-half)
+    build.guard("turns down", up, turns, on_rate=-1.0, memory_from_input=1.0, memory_constant=-half)
+    build.guard("turns up", down, turns, on_rate=1.0, memory_from_input=1.0, memory_constant=half)
+    return build.build(turns)
+
+
 def jump_and_follow(stick_band: float, slip_jump: float, slope: float) -> Automaton:
     """Stiction relay: rests until the input has moved by the stick band, jumps, follows, rests on reversal."""
     offset, reach = (stick_band - slip_jump) / 2, (stick_band + slip_jump) / 2

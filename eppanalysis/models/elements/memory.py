@@ -137,6 +137,101 @@ class Play(Nonlinearity, kind="play"):
 
 
 @dataclass(frozen=True)
+class BacklashCompensator(_Sticking, kind="backlash_compensator"):
+    """Inverse of a play of width `gap`: half the gap is added on the side to which the input moves.
+
+    In front of a play it makes of the two a straight connection. Without `travel` the output jumps by the gap where the
+    input turns back; with it a line takes it to the other side while the input moves on by `travel`.
+
+    Parameters
+    ----------
+    gap : float
+        Total width of the play that is compensated, at least zero.
+    travel : float, optional
+        How far the input moves from a reversal until all of the gap has been taken up, at least zero.
+
+    Raises
+    ------
+    ModelError
+        If a field is negative or not a finite number.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import BacklashCompensator
+    >>> mean, gain = BacklashCompensator(gap=0.5).describing_function(amplitude=1.0)
+    >>> complex(gain.round(4))  # 1 + 2j gap/(pi A)
+    (1+0.3183j)
+    """
+
+    units = MappingProxyType({"gap": IN, "travel": IN})
+    same_unit = True
+
+    gap: float
+    travel: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "gap", "travel")
+        require(self, "gap", self.gap >= 0, "zero or more")
+        require(self, "travel", self.travel >= 0, "zero or more")
+
+    @property
+    def _steep(self) -> float:
+        """Slope that comes on top of one while it turns."""
+        return self.gap / self.travel
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Output and memory: with a travel where its middle is, like that of a play; without one a :class:`Slip`."""
+        x = floats(x, "output: x")
+        if self.travel:
+            middle, _ = Play(self.travel).output(x, memory)
+            return np.asarray(x + self._steep * (x - middle)), middle
+        value, direction, reached = memory if isinstance(memory, Slip) else Slip(0.0, 0, 0.0)
+        way = np.where(x == reached, direction, np.sign(x - np.asarray(reached)))
+        y = np.asarray(x + way * self.gap / 2)
+        return y, Slip(y, way, x)
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean (the bias) and gain, which leads: one, and `gap` over `travel` of what a play of `travel` keeps back.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b = amplitude_and_bias(amplitude, bias, omega)
+        if not self.travel:
+            return with_nan(a, b, b, 1.0 + 2j * self.gap / (np.pi * a))
+        turned = a > self.travel / 2
+        reached = np.where(turned, a, self.travel)
+        spare = reached - self.travel / 2
+        kept = 2 * squared_sine(angle(self.travel / 2, spare)) + 2j * (self.travel / reached) * (spare / reached)
+        return with_nan(a, b, b, 1.0 + self._steep * np.where(turned, kept / np.pi, 1.0))
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """Half the travel, or half the gap where there is none, about any bias."""
+        return distances((self.travel or self.gap) / 2)
+
+    def sector(self) -> tuple[float, float]:
+        """Infinite, as it adds to an input that passes zero; one without a gap."""
+        return (-np.inf, np.inf) if self.gap else (1.0, 1.0)
+
+    def memory_of(self, output: NDArray[np.float64]) -> float | None:
+        """Where the middle of the travel is, while the input stands there."""
+        return float(output[0]) if self.travel else None
+
+    def memory_at(self, mode: int, stored: Array, x: Array, output: Array) -> Any:
+        """Where the middle of the travel is; without one a :class:`Slip`."""
+        side = (0, 1, -1)[mode]
+        if not self.travel:
+            return Slip(float(output[0]), side, float(x[0]))
+        return float(x[0]) - side * self.travel / 2 if side else float(stored[0])
+
+    def automaton(self) -> Automaton:
+        """Turns, leads up, leads down."""
+        return automata.backlash_compensator(self.gap, self.travel)
+
+
+@dataclass(frozen=True)
 class JumpAndFollow(_Sticking, kind="jump_and_follow"):
     """Stiction relay: sticks until the input has reversed by more than `stick_band`, jumps by `slip_jump`, follows.
 

@@ -277,6 +277,47 @@ class Coulomb(PiecewiseLinear, kind="coulomb"):
 
 
 @dataclass(frozen=True)
+class FrictionCompensator(PiecewiseLinear, kind="friction_compensator"):
+    """Friction that is fed forward: `level` in the direction of the velocity, taken up over a ramp about rest.
+
+    Its input is the velocity, measured or (better) that of the reference, which does not rattle about rest.
+
+    Parameters
+    ----------
+    level : float
+        Force that is added in motion [unit of the output].
+    ramp : float, optional
+        Velocity, at least zero, up to which it grows from none at rest; by default it jumps there [unit of the input].
+
+    Raises
+    ------
+    ModelError
+        If a field is not a finite number, or the ramp is negative.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import FrictionCompensator
+    >>> FrictionCompensator(level=2.0, ramp=0.1).output([-1.0, 0.0, 0.05])[0].tolist()
+    [-2.0, 0.0, 1.0]
+    """
+
+    units = MappingProxyType({"level": OUT, "ramp": IN})
+    output_is = "force"
+
+    level: float
+    ramp: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "level", "ramp")
+        require(self, "ramp", self.ramp >= 0, "zero or more")
+        if self.ramp:
+            edges, slopes = [-self.ramp, self.ramp], [0.0, self.level / self.ramp, 0.0]
+            self._set_pieces(edges, slopes, [-self.level, 0.0, self.level])
+        else:
+            self._set_pieces([0.0], [0.0, 0.0], [-self.level, self.level])
+
+
+@dataclass(frozen=True)
 class Quantiser(PiecewiseLinear, kind="quantiser"):
     """Mid-tread quantiser: the nearest multiple of `step`, limited to `levels` steps on each side.
 

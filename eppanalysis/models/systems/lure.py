@@ -88,8 +88,8 @@ class LureSystem(Responses):
     margins_at : tuple of str
         Names of the places at which margins cut the loop; empty for the principal element.
     given : LureSystem or None
-        The loop as it was given, where elements in it are described together with their own states: here the states are
-        appended, and what is inside such an element stands in its place.
+        The loop as it was given, where elements in it are described together with their own states, or case files know
+        them: here the states are appended, and what is inside such an element stands in its place.
     """
 
     A: Array
@@ -450,7 +450,7 @@ def with_own_states(system: LureSystem) -> LureSystem:
         system,
         elements=tuple(e.inside or e for e in system.elements),
         memory=memory,
-        given=system if any(e.inside is not None for e in system.elements) else None,
+        given=system if any(e.inside is not None or (own_count(e) and e.kind) for e in system.elements) else None,
         A=rate[:, states],
         B=rate[:, outputs],
         B_input=rate[:, inputs],

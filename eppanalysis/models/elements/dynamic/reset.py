@@ -257,7 +257,7 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
     >>> from eppanalysis.models.elements import FirstOrderReset
     >>> mean, gain = FirstOrderReset(pole=1.0, gain=1.0).describing_function(amplitude=[1.0, 5.0], omega=1.0)
     >>> gain.round(4).tolist()
-    [(0.8321-0.1679j), (0.8321-0.1679j)]
+    [(0.666-0.334j), (0.666-0.334j)]
     """
 
     units = MappingProxyType({"pole": _PER_TIME, "gain": _GAIN_PER_TIME})

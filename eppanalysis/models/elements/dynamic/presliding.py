@@ -1,0 +1,221 @@
+"""Friction with presliding: the model of Dahl, in which friction at rest is a spring.
+
+The force is a state of the loop, driven by a law that has the product of velocity and force: a difference of two
+squares, each a smooth function of a sum, so that its series is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
+from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+from eppanalysis.models.elements.base import OUT, Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.own import AutomatonElement
+from eppanalysis.models.elements.phases import SMALLEST_AMPLITUDE, broadcast, require, require_numbers
+from eppanalysis.models.elements.piecewise import PiecewiseLinear
+
+Array = NDArray[np.float64]
+Answer = tuple[Array, NDArray[np.complex128]]
+_STIFFNESS: Role = (-1, 1, -1)
+#: Pole of the force in the loop's matrices, which the law takes back [rad/s]: without one the balance of means would
+#: not determine its mean.
+_POLE = 1.0
+_PLACE, _WEIGHT = np.polynomial.legendre.leggauss(24)
+#: Most panels of an arc: the shortest is as short as the steepest begin in double precision.
+_MOST_PANELS = 40
+
+
+@dataclass(frozen=True)
+class _Bristles(Nonlinearity):
+    """From the velocity and the force to what drives the force; described by the velocity, for the fundamental."""
+
+    n_inputs: ClassVar[int] = 2
+    of_frequency: ClassVar[bool] = True
+    linear_gain_is: ClassVar[str] = "the spring that it is at rest"
+
+    stiffness: float
+    coulomb: float
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """What drives the force, for a velocity and a force."""
+        v, force = (floats(z, "output: x") for z in x)
+        return self.stiffness * (v - np.abs(v) * force / self.coulomb) + _POLE * force, memory
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain that make the state's those of the friction."""
+        a, b, w = broadcast(amplitude, bias, omega)
+        mean, gain = _answer(a, b, w, self.stiffness, self.coulomb)
+        return _POLE * mean, (1j * w + _POLE) * gain
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """None: where it changes depends on the frequency."""
+        return np.zeros(0)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Nothing is known."""
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> Array:
+        """Of a spring."""
+        return np.array([[self.stiffness, _POLE]])
+
+    def automaton(self) -> Automaton:
+        """A mode for either direction; the product ``v F/coulomb`` is a quarter of a difference of squares."""
+        slow = self.coulomb / self.stiffness
+        rows = ([1.0 / slow, 1.0 / self.coulomb], [-1.0 / slow, 1.0 / self.coulomb])
+        build = AutomatonBuilder(n_inputs=2, smooth=tuple(Smooth("square", np.array(row)) for row in rows))
+        quarter, law = 0.25 * self.coulomb, [self.stiffness, _POLE]
+        forward = build.mode("forward", from_input=law, from_smooth=[-quarter, quarter])
+        backward = build.mode("backward", from_input=law, from_smooth=[quarter, -quarter])
+        build.guard("turns backward", forward, backward, on_input=[-1.0, 0.0])
+        build.guard("turns forward", backward, forward, on_input=[1.0, 0.0])
+        return build.build(forward)
+
+
+def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> Answer:
+    """Mean and gain of the force for the velocity ``b + a sin(w t)``, by quadrature of either direction."""
+    a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        sine = np.clip(b / a, -1.0, 1.0)
+        beta, reach = np.arcsin(sine), stiffness * a / (coulomb * w)
+        cosine = np.sqrt((1 - sine) * (1 + sine))
+        lengths = np.pi + 2 * beta, np.pi - 2 * beta
+        gained = [
+            -np.expm1(-reach * (s * length + 2 * cosine)) for s, length in zip((sine, -sine), lengths, strict=True)
+        ]
+        # Of a period: where the force stands as it turns forward and backward, over the Coulomb friction.
+        whole = gained[0] + gained[1] - gained[0] * gained[1]
+        low = -(gained[1] - (1 - gained[1]) * gained[0]) / whole
+        high = low + (1 - low) * gained[0]
+        parts = [
+            _arc(reach, -beta, lengths[0], sine, low, 1.0),
+            _arc(reach, np.pi + beta, lengths[1], sine, high, -1.0),
+        ]
+        mean, wave = (np.sum(both, axis=0) for both in zip(*parts, strict=True))
+        one_way, undefined = np.abs(b) >= a, np.isnan(a) | np.isnan(b) | np.isnan(w)
+        mean = np.where(one_way, coulomb * np.sign(b), coulomb * mean / (2 * np.pi))
+        gain = np.where(one_way, 0.0, 1j * coulomb * wave / (np.pi * a))
+    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
+
+
+def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, way: float) -> Answer:
+    """Integrals of the force, and of it times ``exp(-j phi)``, over the phases in which the velocity has one sign.
+
+    Panels double their length from the begin on, where the force changes within the presliding distance.
+    """
+    steepest = float(np.fmax.reduce(np.where(np.isfinite(reach), reach, 0.0), axis=None, initial=1.0))
+    count = int(np.clip(np.ceil(0.5 * np.log2(steepest)) + 3, 3, _MOST_PANELS))
+    edges = np.concatenate([[0.0], 0.5 ** np.arange(count, -0.5, -0.5)])
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    share = (middle[:, None] + half[:, None] * _PLACE).ravel()
+    weight = (half[:, None] * _WEIGHT).ravel() * length[..., None]
+    past = share * length[..., None]
+    phi = begin[..., None] + past
+    # The cosine falls by this from the begin on, without cancellation.
+    fallen = 2 * np.sin(past / 2) * np.sin(begin[..., None] + past / 2)
+    moved = way * (sine[..., None] * past + fallen)
+    force = start[..., None] - (way * -1.0 + start[..., None]) * -np.expm1(-reach[..., None] * moved)
+    return (weight * force).sum(-1), (weight * force * np.exp(-1j * phi)).sum(-1)
+
+
+class _Spring(AutomatonElement):
+    """What margins take for the friction."""
+
+    linear_gain_is = "the spring that it is at rest"
+
+
+@dataclass(frozen=True)
+class DahlFriction(Nonlinearity, kind="dahl_friction"):
+    """Friction force F of a velocity v that is a spring at rest: ``dF/dt = stiffness (v - |v| F/coulomb)``.
+
+    It begins at its memory, a force, which is zero where none is given.
+
+    Parameters
+    ----------
+    stiffness : float
+        Of the spring, for small displacements, positive [unit of the output per unit of the input and s].
+    coulomb : float
+        Force in steady motion, positive [unit of the output].
+
+    Raises
+    ------
+    ModelError
+        If a field is not a positive number.
+
+    Notes
+    -----
+    Dahl, A solid friction model, 1968. The force depends on the way alone, not on how fast it is gone.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import DahlFriction
+    >>> mean, gain = DahlFriction(stiffness=100.0, coulomb=1.0).describing_function(amplitude=[1e-6, 1.0], omega=1.0)
+    >>> gain.round(3).tolist()  # a spring, 100/(j omega), and all but Coulomb friction, 4/(pi A)
+    [(0.004-100j), (1.261-0.159j)]
+    """
+
+    units = MappingProxyType({"stiffness": _STIFFNESS, "coulomb": OUT})
+    output_is = "force"
+    of_frequency: ClassVar[bool] = True
+    linear_gain_is: ClassVar[str] = "the spring that it is at rest"
+
+    stiffness: float
+    coulomb: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "stiffness", "coulomb")
+        require(self, "stiffness", self.stiffness > 0, "a positive number")
+        require(self, "coulomb", self.coulomb > 0, "a positive number")
+        behind, through = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+        force = OwnStates(np.array([[-_POLE]]), np.array([[0.0, 1.0]]), behind, through)
+        spring = OwnStates(
+            np.zeros((1, 1)), np.array([[self.stiffness, 0.0]]), np.array([[1.0], [0.0]]), np.diag([0.0, 1.0])
+        )
+        small = _Spring(PiecewiseLinear([], [1.0], [0.0]).automaton(), spring)
+        inside = _Bristles(self.stiffness, self.coulomb)
+        for name, part in {"own_states": force, "inside": inside, "small_signal": small}.items():
+            object.__setattr__(self, name, part)
+
+    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
+        """Force at a velocity `x` that is reached in no time: the state, which is its memory."""
+        held = 0.0 if memory is None else memory
+        return held + 0.0 * floats(x, "output: x"), held
+
+    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
+        """Mean and gain for a velocity, by quadrature of the force in either direction; accurate to about 1e-12.
+
+        A velocity that keeps its sign has the Coulomb friction against it, and no gain.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude or a frequency is negative.
+        """
+        a, b, w = broadcast(amplitude, bias, omega)
+        if np.any(w < 0):
+            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        return _answer(a, b, w, self.stiffness, self.coulomb)
+
+    def thresholds(self, bias: float = 0.0) -> Array:
+        """The amplitude from which the velocity changes its sign."""
+        return np.array([abs(bias)]) if bias else np.zeros(0)
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Infinite: the force depends on the way, not on the velocity."""
+        return -np.inf, np.inf
+
+    def linear_gain(self) -> Array:
+        """None: of a velocity that does not end, the force is bounded."""
+        return np.zeros((1, 1))
+
+    def automaton(self) -> Automaton:
+        """That of the law inside, from velocity and force to what drives the force."""
+        assert self.inside is not None
+        return self.inside.automaton()
