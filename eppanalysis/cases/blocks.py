@@ -13,11 +13,14 @@ from pydantic_core import PydanticCustomError
 
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, place_of
+from eppanalysis.cases.values.tables import read_columns
 from eppanalysis.errors import CaseError, ModelError, did_you_mean
 from eppanalysis.models.elements import ELEMENTS, Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 
 LARGEST_COUNT = 100_000
+#: Field of an element that names a CSV file, which holds its columns.
+FILE = "file"
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,7 @@ def _read_fields(
     others: dict[str, Any] = {}
     lists: dict[str, list[Parameter]] = {}
     types = field_types(element_class(kind))
+    table = _with_columns(element_class(kind).columns, table, field, raw)
     for key, value in table.items():
         if key in ("element", "name", "memory"):
             continue
@@ -151,6 +155,17 @@ def _read_fields(
         if default is inspect.Parameter.empty and key not in table:
             raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
     return Block(name, kind, parameters, others, memory, lists)
+
+
+def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, raw: RawCase) -> dict[str, Any]:
+    """The table of an element with the columns of its file in it, where it names one."""
+    if not columns or FILE not in table:
+        return table
+    for column in columns:
+        if column in table:
+            raise raw.refused(f"{field}.{column}", f"either {FILE}, or {' and '.join(columns)}")
+    rest = {key: value for key, value in table.items() if key != FILE}
+    return rest | read_columns(table[FILE], columns, f"{field}.{FILE}", raw)
 
 
 def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from eppanalysis.cases.blocks import Block as ElementTable, field_types, make_element, read_block
+from eppanalysis.cases.blocks import FILE, Block as ElementTable, field_types, make_element, read_block
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
@@ -209,7 +209,7 @@ class _Reader:
         """The table of an element with its expressions replaced by what they come to."""
         kind = table.get("element")
         types = field_types(ELEMENTS[kind]) if kind in ELEMENTS else {}
-        words = {*_WORDS, *(field for field, held in types.items() if held == "text")}
+        words = {*_WORDS, FILE, *(field for field, held in types.items() if held == "text")}
         place = f"elements.{name}"
         return {k: v if k in words else self._put_in(v, f"{place}.{k}") for k, v in table.items()}
 

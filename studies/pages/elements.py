@@ -112,6 +112,10 @@ def _section(kind: str) -> str:
         f"| {', '.join(f'`{p.name}`' for p in alike)} | {default} | {_markdown(meaning)} |"
         for (default, meaning), alike in groupby(fields, key=lambda p: (_default(p), known[p.name]))
     ]
+    if made.columns:
+        named = " and ".join(f"`{column}`" for column in made.columns)
+        path = "Path of a CSV file in the case's folder"
+        rows.append(f"| `file` | none | {path}, in place of {named}: its first columns, with units in a header. |")
     head = ["| field | default | meaning [unit] |", "| --- | --- | --- |"]
     return "\n".join([f"## {kind}", "", _markdown(says).replace("\\|", "|"), "", *head, *rows]) + "\n"
 

@@ -152,6 +152,8 @@ class Nonlinearity(ABC):
         Whether the output has the unit of the input.
     input_is, output_is : str
         "way" and "force", where a unit that is none is a mistake; empty where anything may be.
+    columns : tuple of str
+        Fields that a case file may take from the columns of a CSV file.
     input_unit : str
         Unit of the first input where it is always the same [SI]; empty where it is the loop's.
     breakpoints : array, shape (k,)
@@ -184,6 +186,7 @@ class Nonlinearity(ABC):
     same_unit: ClassVar[bool] = False
     input_is: ClassVar[str] = ""
     output_is: ClassVar[str] = ""
+    columns: ClassVar[tuple[str, ...]] = ()
     input_unit: ClassVar[str] = ""
     linear_gain_is: ClassVar[str] = "its steepest slope"
 

@@ -44,6 +44,7 @@ class LookupTable(PiecewiseLinear, kind="lookup_table"):
     """
 
     units = MappingProxyType({"inputs": IN, "outputs": OUT})
+    columns = ("inputs", "outputs")
 
     inputs: Array
     outputs: Array
