@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -33,6 +34,8 @@ _PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
 _CONSTANT = 1e-6
 #: Half height of the axis around a constant, relative to it.
 _AROUND = 0.05
+#: Letters of a title that stand beside each other on an inch.
+_LETTERS = 13.0
 #: What a system is called that was given no name.
 _UNNAMED = "loop"
 
@@ -42,6 +45,13 @@ def with_name(text: str, subject: str) -> str:
     # A loop that nobody named has no name to show; a dollar would begin a formula.
     name = "" if subject == _UNNAMED else subject.replace("$", r"\$")
     return f"{name}: {text}" if name and text else name or text
+
+
+def put_verdict(figure: Figure, result: object, subject: str) -> None:
+    """The first sentence of a result above all of its picture, with the case or the system in front."""
+    first = str(result).partition(". ")[0].removesuffix(".")
+    width = int(_LETTERS * figure.get_figwidth())
+    figure.suptitle(textwrap.fill(with_name(f"{first}.", subject), width), fontsize=10)
 
 
 def show_constant(ax: Axes, *curves: Array) -> None:

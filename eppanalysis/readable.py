@@ -35,6 +35,8 @@ def written(unit: str) -> str:
 
 #: Significant digits of numbers in sentences, tables and pictures.
 DIGITS = 4
+#: What rounding leaves of zero: of a signal at rest in SI units, of a peak-to-peak relative to its mean.
+ROUNDING = 1e-12
 
 
 def span(values: Iterable[float], unit: str, shown: tuple[str, float] | None = None) -> str:
@@ -87,6 +89,17 @@ def words(name: str) -> str:
     'lock pin backlash'
     """
     return name.replace("_", " ").replace(".", " ").replace("peak-to-peak", "peak to peak")
+
+
+def at_rest(value: float) -> float:
+    """Where a signal rests, in SI units; what rounding leaves of zero is zero.
+
+    Examples
+    --------
+    >>> at_rest(-7.99e-20), at_rest(0.0871)
+    (0.0, 0.0871)
+    """
+    return 0.0 if abs(value) <= ROUNDING else value
 
 
 def percent(share: float) -> str:

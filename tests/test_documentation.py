@@ -14,21 +14,25 @@ from tests.cli.test_main import TRUTH_TABLE
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")])
-BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
+#: A block of commands, and what the page shows of the output of the last one.
+BLOCK = re.compile(r"^```sh\n(.*?)^```$(?:\n\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
+#: A file that a page tells its reader to save.
+FILE = re.compile(r"^```toml\n(# (\w+\.toml)\n.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def commands() -> list[tuple[str, str]]:
-    """Page and line of every command in a block of shell commands; of one that stands on several pages the first."""
-    found: dict[tuple[str, ...], tuple[str, str]] = {}
+def commands() -> list[tuple[Path, str, str]]:
+    """Page, line and shown output of every command in a block; of one that stands on several pages the first."""
+    found: dict[tuple[str, ...], tuple[Path, str, str]] = {}
     for page in PAGES:
-        for block in BLOCK.findall(page.read_text(encoding="utf-8")):
-            for line in filter(None, block.replace("\\\n", " ").splitlines()):
-                found.setdefault(tuple(shlex.split(line)), (page.stem, line))
+        for block, shown in BLOCK.findall(page.read_text(encoding="utf-8")):
+            lines = [line for line in block.replace("\\\n", " ").splitlines() if line]
+            for i, line in enumerate(lines):
+                found.setdefault(tuple(shlex.split(line)), (page, line, shown if i == len(lines) - 1 else ""))
     return list(found.values())
 
 
 def readme_blocks() -> list[str]:
-    return [block.strip() for block in BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))]
+    return [block.strip() for block, _ in BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))]
 
 
 def is_truth_table(command: str) -> bool:
@@ -37,16 +41,24 @@ def is_truth_table(command: str) -> bool:
 
 
 def test_the_command_that_is_run_elsewhere_stands_in_the_pages():
-    assert any(is_truth_table(command) for _, command in commands())
+    assert any(is_truth_table(command) for _, command, _ in commands())
 
 
-@pytest.mark.parametrize(("page", "command"), [c for c in commands() if not is_truth_table(c[1])])
-def test_command_of_the_documentation_runs(tmp_path, monkeypatch, page, command):
+@pytest.mark.parametrize(
+    ("page", "command", "shown"),
+    [pytest.param(*c, id=f"{c[0].stem}-{c[1]}") for c in commands() if not is_truth_table(c[1])],
+)
+def test_command_of_the_documentation_runs_and_prints_what_the_page_shows(tmp_path, monkeypatch, page, command, shown):
     program, *arguments = shlex.split(command)
     assert program == "eppanalysis", f"{page}: only commands of the package stand in blocks that are run"
+    for text, name in FILE.findall(page.read_text(encoding="utf-8")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
+    printed = " ".join(result.output.split())
+    for line in shown.splitlines():
+        assert " ".join(line.split()) in printed
 
 
 def test_readme_begins_with_its_two_commands():

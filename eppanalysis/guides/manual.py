@@ -95,7 +95,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     for cell in bounds:
         limit = _rounded(y * _tested(cell.bound, cell), step, up=up)
         rows.append(
-            (_printed(x * cell.value), limit, _printed(y * cell.bound), _printed(cell.frequency), _checked(cell))
+            (_printed(x * cell.value), limit, _printed(y * cell.bound, 3), _printed(cell.frequency, 2), _checked(cell))
         )
     side, way = ("at least", "up") if up else ("at most", "down")
     name = words(bounds.limit)
@@ -106,7 +106,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
         "Oscillation beyond it at about [Hz]",
         "Checked",
     )
-    title = f"Limits on {name} without a self-sustained oscillation: {bounds.case}"
+    title = f"Limits on {name} without a self-sustained oscillation: {words(bounds.case)}"
     said = f"The {name} is rounded {way}, in steps of {step} {y_unit}".rstrip() + "."
     return ManualTable(
         title, heads, tuple(rows), (*_notes(list(bounds), said), _source(bounds.provenance, bounds.case))
@@ -143,9 +143,9 @@ def _rounded(value: float, step: Decimal, *, up: bool = False) -> Decimal | str:
     return to_step(value, step, up=up) if math.isfinite(value) else _DASH
 
 
-def _printed(value: float) -> Decimal | str:
-    """A value that limits nothing, to four digits."""
-    return Decimal(f"{value:.4g}") if math.isfinite(value) else _DASH
+def _printed(value: float, digits: int = 4) -> Decimal | str:
+    """A value that limits nothing: one that was given, or with fewer digits one to compare with."""
+    return Decimal(f"{value:.{digits}g}") if math.isfinite(value) else _DASH
 
 
 def _checked(cell: BoundCell) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown as written
-from eppanalysis.readable import number, percent, quantity, readable, with_unit, words
+from eppanalysis.readable import at_rest, number, percent, quantity, readable, with_unit, words
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.result import (
     Brief as Brief,
@@ -293,7 +293,11 @@ class Trajectory(Result):
             return f"Oscillates: {self.limit_cycle.size}, {since}."
         if self.status is Status.SETTLED:
             where = next(((n, v) for n, v in self.settled_at.items()), None)
-            at = "" if where is None else f": {words(where[0])} at {quantity(where[1], self.units.get(where[0], ''))}"
+            at = (
+                ""
+                if where is None
+                else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
+            )
             return f"Settles at rest{at}, {since}."
         return f"{f'After {number(self.end_time)} s' if self.t.size else 'Without samples'}: {self.status.value}"
 

@@ -25,6 +25,7 @@ from eppanalysis.plotting import (
     mark_events,
     place_of,
     places_of,
+    put_verdict,
     show_constant,
     with_name,
 )
@@ -73,7 +74,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     label_time(panels, "time [s]")
     if given is None:
         legend_below(figure, panels[0])
-        figure.suptitle(with_name(trajectory.status.value, trajectory.provenance.subject), fontsize=10)
+        put_verdict(figure, trajectory, trajectory.provenance.subject)
     return figure
 
 

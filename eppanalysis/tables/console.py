@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.readable import percent, readable, signed_percent, with_unit
+from eppanalysis.readable import ROUNDING, at_rest, percent, readable, signed_percent, with_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -48,7 +48,7 @@ def rest_table(run: Trajectory) -> Table:
     table = _table("signal", "rests at")
     for name, value in run.settled_at.items():
         unit, factor = readable(run.units.get(name, ""))
-        table.add_row(with_unit(name, unit), _number(value * factor))
+        table.add_row(with_unit(name, unit), _number(at_rest(value) * factor))
     return table
 
 
@@ -242,13 +242,13 @@ def ladder_table(ladder: Ladder) -> Table:
     """Frequency, and peak-to-peak and mean of each signal, down; predicted and simulated cycles and errors across."""
     shown = ("describing function", "simulation")
     rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
-    at_rest = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
+    rests = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
     heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
-    table = _table("", *heads, *(["at rest in simulation"] if at_rest else []), *(["error"] if ladder.errors else []))
+    table = _table("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
 
     def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
         last = [signed_percent(error)] if ladder.errors else []
-        table.add_row(label, *cells, *([rest] if at_rest else []), *last)
+        table.add_row(label, *cells, *([rest] if rests else []), *last)
 
     paces = [_number(row.quantities["frequency"]) for row in rungs]
     add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
@@ -256,11 +256,12 @@ def ladder_table(ladder: Ladder) -> Table:
         unit, factor = readable(ladder.run.units.get(name, ""))
         cycles = [row.cycle for row in rungs if row.cycle is not None]
         errors = ladder.errors.get(name, {})
-        spans = [_number(c.peak_to_peak.get(name, math.nan) * factor) for c in cycles]
+        spans = [_number(_span(c, name) * factor) for c in cycles]
+        if not any(_span(c, name) > 0.0 for c in cycles):
+            errors = {}  # of what stands still there is nothing to compare but rounding errors
         add(f"{with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
         means = [_mean(c, name, factor) for c in cycles]
-        rest = at_rest.get(name, math.nan)
-        add("   mean", means, _number(rest * factor if abs(rest) > 1e-12 else 0.0), errors.get("mean"))
+        add("   mean", means, _number(at_rest(rests.get(name, math.nan)) * factor), errors.get("mean"))
     return table
 
 
@@ -473,6 +474,12 @@ def _first_sentences(ladder: Ladder) -> str:
     f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
     size = f", {signed_percent(a)} in {ladder.signal}" if a is not None else ""
     return f"Agrees: {signed_percent(f)} in frequency{size}."
+
+
+def _span(cycle: LimitCycle, name: str) -> float:
+    """Peak-to-peak of a signal; what rounding leaves of one that stands still is zero."""
+    span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
+    return 0.0 if span <= ROUNDING * abs(mean) else span
 
 
 def _mean(cycle: LimitCycle, name: str, factor: float) -> str:

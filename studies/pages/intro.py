@@ -1,6 +1,6 @@
-"""The two pictures that the README and the first page begin with: ``python -m studies.pages.intro``.
+"""What the first pages show: ``python -m studies.pages.intro``.
 
-They are kept in ``docs/_static``, as a README is read where nothing has been built.
+It is kept in ``docs/_static``, as a README is read where nothing has been built.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Polygon
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREY, SKY, VERMILLION
-from studies import STORED
+from eppanalysis.plotting import BLUE, GREY, SKY, VERMILLION, figure_of
+from studies import DOCS, STORED
 
 #: Half the gap of the servo's play, by which positions are divided.
 HALF_GAP = 1.0
@@ -135,7 +135,9 @@ def first_order_blind() -> Figure:
     size.plot(own * values, exact, color=BLUE, linewidth=2.0, label="exact, stable")
     run = epp.simulate(case)
     assert run.limit_cycle is not None
-    size.plot(own, run.limit_cycle.peak_to_peak["x"], "x", color="black", markersize=7, label="simulated, as on the right")
+    size.plot(
+        own, run.limit_cycle.peak_to_peak["x"], "x", color="black", markersize=7, label="simulated, as on the right"
+    )
     size.axvspan(own * values.min(), FIRST_ORDER_FOLD, color=VERMILLION, alpha=0.15, linewidth=0)
     size.text(0.5 * (own * values.min() + FIRST_ORDER_FOLD), 4.25, "called safe,\noscillates", ha="center", fontsize=8)
     size.set(xlabel="gain", ylabel="motor, peak to peak [half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
@@ -144,7 +146,9 @@ def first_order_blind() -> Figure:
     shown = run.t < 120.0
     time.plot(run.t[shown], run.signals["x"][shown], color=BLUE, linewidth=1.0)
     time.set(xlabel="time [s]", ylabel="motor [half gaps]", xlim=(0.0, 120.0))
-    time.set_title(f"The motion at gain {own:.1f}: {run.limit_cycle.frequency:.4f} Hz, for ever", fontsize=10, loc="left")
+    time.set_title(
+        f"The motion at gain {own:.1f}: {run.limit_cycle.frequency:.4f} Hz, for ever", fontsize=10, loc="left"
+    )
     for ax in (size, time):
         ax.spines[["top", "right"]].set_visible(False)
     return figure
@@ -164,14 +168,28 @@ def _exact_branch(case: epp.Case) -> tuple[np.ndarray, np.ndarray]:
     return value, size
 
 
-#: What is drawn, by the name of its file.
-PICTURES = (limit_cycle, first_order_blind)
+def servo_of_the_page() -> epp.Case:
+    """The servo that the page of the first ten minutes has its reader save."""
+    page = (DOCS / "ten_minutes.md").read_text(encoding="utf-8")
+    return epp.case_from_text(page.partition("```toml\n")[2].partition("```")[0], name="servo")
+
+
+def ten_minutes() -> Figure:
+    """What ``eppanalysis validate`` draws of that servo."""
+    return figure_of(epp.ladder(servo_of_the_page()).plot())
+
+
+def ten_minutes_table() -> str:
+    """What ``eppanalysis bounds --manual`` writes of it."""
+    over = [f"{gain} V/rad" for gain in (150, 200, 250)]
+    return str(epp.manual_table(epp.design_bounds(servo_of_the_page(), over="Kp", limit="gap", at=over, starts=200)))
 
 
 def make_all(folder: Path) -> None:
-    """Draw them."""
-    for make in PICTURES:
-        make().savefig(folder / f"{make.__name__}.png", dpi=110, metadata={"Software": None})
+    """Make all of it."""
+    for make, dpi in ((limit_cycle, 110), (first_order_blind, 110), (ten_minutes, 80)):
+        make().savefig(folder / f"{make.__name__}.png", dpi=dpi, metadata={"Software": None})
+    (folder / "ten_minutes.md").write_text(f"{ten_minutes_table()}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

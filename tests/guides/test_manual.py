@@ -111,7 +111,7 @@ def test_what_is_not_checked_and_what_has_no_bound_says_so(bounds):
     assert table.texts()[2][1:4] == ("-", "-", "-") and table.texts()[2][4] == Finding.NONE.sentence
     assert "1 of 2 limits are not checked: do not use them without a test." in table.notes
     assert "from the case fig8a_original." in table.notes[-1]
-    assert table.texts()[0] == ("2.5", "0.97", "0.98", "8.123", "yes, 1000 simulations")
+    assert table.texts()[0] == ("2.5", "0.97", "0.98", "8.1", "yes, 1000 simulations")
 
 
 def test_a_limit_from_below_is_rounded_up(bounds):

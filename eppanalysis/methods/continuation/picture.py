@@ -24,6 +24,7 @@ from eppanalysis.plotting import (
     label_of,
     place_of,
     places_of,
+    put_verdict,
     show_constant,
     with_name,
 )
@@ -61,14 +62,14 @@ def plot_branch(
     label, factor = label_of(name, branch.units)
     figure, panels = places_of(given, 2, height=2.4)
     if given is None:
-        figure.suptitle(with_name("", branch.provenance.subject), fontsize=10)
+        put_verdict(figure, branch, branch.provenance.subject)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
             _draw_branch(ax, one, name, key, x_factor, scale)
             y = np.append(y, scale * one.points[key])
         for gap in branch.missing:
-            edges: dict[str, Any] = {"facecolor": GREY, "alpha": 0.18, "linewidth": 0, "hatch": "xx"}
+            edges: dict[str, Any] = {"facecolor": "none", "edgecolor": "#BBBBBB", "linewidth": 0, "hatch": "xx"}
             ax.axvspan(x_factor * gap.low, x_factor * gap.high, **edges, label=f"no orbit: {gap.why}")
         if key in branch.simulated:
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
@@ -83,7 +84,9 @@ def plot_branch(
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
-    panels[0].legend(handles.values(), [textwrap.fill(text, 48) for text in handles], fontsize=8)
+    texts = [textwrap.fill(text, 48) for text in handles]
+    above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 3, "frameon": False}
+    panels[0].legend(handles.values(), texts, fontsize=8, **(above if given is None else {}))
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.methods.margins.olop_result import BOUNDARY
-from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of, with_name
 from eppanalysis.readable import words
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
-    ax.set_title(f"Nyquist, cut at {margins.at}", fontsize=10)
+    ax.set_title(with_name(f"Nyquist, cut at {margins.at}", margins.provenance.subject), fontsize=10)
     ax.legend(fontsize=7, loc="best", framealpha=0.9)
     return figure
 
