@@ -282,7 +282,10 @@ def design_guide(
     case = as_case(case)
     require_case(case, "design_guide")
     if not variation_of(case).has_guideline:
-        raise EppError(f"guide: {case.name} is a {case.kind}; expected a case of the elbow.")
+        raise EppError(
+            f"guide: {case.name} is a {case.kind}; expected a case of the elbow. For two parameters of any case: "
+            "eppanalysis bounds CASE --over FIELD --limit FIELD --manual FILE."
+        )
     if not gains:
         raise EppError("guide: no gain is given; expected one profile range or more.")
     given = dict(margins or {})

@@ -95,7 +95,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     for cell in bounds:
         limit = _rounded(y * _tested(cell.bound, cell), step, up=up)
         rows.append(
-            (_printed(x * cell.value), limit, _printed(y * cell.bound, 3), _printed(cell.frequency, 2), _checked(cell))
+            (_printed(x * cell.value), limit, _about(y * cell.bound, 3), _about(cell.frequency, 2), _checked(cell))
         )
     side, way = ("at least", "up") if up else ("at most", "down")
     name = words(bounds.limit)
@@ -143,9 +143,14 @@ def _rounded(value: float, step: Decimal, *, up: bool = False) -> Decimal | str:
     return to_step(value, step, up=up) if math.isfinite(value) else _DASH
 
 
-def _printed(value: float, digits: int = 4) -> Decimal | str:
-    """A value that limits nothing: one that was given, or with fewer digits one to compare with."""
-    return Decimal(f"{value:.{digits}g}") if math.isfinite(value) else _DASH
+def _printed(value: float) -> Decimal | str:
+    """A value that was given, to four digits."""
+    return Decimal(f"{value:.4g}") if math.isfinite(value) else _DASH
+
+
+def _about(value: float, digits: int) -> Decimal | str:
+    """A value to compare with, always with so many digits."""
+    return Decimal(f"{value:#.{digits}g}") if math.isfinite(value) else _DASH
 
 
 def _checked(cell: BoundCell) -> str:

@@ -207,7 +207,8 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
     style: dict[str, Any] = {"linewidth": 0.6, "color": "#444444"}
     lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors=style["color"], linewidths=style["linewidth"])
     ax.clabel(lines, fontsize=6, fmt=lambda v: f"{v:.3g} {unit}")
-    return [Line2D([], [], **style, label=str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])]
+    name = words(str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])
+    return [Line2D([], [], **style, label=with_unit(name, unit))]
 
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:

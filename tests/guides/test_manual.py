@@ -111,7 +111,7 @@ def test_what_is_not_checked_and_what_has_no_bound_says_so(bounds):
     assert table.texts()[2][1:4] == ("-", "-", "-") and table.texts()[2][4] == Finding.NONE.sentence
     assert "1 of 2 limits are not checked: do not use them without a test." in table.notes
     assert "from the case fig8a_original." in table.notes[-1]
-    assert table.texts()[0] == ("2.5", "0.97", "0.98", "8.1", "yes, 1000 simulations")
+    assert table.texts()[0] == ("2.5", "0.97", "0.980", "8.1", "yes, 1000 simulations")
 
 
 def test_a_limit_from_below_is_rounded_up(bounds):
@@ -209,4 +209,4 @@ def test_command_writes_the_table_and_refuses_before_it_computes(monkeypatch, bo
         missing.setattr("importlib.util.find_spec", lambda name: None)
         assert "python-docx" in refusal("--manual", str(tmp_path / "g.docx"))
     result = CliRunner().invoke(app, [*command, "--manual", str(tmp_path / "g.md"), "--step", "0.1 deg"])
-    assert result.exit_code == 0 and "| 2.5 | 0.9 | 0.98 |" in (tmp_path / "g.md").read_text()
+    assert result.exit_code == 0 and "| 2.5 | 0.9 | 0.980 |" in (tmp_path / "g.md").read_text()

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of, with_name
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) ->
     if not known:
         raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
     unit, factor = bounds.readable[bounds.over]
-    where = f"{words(bounds.over)} {number(factor * chosen.value)} {unit}"
+    where = with_name(f"{words(bounds.over)} {number(factor * chosen.value)} {unit}".rstrip(), bounds.case)
     return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where, ax)
 
 
@@ -159,7 +159,8 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
     ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=8)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
     ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]")
-    ax.set_title(where, fontsize=10)
+    ax.set_title(where, fontsize=10, loc="left")
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=7, loc="lower right")
+    # Above the bars, which reach to both sides.
+    ax.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
     return figure

@@ -1,0 +1,82 @@
+"""The check of built pages finds each fault it is for, and the gallery shows what its lines make."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from eppanalysis.plotting import figure_of
+from studies import DOCS
+from studies.pages import gallery
+from tests.explorer.browser import find_chromium, running_browser
+from tests.studies.pages import read_faults, seen_faults
+
+GOOD = """<!doctype html><html><body data-theme="light" style="background:#fff;color:#222"><article id="top">
+<p>Text with a <a href="other.html#there">link</a> and a <a href="#top">second</a>.</p><img src="a.png" alt="A curve">
+<div style="overflow-x:auto"><div style="width:3000px">wide, in a box that scrolls</div></div>
+%s</article></body></html>"""
+
+
+@pytest.fixture
+def site(tmp_path):
+    (tmp_path / "other.html").write_text('<html><body><h1 id="there">x</h1></body></html>', encoding="utf-8")
+    (tmp_path / "a.png").write_bytes(b"")
+
+    def write(more: str = ""):
+        (tmp_path / "index.html").write_text(GOOD % more, encoding="utf-8")
+        return tmp_path
+
+    return write
+
+
+def test_a_good_page_has_no_fault_in_its_file(site):
+    assert list(read_faults(site())) == []
+
+
+@pytest.mark.parametrize(
+    ("more", "fault"),
+    [
+        ('<a href="gone.html">x</a>', "dead link gone.html"),
+        ('<a href="other.html#nowhere">x</a>', "dead link other.html#nowhere"),
+        ('<a href="#nowhere">x</a>', "dead link #nowhere"),
+        ('<img src="a.png">', "picture without a text: a.png"),
+        ('<img src="a.png" alt="a.png">', "picture without a text: a.png"),
+    ],
+)
+def test_faults_of_a_file_are_found(site, more, fault):
+    assert list(read_faults(site(more))) == [("index.html", fault)]
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed")
+def test_faults_that_a_browser_sees_are_found(site):
+    faults = {
+        '<p style="color:#aaa">pale</p>': "little contrast",
+        '<p style="width:600px">wide</p>': "wider than 420 px: p to",
+        '<script>window.MathJax = {startup: {promise: 1}}</script><span class="math">x^2</span>': "broken formula: x^2",
+    }
+    with running_browser() as browser:
+        assert list(seen_faults(browser, (site() / "index.html").as_uri())) == []
+        for more, fault in faults.items():
+            found = list(seen_faults(browser, (site(more) / "index.html").as_uri()))
+            assert found and all(text.startswith(fault) for text in found), more
+
+
+PICTURES = gallery.blocks(gallery.PAGE.read_text(encoding="utf-8"))[1:]
+
+
+def test_every_picture_of_the_gallery_is_there_and_has_its_lines():
+    made = {target for _, target in PICTURES}
+    there = {str(path.relative_to(DOCS)) for path in (DOCS / "_static" / "gallery").glob("*.png")}
+    assert made == there
+    for code, target in PICTURES:
+        assert isinstance(ast.parse(code).body[-1], ast.Expr), target
+        assert (DOCS / target).stat().st_size < 150_000
+
+
+@pytest.mark.parametrize("name", ["cycle", "margins", "nyquist"])
+def test_lines_of_the_gallery_draw(name):
+    names = {}
+    exec(gallery.blocks(gallery.PAGE.read_text(encoding="utf-8"))[0][0], names)
+    (code,) = (code for code, target in PICTURES if target.endswith(f"/{name}.png"))
+    assert figure_of(gallery.drawn(code, names)).axes
