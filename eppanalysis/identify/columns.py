@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from eppanalysis.errors import CaseError
@@ -27,7 +27,7 @@ class Column:
     header: str
 
 
-def parse_choice(text: str) -> tuple[str, str, str]:
+def parse_choice(text: str, roles: Collection[str] = ROLES) -> tuple[str, str, str]:
     """Role, header and unit ("" where the header gives it) of ``force=F (lbf):lbf``, as ``--column`` takes it.
 
     Raises
@@ -43,11 +43,11 @@ def parse_choice(text: str) -> tuple[str, str, str]:
     ('angle', 'theta [deg]', '')
     """
     role, equals, rest = text.partition("=")
-    role = role.strip().lower()
+    role = role.strip() if role.strip() in roles else role.strip().lower()
     if not equals or not rest.strip():
         raise CaseError("--column", "", text, 'ROLE="HEADER:UNIT", such as force="F (lbf):lbf"')
-    if role not in ROLES:
-        raise CaseError("--column", "", text, f"a role that is one of {', '.join(ROLES)}")
+    if role not in roles:
+        raise CaseError("--column", "", text, f"a role that is one of {', '.join(roles)}")
     header, colon, unit = rest.rpartition(":")
     return (role, header.strip(), unit.strip()) if colon else (role, rest.strip(), "")
 
@@ -58,6 +58,7 @@ def find_columns(
     optional: Sequence[str],
     choices: Mapping[str, tuple[str, str]],
     source: str,
+    units: Mapping[str, str] = ROLES,
 ) -> tuple[Column, ...]:
     """The columns of a file that a bench needs, and those of the optional ones that are there.
 
@@ -71,6 +72,8 @@ def find_columns(
         Header and unit of a role, as the user gave them; an empty unit is taken from the header.
     source : str
         File, for messages.
+    units : mapping of str to str
+        SI unit of every role; a column whose role has none needs none.
 
     Raises
     ------
@@ -84,13 +87,14 @@ def find_columns(
             if role in optional and role not in choices:
                 continue
             raise _missing(header, role, choices.get(role), source)
-        found.append(Column(role, place, _factor(header[place], role, choices.get(role), source), header[place]))
+        factor = _factor(header[place], role, choices.get(role), source, units[role])
+        found.append(Column(role, place, factor, header[place]))
     return tuple(found)
 
 
 def _place(header: Sequence[str], role: str, choice: tuple[str, str] | None, source: str) -> int | None:
     if choice is None:
-        places = [i for i, cell in enumerate(header) if _split(cell)[0].lower() == role]
+        places = [i for i, cell in enumerate(header) if _split(cell)[0].lower() == role.lower()]
     else:
         places = [i for i, cell in enumerate(header) if cell.strip() == choice[0]]
         places = places or [i for i, cell in enumerate(header) if _split(cell)[0] == choice[0]]
@@ -113,7 +117,7 @@ def _missing(header: Sequence[str], role: str, choice: tuple[str, str] | None, s
         close = difflib.get_close_matches(choice[0], names, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
         return CaseError(source, f"line 1, {role}", shown, f"the column {choice[0]!r} of --column{hint}")
-    example = f"{role} [{_EXAMPLES[role]}]"
+    example = f"{role} [{_EXAMPLES[role]}]" if role in _EXAMPLES else role
     return CaseError(
         source,
         f"line 1, {role}",
@@ -122,14 +126,16 @@ def _missing(header: Sequence[str], role: str, choice: tuple[str, str] | None, s
     )
 
 
-def _factor(cell: str, role: str, choice: tuple[str, str] | None, source: str) -> float:
+def _factor(cell: str, role: str, choice: tuple[str, str] | None, source: str, si: str) -> float:
     own = _split(cell)[1]
     unit = choice[1] if choice is not None and choice[1] else own
+    if not unit and not si:
+        return 1.0
     if not unit:
-        example = f"{_split(cell)[0]} [{_EXAMPLES[role]}]"
+        example = f"{_split(cell)[0]} [{_EXAMPLES.get(role, si)}]"
         raise CaseError(source, f"line 1, {role}", cell.strip(), f"a unit with it, such as {example!r}")
     try:
-        factor = parse_quantity(f"1 {unit}", ROLES[role])
+        factor = parse_quantity(f"1 {unit}", si)
         if own and own != unit and _differ(own, unit):
             raise CaseError(source, f"line 1, {role}", cell.strip(), f"the unit {unit!r} of --column in the header too")
     except QuantityError as error:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases.files import Missing
 from eppanalysis.errors import CaseError
-from eppanalysis.identify.columns import Column, find_columns
+from eppanalysis.identify.columns import ROLES, Column, find_columns
 from eppanalysis.progress import Progress
 
 Array = NDArray[np.float64]
@@ -88,6 +89,7 @@ def read_recording(
     *,
     fewest: int = 8,
     progress: Progress | None = None,
+    units: Mapping[str, str] = ROLES,
 ) -> Recording:
     """Read the columns of a CSV file that a bench needs.
 
@@ -104,6 +106,8 @@ def read_recording(
     fewest : int
         A file with fewer complete rows is refused.
     progress : callable, optional
+    units : mapping of str to str
+        SI unit of every role; those of the benches by default.
 
     Raises
     ------
@@ -116,7 +120,8 @@ def read_recording(
             found = "a folder" if path.is_dir() else "not a file" if path.exists() else Missing()
             raise CaseError(source, "", found, "a CSV file")
         with path.open("rb") as stream:
-            return _read(stream, source, needed, optional, columns or {}, fewest, progress, path.stat().st_size)
+            find = partial(find_columns, needed=needed, optional=optional, choices=columns or {}, units=units)
+            return _read(stream, source, find, fewest, progress, path.stat().st_size)
     except (OSError, ValueError) as error:
         raise CaseError(source, "", getattr(error, "strerror", None) or str(error), "a readable CSV file") from None
 
@@ -124,15 +129,13 @@ def read_recording(
 def _read(
     stream: BinaryIO,
     source: str,
-    needed: Sequence[str],
-    optional: Sequence[str],
-    choices: Mapping[str, tuple[str, str]],
+    find: Callable[..., tuple[Column, ...]],
     fewest: int,
     progress: Progress | None,
     size: int,
 ) -> Recording:
     header, separator, line = _header(stream, source)
-    found = find_columns(header, needed, optional, choices, source)
+    found = find(header, source=source)
     table = _Table(source, len(header), separator, found)
     blocks = _Blocks(len(found))
     for piece in _pieces(stream, source):

@@ -1,0 +1,210 @@
+"""From a recorded oscillation to the element of the loop that explains it, or to what cannot be told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eppanalysis.cases import Case
+from eppanalysis.diagnose.candidates import Candidates, candidates_of
+from eppanalysis.diagnose.fit import LINEAR, Fit, Yardstick, all_fits
+from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
+from eppanalysis.diagnose.result import Diagnosis, Explanation, Verdict
+from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.orbit import CONVERGED
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.subject import PointLike, facts_of, standing
+from eppanalysis.progress import Progress
+from eppanalysis.results import Status
+from eppanalysis.results.provenance import Provenance
+
+__all__ = ["Diagnosis", "Explanation", "Oscillation", "Record", "Verdict", "diagnose"]
+
+METHOD = "exact limit cycles of each element alone, fitted to the record"
+#: Probability from which a candidate is named, and chance below which what fits best does not fit.
+_NAMED, _NO_CHANCE = 0.95, 1e-3
+
+
+def diagnose(
+    case: LureSystem | Case,
+    record: str | Path | Mapping[str, ArrayLike],
+    *,
+    columns: Mapping[str, tuple[str, str]] | None = None,
+    model_error: float = 0.02,
+    operating_point: PointLike | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Which element of a loop explains a recorded oscillation.
+
+    Candidates are each element alone, with its size free and all others ideal (as their gains in margins), a linear
+    instability, whose gain is free, and a sine from outside, whose frequency is free. Their exact limit cycles are laid
+    against the period, growth and harmonics of all recorded signals. That two elements together make an oscillation
+    that neither makes alone is not among the candidates.
+
+    Parameters
+    ----------
+    case : Case or LureSystem
+        In continuous time, without sampled controllers.
+    record : path, or mapping of str to array
+        A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays in
+        SI units. Three periods or more, of an oscillation that is sustained or grows.
+    columns : mapping of str to (str, str), optional
+        Header and unit of a signal whose column has another name.
+    model_error : float
+        Relative standard deviation of what the model says of periods, sizes and harmonics, 0.001 to 0.5.
+    operating_point : OperatingPoint or mapping of str to float, optional
+        Where the external inputs are held, or some of them by name [SI]; by default that of the case or loop.
+    progress : callable, optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    EppError
+        If the record is no such table or holds no oscillation, for discrete time, or inputs that do not stand still.
+    ModelError
+        If an input or signal is unknown, or there is dead time behind an element.
+
+    References
+    ----------
+    Kass and Raftery, "Bayes factors", J Am Stat Assoc 90, 1995.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import eppanalysis as epp
+    >>> loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+    >>> t = np.linspace(0.0, 40.0, 2000)
+    >>> run = epp.simulate(loop, t_end=100.0, t_eval=60.0 + t)
+    >>> found = epp.diagnose(loop, {"time": t, "x": 0.3 * run.signals["x"]})
+    >>> found.names, round(found[0].fields["gap"][0], 2)
+    (('play',), 0.6)
+    """
+    if not 1e-3 <= model_error <= 0.5:
+        raise EppError(f"diagnose: model_error is {model_error}; expected 0.001 to 0.5.")
+    system, at = standing(case, operating_point, "diagnose")
+    names = system.signals.names
+    units = dict(zip(names, system.signals.units or [""] * len(names), strict=True))
+    given = record_of(record, units, columns)
+    found = oscillation_of(given)
+    candidates = candidates_of(system, at)
+    for i, family in enumerate(candidates.families):
+        if progress is not None:
+            progress(i, len(candidates.families), family.name)
+        _sought(family)
+    return explained(candidates, case, given, found, model_error)
+
+
+def _sought(family) -> None:  # type: ignore[no-untyped-def]
+    from contextlib import suppress
+
+    with suppress(EppError):
+        family.cycles()
+
+
+def explained(
+    candidates: Candidates, case: LureSystem | Case, record: Record, found: Oscillation, model_error: float = 0.02
+) -> Diagnosis:
+    """What the candidates say of an oscillation; they may be kept for the next record of the same loop."""
+    yard = Yardstick(found, model_error)
+    fits = [(name, some, why) for name, some, why in all_fits(yard, candidates)]
+    weights = np.array([_evidence(some) for _, some, _ in fits])
+    shares = np.exp(weights - weights.max()) if np.any(np.isfinite(weights)) else np.zeros(len(fits))
+    shares /= max(float(shares.sum()), 1e-300)
+    made = [
+        _explanation(candidates, case, name, some, why, float(share))
+        for (name, some, why), share in zip(fits, shares, strict=True)
+    ]
+    made.sort(key=lambda e: (-e.probability, np.nan_to_num(e.misfit, nan=np.inf)))
+    system = candidates.system
+    units = dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True))
+    verdict = _verdict(made)
+    return Diagnosis(
+        explanations=tuple(made),
+        verdict=verdict,
+        threshold=_NAMED,
+        oscillation=found,
+        model_error=model_error,
+        left_out=candidates.left_out,
+        record=record,
+        case=getattr(case, "name", system.name),
+        units={name: units[name] for name in found.names},
+        status=Status.INCOMPLETE if _untried(made) else Status.CONVERGED,
+        provenance=Provenance(
+            METHOD,
+            {"system": system.name, "record": record.source, "model_error": model_error},
+            {"residual": CONVERGED},
+            {"samples": len(record.time), "periods": found.n_periods, "harmonics": found.harmonics.shape[1]},
+            {} if isinstance(case, LureSystem) else facts_of(case),
+        ),
+        operating_point=candidates.at,
+    )
+
+
+def _evidence(fits: list[Fit]) -> float:
+    """Of a candidate: the mean over the ways in which it may explain the record."""
+    if not fits:
+        return -np.inf
+    return float(np.logaddexp.reduce([fit.evidence for fit in fits]) - np.log(len(fits)))
+
+
+def _verdict(made: list[Explanation]) -> Verdict:
+    from scipy.stats import chi2
+
+    fitting = [e for e in made if np.isfinite(e.misfit)]
+    if not fitting or not any(chi2.sf(e.misfit, e.freedom) > _NO_CHANCE for e in fitting if e.probability > 0.01):
+        return Verdict.UNEXPLAINED
+    return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.CANNOT_BE_TOLD
+
+
+def _untried(made: list[Explanation]) -> bool:
+    return any(e.note.startswith(("could not", "cannot be tried")) for e in made)
+
+
+def _explanation(
+    candidates: Candidates, case: LureSystem | Case, name: str, fits: list[Fit], why: str, share: float
+) -> Explanation:
+    family = next((f for f in candidates.families if f.name == name), None)
+    kind = name if family is None else (family.element.kind or type(family.element).__name__)
+    if not fits:
+        return Explanation(name, kind, 0.0, float("nan"), 0, float("nan"), note=why)
+    best = max(fits, key=lambda fit: fit.evidence)
+    fields: dict[str, tuple[float, float, float]] = {}
+    units: dict[str, str] = {}
+    parameter = ""
+    if family is not None:
+        fields, units, parameter = _sizes(family, case, best)
+    elif name == LINEAR and candidates.linear.turned >= 0:
+        fields = {"gain": _interval(1.0, best, 1)}
+    return Explanation(
+        name, kind, share, best.misfit, best.freedom, best.period, fields, units, parameter,
+        f"comes in at {best.place}" if best.place else "", best.harmonics,
+    )  # fmt: skip
+
+
+def _interval(value: float, fit: Fit, power: int) -> tuple[float, float, float]:
+    """A value in the model times the size of a fit, with its 95 % interval."""
+    wide = float(np.exp(1.96 * power * fit.size_error))
+    at = value * fit.size**power
+    return at, at / wide, at * wide
+
+
+def _sizes(
+    family, case: LureSystem | Case, best: Fit  # type: ignore[no-untyped-def]
+) -> tuple[dict[str, tuple[float, float, float]], dict[str, str], str]:
+    """Fields of an element with their intervals, their units, and the parameter of the case that sets the first."""
+    from eppanalysis.diagnose.candidates import size_exponents
+
+    fields, units, parameter = {}, {}, ""
+    for name, power in size_exponents(family.element).items():
+        fields[name] = _interval(float(getattr(family.element, name)), best, power)
+        full = f"{family.name}.{name}"
+        if isinstance(case, Case) and full in case.parameters:
+            units[name] = case.unit(full)[0]
+            parameter = parameter or full
+    return fields, units, parameter

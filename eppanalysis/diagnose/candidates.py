@@ -1,0 +1,232 @@
+"""What may explain an oscillation of a loop: each of its elements alone, the others being the gains of their ideals.
+
+An element's size is a factor on those of its fields that are measured in the units of its signals: with the factor s
+its map is s f(x/s). Where the rest of the loop is linear and rests at zero, its limit cycles grow in proportion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields as fields_of, replace
+from functools import cached_property
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.absorbed import with_gains
+from eppanalysis.models.systems.lure import LureSystem, with_own_states
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.results import LimitCycle
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Constant terms of a loop, relative to its other numbers, that are rounding.
+_ROUNDING = 1e-12
+
+
+def size_exponents(element: Nonlinearity) -> dict[str, int]:
+    """By which power of a factor on input and output each field of an element grows; those that do not left out.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import Saturation
+    >>> size_exponents(Saturation(-1.0, 1.0, 2.0))
+    {'lower': 1, 'upper': 1}
+    """
+    values = {name: getattr(element, name) for name in element.units}
+    return {
+        name: roles[0] + roles[1]
+        for name, roles in element.units.items()
+        if roles[0] + roles[1] and isinstance(values[name], Real) and values[name] != 0
+    }
+
+
+def resized(element: Nonlinearity, size: float) -> Nonlinearity:
+    """The element with the map ``size * f(x/size)``."""
+    own = {f.name for f in fields_of(element) if f.init}  # type: ignore[arg-type]  # those with a size are dataclasses
+    powers = {name: power for name, power in size_exponents(element).items() if name in own}
+    changed: dict[str, Any] = {name: getattr(element, name) * size**power for name, power in powers.items()}
+    return replace(element, **changed)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The loop with all of its elements as gains.
+
+    Attributes
+    ----------
+    loop : LureSystem
+        Without dead time; elements to which no gain belongs are left in it.
+    gains : dict of int to array
+    at : OperatingPoint
+    """
+
+    loop: LureSystem
+    gains: dict[int, Array]
+    at: OperatingPoint
+
+    @classmethod
+    def of(cls, system: LureSystem, at: OperatingPoint) -> Linear:
+        """The gains that stand for the elements: those of margins, none where that is infinite."""
+        loop = _parts(system, -1, 1.0)
+        gains = {i: np.asarray(e.linear_gain(), float) for i, e in enumerate(loop.elements)}
+        return cls(loop, {i: gain for i, gain in gains.items() if np.all(np.isfinite(gain))}, at)
+
+    @cached_property
+    def closed(self) -> LureSystem:
+        """The loop with the gains in place."""
+        return with_gains(self.loop, self.gains)
+
+    @property
+    def complete(self) -> bool:
+        """Whether a gain stands for every element."""
+        return len(self.gains) == len(self.loop.elements)
+
+    @cached_property
+    def poles(self) -> ComplexArray:
+        """[rad/s]"""
+        return np.asarray(np.linalg.eigvals(self.closed.A), complex)
+
+    @property
+    def stable(self) -> bool:
+        """Whether no pole grows."""
+        size = np.abs(self.poles).max(initial=1e-300)
+        return bool(np.all(self.poles.real < 1e-9 * size))
+
+    def with_gain(self, factor: float) -> LureSystem:
+        """The closed loop with the gain of its principal element multiplied."""
+        gains = {i: g * (factor if i == self.turned else 1.0) for i, g in self.gains.items()}
+        return with_gains(self.loop, gains)
+
+    @property
+    def turned(self) -> int:
+        """Element whose gain is multiplied: the principal one, or the first that passes anything on."""
+        order = [self.loop.principal, *self.gains]
+        return next((i for i in order if i in self.gains and np.any(self.gains[i])), -1)
+
+
+def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
+    """The loop with what stands for elements with states of their own, one element left as it is but for its size."""
+    base = system.given or system
+    elements = tuple(
+        resized(e, size) if i == active else (e.small_signal or e) for i, e in enumerate(base.elements)
+    )
+    loop = replace(base, elements=elements, memory=(None,) * len(elements))
+    return loop if system.given is None else with_own_states(loop)
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """The limit cycles of a loop with one of its elements, over the size of that element.
+
+    Attributes
+    ----------
+    system : LureSystem
+    number : int
+        Of the element.
+    at : OperatingPoint
+    gains : dict of int to array
+        Of the other elements; those without a gain stay as they are.
+    """
+
+    system: LureSystem
+    number: int
+    at: OperatingPoint
+    gains: dict[int, Array]
+
+    @property
+    def element(self) -> Nonlinearity:
+        """As the model has it."""
+        return (self.system.given or self.system).elements[self.number]
+
+    @property
+    def name(self) -> str:
+        """What the loop calls the element."""
+        return self.system.element_names[self.number]
+
+    def loop(self, size: float = 1.0) -> LureSystem:
+        """The loop with the element alone, of a size relative to that in the model."""
+        others = {i: gain for i, gain in self.gains.items() if i != self.number}
+        return with_gains(_parts(self.system, self.number, size), others)
+
+    @cached_property
+    def in_proportion(self) -> bool:
+        """Whether its limit cycles grow in proportion to its size."""
+        loop = self.loop()
+        v = self.at.vector(loop)
+        offsets = np.concatenate([
+            loop.B_input @ v + loop.constant_state, loop.D_input @ v + loop.constant_input,
+        ])  # fmt: skip
+        size = max(np.abs(loop.A).max(initial=1.0), 1.0)
+        return len(loop.elements) == 1 and bool(np.all(np.abs(offsets) <= _ROUNDING * size))
+
+    @cached_property
+    def _known(self) -> dict[float, tuple[LimitCycle, ...]]:
+        return {}
+
+    def cycles(self, size: float = 1.0) -> tuple[LimitCycle, ...]:
+        """The limit cycles that are not unstable; in proportion those of the model's size.
+
+        Raises
+        ------
+        EppError
+            If they cannot be sought.
+        """
+        size = 1.0 if self.in_proportion else size
+        if size not in self._known:
+            found = find_limit_cycles(self.loop(size), self.at)
+            self._known[size] = tuple(c for c in found if c.stable is not False)
+        return self._known[size]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """All that may explain an oscillation of a loop.
+
+    Attributes
+    ----------
+    system : LureSystem
+    at : OperatingPoint
+    families : tuple of Family
+        Of the elements that a gain stands for.
+    linear : Linear
+    left_out : dict of str to str
+        Elements that are no candidate of their own, and why.
+    """
+
+    system: LureSystem
+    at: OperatingPoint
+    families: tuple[Family, ...]
+    linear: Linear
+    left_out: dict[str, str]
+
+
+def candidates_of(system: LureSystem, at: OperatingPoint) -> Candidates:
+    """The candidates of a loop.
+
+    Raises
+    ------
+    EppError
+        If the loop is in discrete time, or has no element that could be taken alone.
+    ModelError
+        If there is dead time behind an element, or the loop of gains has no unique solution.
+    """
+    if system.time_step:
+        raise EppError(f"{system.name}: a discrete-time loop; expected one in continuous time.")
+    linear = Linear.of(system, at)
+    linear.closed  # noqa: B018  (refuses dead time)
+    base = system.given or system
+    families, left_out = [], {}
+    for i, (name, element) in enumerate(zip(base.element_names, base.elements, strict=True)):
+        if i not in linear.gains:
+            left_out[name] = "stays as the model has it, for no gain stands for it"
+        elif not size_exponents(element):
+            left_out[name] = "has no size in the model, or none that can be varied"
+        else:
+            families.append(Family(system, i, at, linear.gains))
+    return Candidates(system, at, tuple(families), linear, left_out)

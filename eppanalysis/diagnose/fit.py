@@ -1,0 +1,311 @@
+"""How well each candidate explains an oscillation: period, growth and harmonics, weighted by noise and model error.
+
+The likelihood is normal in the logarithm of the frequency, the growth per period and every harmonic of every signal.
+Each has the variance that the record gives it and that of the model, whose relative error is given. What a candidate is
+free to choose counts against it by the share of its range that fits (Laplace's method, as in Kass and Raftery, J Am
+Stat Assoc 90, 1995): a disturbance of any frequency explains a period less well than a loop that has no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.diagnose.candidates import Candidates, Family, Linear
+from eppanalysis.diagnose.record import Oscillation
+from eppanalysis.errors import EppError
+from eppanalysis.results import LimitCycle
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Growth per period of a steady oscillation that a record may still show, as a share of the model error.
+_SETTLING = 0.1
+#: Range of a disturbance's frequency (a decade) and standard deviation of the loop's gain, both as logarithms.
+_ANY_FREQUENCY, _GAIN = float(np.log(10.0)), 0.5
+#: Phases at which a cycle is laid against the record, sizes that are tried for a loop that is not in proportion, and
+#: how near the last of them must be.
+_PHASES, _SIZES, _NEAR = 256, 6, 0.003
+#: Gains at which the poles of the linear loop are looked at, as logarithms.
+_GAINS = np.linspace(-2.5, 2.5, 251)
+_ROOT = float(np.log(np.sqrt(2.0 * np.pi)))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One way in which a candidate explains an oscillation.
+
+    Attributes
+    ----------
+    evidence : float
+        Logarithm of the likelihood, averaged over what the candidate may choose.
+    misfit, freedom : float, int
+        Sum of squares in units of the standard deviations, and how many of them are free.
+    period : float
+        That the candidate has [s].
+    harmonics : complex array, shape (signals, K)
+        That it has, laid against those of the record.
+    size, size_error : float
+        Factor on the model's element (or gain), and the standard deviation of its logarithm.
+    cycle : LimitCycle or None
+    place : str
+        Where a disturbance comes in.
+    """
+
+    evidence: float
+    misfit: float
+    freedom: int
+    period: float
+    harmonics: ComplexArray
+    size: float = float("nan")
+    size_error: float = float("nan")
+    cycle: LimitCycle | None = None
+    place: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Yardstick:
+    """An oscillation with the standard deviations that differences from it are measured in.
+
+    Attributes
+    ----------
+    found : Oscillation
+    model_error : float
+    period, growth : float
+        Standard deviations of the logarithm of the frequency, and of the growth per period.
+    each : array, shape (signals, K)
+        Of the real and of the imaginary part of every harmonic.
+    """
+
+    found: Oscillation
+    model_error: float
+    period: float = field(init=False)
+    growth: float = field(init=False)
+    each: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        c, m = self.found.harmonics, self.model_error
+        k = np.arange(1, c.shape[1] + 1)
+        # What the model leaves out shapes a waveform: of an element's output, steps and corners fall like 1/k and 1/k^2.
+        wrong = m * np.maximum(np.abs(c), np.abs(c[:, :1]) / k**2)
+        object.__setattr__(self, "period", float(np.hypot(m, self.found.omega_error)))
+        object.__setattr__(self, "growth", float(np.hypot(_SETTLING * m, self.found.growth_error)))
+        object.__setattr__(self, "each", np.sqrt(0.5 * self.found.variance + wrong**2))
+
+    @property
+    def count(self) -> int:
+        """Numbers that are compared."""
+        return 2 * self.each.size + 2
+
+    def of_shape(self, harmonics: ComplexArray) -> float:
+        """Sum of squares of the differences of the harmonics."""
+        return float(np.sum(np.abs((self.found.harmonics - harmonics) / self.each) ** 2))
+
+    def of_frequency(self, omega: float) -> float:
+        """Square of the difference of the frequency."""
+        return float((np.log(omega / self.found.omega) / self.period) ** 2)
+
+    def of_growth(self, growth: float) -> float:
+        """Square of the difference of the growth per period."""
+        return float(((self.found.growth - growth) / self.growth) ** 2)
+
+    def laid(self, harmonics: ComplexArray) -> tuple[ComplexArray, float, float]:
+        """Harmonics with the phase and size that fit best, the factor on them, and the error of its logarithm."""
+        k = np.arange(1, harmonics.shape[1] + 1)
+        weighted = harmonics / self.each
+        power = float(np.sum(np.abs(weighted) ** 2))
+        if power == 0.0:
+            return harmonics, 0.0, float("inf")
+        # The overlap is a trigonometric polynomial of the phase; Newton's method goes on from the best of a grid.
+        terms = np.sum(np.conj(weighted) * self.found.harmonics / self.each, axis=0)
+        phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+        phase = float(phases[int(np.argmax(np.real(np.exp(-1j * np.outer(phases, k)) @ terms)))])
+        for _ in range(20):
+            turned = terms * np.exp(-1j * k * phase)
+            slope, bend = float(np.sum(k * turned.imag)), -float(np.sum(k**2 * turned.real))
+            if bend >= 0.0:
+                break
+            phase -= slope / bend
+        size = float(np.sum(terms * np.exp(-1j * k * phase)).real) / power
+        error = float(np.hypot(self.model_error, 1.0 / (max(size, 1e-300) * np.sqrt(power))))
+        return size * harmonics * np.exp(1j * k * phase), size, error
+
+
+def of_family(yard: Yardstick, family: Family) -> list[Fit]:
+    """How the limit cycles of an element alone explain an oscillation, each of them; none where there are none.
+
+    Raises
+    ------
+    EppError
+        If they cannot be sought.
+    """
+    cycles = family.cycles()
+    fits = [_of_cycle(yard, family, cycle) for cycle in cycles]
+    return [fit for fit in fits if fit is not None]
+
+
+def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
+    """The fit of a limit cycle over the size of its element."""
+    size, exponent = 1.0, 1.0
+    harmonics, factor, error = yard.laid(_harmonics(yard.found, cycle))
+    if not factor > 0.0:
+        return None
+    if family.in_proportion:
+        size = factor
+    else:
+        for _ in range(_SIZES):
+            if abs(np.log(factor)) < _NEAR:
+                break
+            step = np.log(factor) / exponent
+            try:
+                near = _nearest(family.cycles(float(size * np.exp(step))), cycle)
+            except EppError:
+                return None
+            if near is None:
+                return None
+            size, cycle, before = float(size * np.exp(step)), near, factor
+            harmonics, factor, error = yard.laid(_harmonics(yard.found, cycle))
+            if not factor > 0.0:
+                return None
+            exponent = float(np.clip(np.log(before / factor) / step, 0.2, 5.0))
+        if abs(np.log(factor)) >= 10 * _NEAR:
+            return None
+    misfit = yard.of_shape(harmonics) + yard.of_frequency(cycle.omega) + yard.of_growth(0.0)
+    evidence = -0.5 * misfit - np.log(yard.period) - np.log(yard.growth) - 2 * _ROOT
+    return Fit(evidence, misfit, yard.count - 2, cycle.period, harmonics, size, error / abs(exponent), cycle)
+
+
+def _nearest(cycles: tuple[LimitCycle, ...], cycle: LimitCycle) -> LimitCycle | None:
+    return min(cycles, key=lambda c: abs(np.log(c.period / cycle.period)), default=None)
+
+
+def _harmonics(found: Oscillation, cycle: LimitCycle) -> ComplexArray:
+    """Those of the recorded signals, shape (signals, K)."""
+    K = found.harmonics.shape[1]
+    out = np.zeros((len(found.names), K), complex)
+    for i, name in enumerate(found.names):
+        c = cycle.harmonics[name][1 : K + 1]
+        out[i, : len(c)] = c
+    return out
+
+
+def of_linear(yard: Yardstick, linear: Linear) -> list[Fit]:
+    """How an oscillation of the linear loop, by a gain that is other than in the model, explains one."""
+    gains = _GAINS if linear.turned >= 0 else np.zeros(1)
+    best = min((_pole_cost(yard, linear, float(q)), float(q)) for q in gains)
+    if not np.isfinite(best[0]):
+        return []
+    q, width = best[1], float(_GAINS[1] - _GAINS[0])
+    if linear.turned >= 0:
+        from scipy.optimize import minimize_scalar
+
+        found = minimize_scalar(
+            lambda x: _pole_cost(yard, linear, x), bounds=(q - width, q + width), method="bounded",
+            options={"xatol": 1e-10},
+        )  # fmt: skip
+        q = float(found.x)
+    cost = _pole_cost(yard, linear, q)
+    spread = _spread(lambda x: _pole_cost(yard, linear, x), q, cost) if linear.turned >= 0 else 0.0
+    pole, seen = _pole(yard.found, linear, q)
+    harmonics = _one_harmonic(yard, seen)
+    prior = (q / _GAIN) ** 2 + 2 * np.log(_GAIN / spread) if spread > 0.0 else 0.0
+    misfit = cost + yard.of_shape(harmonics)
+    evidence = -0.5 * (misfit + prior) - np.log(yard.period) - np.log(yard.growth) - 2 * _ROOT
+    free = yard.count - 2 - (linear.turned >= 0)
+    return [Fit(evidence, misfit, free, 2 * np.pi / pole.imag, harmonics, float(np.exp(q)), max(spread, 1e-12))]
+
+
+def _pole(found: Oscillation, linear: Linear, q: float) -> tuple[complex, ComplexArray]:
+    """The pole of the loop, its gain multiplied by exp(q), that is nearest to an oscillation, and the signals of it."""
+    loop = linear.with_gain(float(np.exp(q))) if linear.turned >= 0 else linear.closed
+    values, vectors = np.linalg.eig(loop.A)
+    aim = found.omega * (found.growth / (2.0 * np.pi) + 1j)
+    distance = np.where(values.imag > 1e-9 * np.abs(values).max(initial=0.0), np.abs(values - aim), np.inf)
+    if not np.any(np.isfinite(distance)):
+        return complex(np.nan, np.nan), np.zeros(len(found.names), complex)
+    i = int(np.argmin(distance))
+    rows = [loop.signals.names.index(name) for name in found.names]
+    return complex(values[i]), np.asarray(loop.signals.C[rows] @ vectors[:, i], complex)
+
+
+def _pole_cost(yard: Yardstick, linear: Linear, q: float) -> float:
+    pole = _pole(yard.found, linear, q)[0]
+    if not np.isfinite(pole):
+        return float("inf")
+    return yard.of_frequency(pole.imag) + yard.of_growth(2.0 * np.pi * pole.real / pole.imag)
+
+
+def _spread(cost, q: float, least: float) -> float:  # type: ignore[no-untyped-def]
+    """Standard deviation of what minimises a cost, from where the cost has grown by about one."""
+    step = 1e-6
+    while step < 1.0 and max(cost(q + step), cost(q - step)) < least + 1.0:
+        step *= 2.0
+    bend = (cost(q + step) + cost(q - step) - 2.0 * least) / step**2
+    return float(np.sqrt(2.0 / bend)) if bend > 0.0 else _GAIN
+
+
+def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
+    """How a sine that comes in at some place of the linear loop explains an oscillation, for every place."""
+    for place, seen in _responses(yard.found, linear):
+        harmonics = _one_harmonic(yard, seen)
+        misfit = yard.of_shape(harmonics) + yard.of_growth(0.0)
+        evidence = -0.5 * misfit - np.log(_ANY_FREQUENCY) - np.log(yard.growth) - _ROOT
+        yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, place=place)
+
+
+def _responses(found: Oscillation, linear: Linear) -> Iterator[tuple[str, ComplexArray]]:
+    """The recorded signals under a sine at each external input and behind each element."""
+    loop, closed = linear.loop, linear.closed
+    K = np.zeros((loop.B.shape[1], loop.C.shape[0]))
+    for i, gain in linear.gains.items():
+        K[loop.output_slices[i], loop.input_slices[i]] = gain
+    through = np.eye(len(K)) + K @ np.linalg.solve(np.eye(K.shape[1]) - loop.D @ K, loop.D)
+    rows = [closed.signals.names.index(name) for name in found.names]
+    B = np.hstack([closed.B_input, loop.B @ through])
+    D = np.hstack([closed.signals.D_input, loop.signals.D @ through])[rows]
+    seen = closed.signals.C[rows] @ np.linalg.solve(1j * found.omega * np.eye(len(closed.A)) - closed.A, B) + D
+    places = [*loop.input_names]
+    for name, outputs in zip(loop.element_names, loop.output_slices, strict=True):
+        places += [f"behind {name}"] * (outputs.stop - outputs.start)
+    for place, column in zip(places, seen.T, strict=True):
+        if np.any(np.abs(column) > 0.0):
+            yield place, np.asarray(column, complex)
+
+
+def _one_harmonic(yard: Yardstick, seen: ComplexArray) -> ComplexArray:
+    """The oscillation of signals in a given ratio that fits best; nothing but its fundamental."""
+    out = np.zeros_like(yard.found.harmonics)
+    w = yard.each[:, 0]
+    power = float(np.sum(np.abs(seen / w) ** 2))
+    if power > 0.0:
+        out[:, 0] = seen * np.sum(np.conj(seen / w) * yard.found.harmonics[:, 0] / w) / power
+    return out
+
+
+def all_fits(yard: Yardstick, candidates: Candidates) -> Iterator[tuple[str, list[Fit], str]]:
+    """Name of every candidate, its fits, and why there are none."""
+    for family in candidates.families:
+        try:
+            fits, why = of_family(yard, family), "has no limit cycle in the loop by itself"
+            if not fits and family.cycles():
+                why = "has no limit cycle of the recorded size"
+        except EppError as error:
+            fits, why = [], f"could not be tried: {error}"
+        yield family.name, fits, why
+    kept = [n for n in candidates.left_out if n in candidates.linear.closed.element_names]
+    unknown = f"cannot be tried: {', '.join(kept)} cannot be taken as linear"
+    if not candidates.linear.complete:
+        yield LINEAR, [], unknown
+        yield DISTURBANCE, [], unknown
+        return
+    yield LINEAR, of_linear(yard, candidates.linear), "has no oscillation at any gain"
+    if candidates.linear.stable:
+        yield DISTURBANCE, list(of_disturbance(yard, candidates.linear)), "does not reach the recorded signals"
+    else:
+        yield DISTURBANCE, [], "is not seen by itself: the loop without its elements' limits is unstable"
+
+
+LINEAR, DISTURBANCE = "linear instability", "external disturbance"

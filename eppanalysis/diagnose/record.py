@@ -1,0 +1,283 @@
+"""A record of signals over time: read from a file, and what its oscillation is: period, growth, harmonics, noise.
+
+The harmonics are fitted by least squares with mean and drift, frequency and growth by variable projection (Golub and
+Pereyra, SIAM J Numer Anal 10, 1973). How uncertain a harmonic is follows from what the record holds between harmonics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eppanalysis.errors import EppError, ModelError, did_you_mean
+from eppanalysis.identify.reading import read_recording
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Fewest periods and samples a period, most harmonics, and samples a period that a harmonic needs.
+FEWEST_PERIODS, _FEWEST_SAMPLES, _MOST_HARMONICS, _PER_HARMONIC = 3.0, 8, 7, 2.5
+#: Fractions of the strongest line's frequency at which the fundamental is looked for.
+_PARTS = (1, 2, 3)
+#: Share of the variance that the harmonics must explain, of the signal that they explain best.
+_EXPLAINED = 0.5
+#: Places between two harmonics at which the noise is read, in multiples of the fundamental.
+_BETWEEN = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Measured signals.
+
+    Attributes
+    ----------
+    source : str
+        The file, or what the record was given as.
+    time : array, shape (n,)
+        [s], ascending.
+    signals : dict of str to array, shape (n,)
+        By the loop's names, in SI units.
+    notes : tuple of str
+        What happened to the rows of the file.
+    """
+
+    source: str
+    time: Array
+    signals: dict[str, Array]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillation:
+    """The oscillation of a record.
+
+    Attributes
+    ----------
+    omega : float
+        [rad/s]
+    omega_error : float
+        Its standard deviation, relative.
+    growth, growth_error : float
+        Of the amplitude per period, as a logarithm; its standard deviation.
+    names : tuple of str
+    harmonics : complex array, shape (signals, K)
+        Coefficients c[k] of ``sum Re(c[k] exp((growth + j k omega) (t - middle)))``, k = 1 ... K.
+    variance : array, shape (signals, K)
+        Of each coefficient, of its real and imaginary part together.
+    noise : dict of str to float
+        Standard deviation of what the harmonics leave, by signal.
+    middle : float
+        Time to which the phases refer [s].
+    n_periods : float
+    mean, drift : dict of str to float
+        What is taken off each signal: at `middle`, and per second.
+    """
+
+    omega: float
+    omega_error: float
+    growth: float
+    growth_error: float
+    names: tuple[str, ...]
+    harmonics: ComplexArray
+    variance: Array
+    noise: dict[str, float]
+    middle: float
+    n_periods: float
+    mean: dict[str, float] = field(default_factory=dict)
+    drift: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def period(self) -> float:
+        """[s]"""
+        return 2.0 * np.pi / self.omega
+
+
+def record_of(
+    given: str | Path | Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+    columns: Mapping[str, tuple[str, str]] | None = None,
+) -> Record:
+    """A record from a CSV file, or from arrays by name with "time" among them, in SI units.
+
+    Parameters
+    ----------
+    given : path, or mapping of str to array
+        A file has a column ``time [s]`` and one a signal, such as ``theta [deg]``; a pandas frame is such a mapping.
+    units : mapping of str to str
+        SI unit of every signal that the loop has.
+    columns : mapping of str to (str, str), optional
+        Header and unit of a signal whose column has another name.
+
+    Raises
+    ------
+    EppError
+        If it is no such table, or holds no signal of the loop.
+    """
+    if isinstance(given, str | Path):
+        source = str(given)
+        recording = read_recording(
+            given, ("time",), tuple(units), columns, fewest=4 * _FEWEST_SAMPLES, units={"time": "s", **units}
+        )
+        found = {name: recording[name] for name in units if name in recording}
+        if not found:
+            raise EppError(f"{source}: has no column of a signal of the loop; expected one of {', '.join(units)}.")
+        return Record(source, recording["time"], found, tuple(recording.sentences()))
+    if "time" not in given:
+        raise EppError("diagnose: the record has no 'time'; expected 'time' and signals by name, or a CSV file.")
+    time = np.asarray(given["time"], float)
+    signals = {str(name): np.asarray(given[name], float) for name in given if name != "time"}
+    unknown = [name for name in signals if name not in units]
+    if unknown or not signals:
+        what = f"there is no signal {unknown[0]!r}" if unknown else "the record has no signal"
+        raise ModelError(f"diagnose: {what}", expected=did_you_mean(unknown[0] if unknown else "", units))
+    if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
+        raise EppError("diagnose: time must be finite and grow from sample to sample.")
+    for name, values in signals.items():
+        if values.shape != time.shape or not np.all(np.isfinite(values)):
+            raise EppError(f"diagnose: {name} has shape {values.shape}; expected finite numbers, {time.shape}.")
+    return Record("record", time, signals)
+
+
+def oscillation_of(record: Record) -> Oscillation:
+    """Period, growth and harmonics of a record.
+
+    Raises
+    ------
+    EppError
+        If it holds less than three periods, too few samples a period, or nothing that repeats itself.
+    """
+    names = tuple(record.signals)
+    t = record.time - 0.5 * (record.time[0] + record.time[-1])
+    Y = np.column_stack([record.signals[name] for name in names])
+    span, n = float(np.ptp(t)), len(t)
+    if n < 4 * _FEWEST_SAMPLES:
+        raise EppError(f"{record.source}: has {n} samples; expected three periods with {_FEWEST_SAMPLES} each or more.")
+    left = Y - _trend(t, Y)
+    size = left.std(axis=0)
+    if not np.all(size > 0.0):
+        still = names[int(np.argmin(size))]
+        raise EppError(f"{record.source}: {still} does not move; expected signals that oscillate.")
+    scaled = left / size
+    line = _strongest_line(t, scaled)
+    omega = _fundamental(t, scaled, line)
+    if omega * span < 2.0 * np.pi * FEWEST_PERIODS * 0.98:
+        periods = omega * span / (2.0 * np.pi)
+        raise EppError(f"{record.source}: holds {periods:.2g} periods of {2 * np.pi / omega:.4g} s; expected 3 or more.")
+    if 2.0 * np.pi / omega < _FEWEST_SAMPLES * span / n:
+        each = 2.0 * np.pi * n / (omega * span)
+        raise EppError(f"{record.source}: has {each:.2g} samples a period; expected {_FEWEST_SAMPLES} or more.")
+    K = _count(t, omega)
+    (omega, rate), cov = _refined(t, scaled, omega, K)
+    c, rest = _fitted(t, scaled, omega, rate, K)
+    if np.max(1.0 - rest.var(axis=0)) < _EXPLAINED:
+        best = 100.0 * float(np.max(1.0 - rest.var(axis=0)))
+        raise EppError(f"{record.source}: a period of {2 * np.pi / omega:.4g} s, the best, explains {best:.2g} % of the "
+                       "signals; expected an oscillation that repeats itself.")  # fmt: skip
+    variance, excess = _noise_between(t, rest, omega, K)
+    period = 2.0 * np.pi / omega
+    errors = np.sqrt(excess * np.maximum(np.diag(cov), 0.0))
+    trend = _trend_coefficients(t, Y - size * (scaled - rest - _trend(t, scaled - rest)))
+    return Oscillation(
+        omega, float(errors[0] / omega), float(rate * period), float(errors[1] * period), names,
+        size[:, None] * c, size[:, None] ** 2 * variance,
+        dict(zip(names, (size * rest.std(axis=0)).tolist(), strict=True)),
+        float(0.5 * (record.time[0] + record.time[-1])), span / period,
+        dict(zip(names, trend[0].tolist(), strict=True)), dict(zip(names, trend[1].tolist(), strict=True)),
+    )  # fmt: skip
+
+
+def _trend_coefficients(t: Array, Y: Array) -> Array:
+    return np.linalg.lstsq(np.column_stack([np.ones_like(t), t]), Y, rcond=None)[0]
+
+
+def _trend(t: Array, Y: Array) -> Array:
+    return np.column_stack([np.ones_like(t), t]) @ _trend_coefficients(t, Y)
+
+
+def _amplitudes(t: Array, Y: Array, omegas: Array) -> ComplexArray:
+    """Amplitudes at frequencies, shape (frequencies, signals)."""
+    out = np.empty((len(omegas), Y.shape[1]), complex)
+    for i in range(0, len(omegas), 64):
+        out[i : i + 64] = np.exp(-1j * np.outer(omegas[i : i + 64], t)) @ Y * (2.0 / len(t))
+    return out
+
+
+def _strongest_line(t: Array, Y: Array) -> float:
+    """Frequency [rad/s] at which the signals together have most power."""
+    span = float(np.ptp(t))
+    n = 1 << int(np.ceil(np.log2(len(t))))
+    grid = np.linspace(t[0], t[-1], n)
+    even = np.column_stack([np.interp(grid, t, y) for y in Y.T]) * np.hanning(n)[:, None]
+    power = np.sum(np.abs(np.fft.rfft(even, 4 * n, axis=0)) ** 2, axis=1)
+    omegas = 2.0 * np.pi * np.fft.rfftfreq(4 * n, span / (n - 1))
+    power[omegas * span < 2.0 * np.pi * 1.5] = 0.0
+    return float(omegas[int(np.argmax(power))])
+
+
+def _count(t: Array, omega: float) -> int:
+    """Harmonics that the sampling shows."""
+    samples = 2.0 * np.pi / omega * (len(t) - 1) / float(np.ptp(t))
+    return int(np.clip(samples / _PER_HARMONIC, 1, _MOST_HARMONICS))
+
+
+def _fundamental(t: Array, Y: Array, line: float) -> float:
+    """The strongest line's frequency, or a fraction of it where that explains more than its harmonics cost."""
+    costs = []
+    for part in _PARTS:
+        if line / part * float(np.ptp(t)) < 2.0 * np.pi * FEWEST_PERIODS and part > 1:
+            continue
+        K = _count(t, line) * part
+        omega = _refined(t, Y, line / part, K, grows=False)[0][0]
+        rest = _fitted(t, Y, omega, 0.0, K)[1]
+        cost = Y.size * np.log(max(float(np.mean(rest**2)), 1e-12)) + 2 * K * Y.shape[1] * np.log(len(t))
+        costs.append((cost, omega))
+    return min(costs)[1]
+
+
+def _design(t: Array, omega: float, rate: float, K: int) -> Array:
+    phases = np.outer(t, omega * np.arange(1, K + 1))
+    swell = np.exp(rate * t)[:, None]
+    return np.hstack([np.ones((len(t), 1)), t[:, None], swell * np.cos(phases), swell * np.sin(phases)])
+
+
+def _fitted(t: Array, Y: Array, omega: float, rate: float, K: int) -> tuple[ComplexArray, Array]:
+    """Coefficients, shape (signals, K), and what they leave."""
+    X = _design(t, omega, rate, K)
+    b = np.linalg.lstsq(X, Y, rcond=None)[0]
+    return (b[2 : 2 + K] - 1j * b[2 + K :]).T, Y - X @ b
+
+
+def _refined(t: Array, Y: Array, omega: float, K: int, grows: bool = True) -> tuple[Array, Array]:
+    """Frequency and rate of growth by least squares, and their covariance where the noise is white."""
+    from scipy.optimize import least_squares
+
+    span = float(np.ptp(t))
+    n = 2 if grows else 1
+
+    def rest(q: Array) -> Array:
+        return _fitted(t, Y, omega + q[0] / span, q[1] / span if grows else 0.0, K)[1].ravel()
+
+    found = least_squares(rest, np.zeros(n), diff_step=1e-4, x_scale=0.1, max_nfev=30)
+    level = 2.0 * found.cost / max(Y.size - (2 * K + 2) * Y.shape[1] - n, 1)
+    cov = level * np.linalg.pinv(found.jac.T @ found.jac) / span**2
+    return np.array([omega + found.x[0] / span, found.x[1] / span if grows else 0.0]), cov
+
+
+def _noise_between(t: Array, rest: Array, omega: float, K: int) -> tuple[Array, float]:
+    """Variance of each harmonic from what is left beside it, and that of the first in units of white noise."""
+    places = omega * (np.arange(1, K + 1)[:, None] + _BETWEEN)
+    power = np.abs(_amplitudes(t, rest, places.ravel())) ** 2
+    variance = power.reshape(K, len(_BETWEEN), -1).mean(axis=1).T
+    white = 4.0 * rest.var(axis=0) / len(t)
+    variance = np.maximum(variance, 0.25 * white[:, None])
+    return variance, float(max(1.0, np.mean(variance[:, 0] / np.maximum(white, 1e-300))))
+
+
+def waveform(oscillation: Oscillation, c: Sequence[complex] | ComplexArray, t: Array) -> Array:
+    """A signal from its harmonics, without growth, at times from `middle` on."""
+    k = np.arange(1, len(c) + 1)
+    return np.real(np.exp(1j * np.outer(t, oscillation.omega * k)) @ np.asarray(c))

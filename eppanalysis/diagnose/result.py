@@ -1,0 +1,221 @@
+"""What a diagnosis came to: which element explains the oscillation, how large it is, and what cannot be told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.arguments import checked
+from eppanalysis.diagnose.record import Oscillation, Record
+from eppanalysis.readable import listed, number, quantity, words
+from eppanalysis.results import PlainData, Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class Verdict(StrEnum):
+    """What a diagnosis says."""
+
+    NAMED = "named"
+    CANNOT_BE_TOLD = "cannot be told"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation(PlainData):
+    """One candidate.
+
+    Attributes
+    ----------
+    name, kind : str
+        What the loop calls the element, and what such an element is called; both the same for what is no element.
+    probability : float
+        Among the candidates, each as likely as the other before the record.
+    misfit, freedom : float, int
+        Sum of squares of differences in units of their standard deviations, and how many are free.
+    period : float
+        That it has [s]; nan where it has none.
+    fields : dict of str to (float, float, float)
+        Value and 95 % interval of each field of the element that sets its size [SI], "gain" for a factor on the loop's.
+    units : dict of str to str
+    parameter : str
+        The parameter of the case that `bounds` and `design` take to remove it; empty where there is none.
+    note : str
+        Why it is no explanation, or where a disturbance comes in.
+    harmonics : complex array, shape (signals, K)
+        Of the recorded signals, as it has them; empty where it has none.
+    """
+
+    name: str
+    kind: str
+    probability: float
+    misfit: float
+    freedom: int
+    period: float
+    fields: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    parameter: str = ""
+    note: str = ""
+    harmonics: ComplexArray = field(default_factory=lambda: np.zeros((0, 0), complex))
+
+    in_json = "name kind probability misfit freedom period fields units parameter note"
+
+    @property
+    def called(self) -> str:
+        """Name, and in brackets what it is where the name does not say it."""
+        kind = words(self.kind)
+        return self.name if kind in words(self.name) else f"{self.name} ({kind})"
+
+    def sizes(self) -> str:
+        """The fields with their intervals, in words."""
+        parts = []
+        for name, (value, low, high) in self.fields.items():
+            unit = self.units.get(name, "")
+            ends = sorted((low, high), key=abs)
+            parts.append(f"{words(name)} {quantity(value, unit)} ({quantity(ends[0], unit)} to {quantity(ends[1], unit)})")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Result):
+    """Which element of a loop explains a recorded oscillation; behaves as a sequence of Explanation, likeliest first.
+
+    Attributes
+    ----------
+    explanations : tuple of Explanation
+    verdict : {"named", "cannot be told", "unexplained"}
+        NAMED where one candidate has the probability `threshold`; UNEXPLAINED where none fits the record.
+    threshold : float
+    oscillation : Oscillation
+        Of the record.
+    model_error : float
+        Relative error that the model was taken to have.
+    left_out : dict of str to str
+        Elements that were no candidates, and why.
+    record : Record
+    case : str
+        Name of the case.
+    units : dict of str to str
+        Of the recorded signals.
+    status : Status
+    """
+
+    explanations: tuple[Explanation, ...]
+    verdict: Verdict
+    threshold: float
+    oscillation: Oscillation
+    model_error: float
+    left_out: dict[str, str]
+    record: Record
+    case: str
+    units: dict[str, str]
+    status: Status
+
+    in_json = (
+        "status message=status.value verdict threshold named=names explanations period growth model_error left_out "
+        "operating_point provenance"
+    )
+
+    def __len__(self) -> int:
+        return len(self.explanations)
+
+    def __getitem__(self, i: int) -> Explanation:
+        return self.explanations[i]
+
+    def __iter__(self) -> Iterator[Explanation]:
+        return iter(self.explanations)
+
+    @property
+    def period(self) -> float:
+        """Of the record [s]."""
+        return self.oscillation.period
+
+    @property
+    def growth(self) -> float:
+        """Of the record's amplitude per period, as a logarithm."""
+        return self.oscillation.growth
+
+    @property
+    def named(self) -> tuple[Explanation, ...]:
+        """The fewest candidates that together have the probability `threshold`; none where none fits."""
+        if self.verdict is Verdict.UNEXPLAINED:
+            return ()
+        total = np.cumsum([e.probability for e in self.explanations])
+        return self.explanations[: int(np.searchsorted(total, self.threshold)) + 1]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of these."""
+        return tuple(e.name for e in self.named)
+
+    def headline(self) -> str:
+        """The verdict in a few words."""
+        if self.verdict is Verdict.UNEXPLAINED:
+            return "None of the candidates explains it"
+        if self.verdict is Verdict.NAMED:
+            return f"Explained by {self.named[0].called}"
+        return f"Cannot be told: {listed([e.called for e in self.named])}"
+
+    def __str__(self) -> str:
+        """The verdict with its numbers: period of the record and of the candidate, size, what comes next."""
+        begin = f"{self.headline()}: the record has a period of {number(self.period)} s"
+        if self.verdict is Verdict.UNEXPLAINED:
+            near = next((e for e in self.explanations if np.isfinite(e.misfit)), None)
+            best = "" if near is None else (
+                f", and the nearest, {near.called} with {number(near.period)} s, is off by {number(near.misfit)} squared "
+                f"standard deviations in {near.freedom}"
+            )  # fmt: skip
+            return f"{begin}{best}."
+        parts = [f"{e.called} has {number(e.period)} s{f', {e.sizes()}' * bool(e.fields)}" for e in self.named]
+        others = [e for e in self.explanations[len(self.named) :] if e.probability > 0.0]
+        rest = ""
+        if others:
+            rest = f" Next is {others[0].called}, {_odds(self.named[0], others[0])}."
+        return f"{begin}; {'; '.join(parts)}.{rest}{self._remedy()}"
+
+    def _remedy(self) -> str:
+        """What to ask next."""
+        found = [e.parameter for e in self.named if e.parameter]
+        if self.verdict is not Verdict.NAMED or not found:
+            return ""
+        return f" How much of it the loop bears, bounds says of {found[0]}."
+
+    def remedies(self) -> list[str]:
+        """Commands that say how to remove what was found, one for each candidate that is named."""
+        return [f"eppanalysis bounds {self.case} --of {e.parameter}" for e in self.named if e.parameter]
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The candidates, one a row: probability, misfit, period [s], and the factor on the first of their fields."""
+        return frame_of([self._row(e) for e in self.explanations], {"period": "s"})
+
+    def _row(self, e: Explanation) -> dict[str, Any]:
+        return {
+            "candidate": e.called,
+            "probability": e.probability,
+            "misfit": e.misfit,
+            "free": e.freedom,
+            "period": e.period,
+            "size": e.sizes(),
+            "note": e.note,
+        }
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The record folded to one period, and the waveform of the best candidates, one panel a signal."""
+        return self.drawn("plot_diagnosis", ax)
+
+
+def _odds(best: Explanation, other: Explanation) -> str:
+    ratio = best.probability / other.probability
+    return f"{number(ratio, 2)} times less likely" if ratio < 1e4 else "far less likely"
