@@ -8,6 +8,7 @@ from eppanalysis.cases import (
     shipped_cases as shipped_cases,
 )
 from eppanalysis.cases.values.responses import read_response as read_response
+from eppanalysis.diagnose import Diagnosis as Diagnosis, diagnose as diagnose
 from eppanalysis.errors import (
     CaseError as CaseError,
     EppError as EppError,

@@ -39,7 +39,7 @@ from eppanalysis.cli.cycles import branch, cycles
 from eppanalysis.cli.design import design
 from eppanalysis.cli.explore import explore
 from eppanalysis.cli.guide import guide
-from eppanalysis.cli.identify import identify
+from eppanalysis.cli.identify import diagnose, identify
 from eppanalysis.cli.margins import margins
 from eppanalysis.cli.report import report
 from eppanalysis.cli.response import response
@@ -283,6 +283,7 @@ app.command("design", cls=_Command)(design)
 app.command("guide", cls=_Command)(guide)
 app.command("sweep", cls=_Command)(sweep)
 app.command("identify", cls=_Command)(identify)
+app.command("diagnose", cls=_Command)(diagnose)
 app.command("report", cls=_Command)(report)
 app.command("explore", cls=_Command)(explore)
 app.command("schema", cls=_Command)(schema)

@@ -1,4 +1,6 @@
-"""The command ``eppanalysis identify``: measured CSV files to a case whose parameters are marked as measured."""
+"""The commands of measured CSV files: ``identify`` makes a case with measured parameters of them, ``diagnose`` says which
+element of a loop explains a recorded oscillation.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli.common import NO_FILES, NOTHING, check_output, load_case, print_json, progress
+from eppanalysis.cli.common import (
+    NO_FILES,
+    NOTHING,
+    CaseName,
+    Json,
+    Output,
+    Settings,
+    check_output,
+    heading,
+    load_case,
+    print_json,
+    print_table,
+    progress,
+)
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
+    from eppanalysis.cases import Case
+    from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.identify import BenchFit, Identification
 
 _PICTURES = (".png", ".svg", ".pdf")
@@ -76,7 +93,7 @@ def identify(
     chosen = _choices(columns)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
-    tray, backlash, step = (_measured(path) for path in (tray, backlash, step))
+    tray, backlash, step = (None if path is None else _measured(path) for path in (tray, backlash, step))
     with progress("identify") as advance:
         found = run(
             base, tray=tray, backlash=backlash, step=step, columns=chosen, wrap=angle, press=torque,
@@ -91,11 +108,11 @@ def identify(
         _write(found, output, benches)
 
 
-def _measured(path: Path | None) -> Path | None:
+def _measured(path: Path) -> Path:
     """The file, or where there is none the recording of that name that ships as an example."""
     from eppanalysis.cases import shipped_cases_folder
 
-    if path is None or path.exists() or path.name != str(path):
+    if path.exists() or path.name != str(path):
         return path
     shipped = shipped_cases_folder() / "measured" / path.name
     return shipped if shipped.is_file() else path
@@ -161,3 +178,68 @@ def _write(found: Identification, output: Path, benches: Sequence[str]) -> None:
     else:
         for name, fit in zip(benches, found.fits, strict=True):
             write_figure(fit.plot(), output.with_name(output.name.replace("{bench}", name)))
+
+
+def diagnose(
+    case: CaseName,
+    record: Annotated[Path, typer.Argument(metavar="CSV", help="The record: time and signals of the loop.")],
+    settings: Settings = NOTHING,
+    columns: Annotated[
+        list[str],
+        typer.Option(
+            "--column",
+            metavar="SIGNAL=HEADER:UNIT",
+            help=r'Which column is what, as in level="LT 4 (mm):mm"; by default headers are "level \[mm]". Repeatable.',
+        ),
+    ] = NOTHING,
+    model_error: Annotated[
+        float, typer.Option("--model-error", help="Relative error of the model's periods, sizes and harmonics.")
+    ] = 0.02,
+    as_json: Json = False,
+    output: Output = None,
+) -> None:
+    """Say which element explains a recorded oscillation, how large it is, and what the record cannot tell."""
+    from eppanalysis.diagnose import diagnose as run
+
+    if output is not None:
+        check_output(output)
+    found = load_case(case, settings)
+    chosen = _columns(columns, found)
+    with progress(f"diagnose {found.name}") as advance:
+        result = run(found, _measured(record), columns=chosen, model_error=model_error, progress=advance)
+    if as_json:
+        print_json("diagnose", [(found, result.to_dict())], settings)
+    else:
+        _show_diagnosis(found, result, settings)
+    if output is not None:
+        from eppanalysis.tables.files import diagnosis_table, write_result
+
+        write_result(result, diagnosis_table, output)
+
+
+def _columns(texts: list[str], found: Case) -> dict[str, tuple[str, str]]:
+    from eppanalysis.identify.columns import parse_choice
+
+    signals = ("time", *found.to_system().signals.names)
+    out: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        name, header, unit = parse_choice(text, signals)
+        if name in out:
+            raise EppError(f"--column {text}: {name} is given twice; expected each signal once.")
+        out[name] = (header, unit)
+    return out
+
+
+def _show_diagnosis(found: Case, result: Diagnosis, settings: list[str]) -> None:
+    from eppanalysis.tables.console import candidates_table
+
+    heading(f"{found.name}: {found.title}", settings)
+    for note in result.record.notes:
+        typer.echo(note)
+    typer.secho(f"{result.headline()}.", bold=True)
+    typer.echo(str(result))
+    print_table(candidates_table(result))
+    for name, why in result.left_out.items():
+        typer.echo(f"{name} {why}.")
+    for line in result.remedies():
+        typer.echo(line)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.cases import Case
+    from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.methods.bounds.result import DesignBounds
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
@@ -154,6 +155,15 @@ def forced_table(found: ForcedResponse) -> Table:
         gains = [one.response(name) for one in found]
         table.add_row(f"{name} gain", *(_number(abs(gain)) for gain in gains))
         table.add_row(f"{name} phase [deg]", *(_phase(gain) for gain in gains))
+    return table
+
+
+def candidates_table(found: Diagnosis) -> Table:
+    """The candidates of a diagnosis, one a row, likeliest first."""
+    table = _table("candidate", "probability", "misfit", "free", "period [s]", "size (95 % interval), or why not", numbers=False)
+    for e in found:
+        about = "; ".join(text for text in (e.sizes(), e.note) if text)
+        table.add_row(e.called, f"{e.probability:.3f}", _number(e.misfit), str(e.freedom), _number(e.period), about)
     return table
 
 

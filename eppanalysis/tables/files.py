@@ -132,6 +132,11 @@ def response_table(response: ForcedResponse | FrequencyResponse) -> Table:
     return Table.from_rows(rows, units)
 
 
+def diagnosis_table(found: Diagnosis) -> Table:
+    """The candidates of a diagnosis, one a row."""
+    return Table.from_rows(found.to_frame().to_dict("records"), {"period": "s"})
+
+
 def ladder_table(ladder: Ladder) -> Table:
     """The methods of a ladder, one a row, with the verdict beside each."""
     rows = [
