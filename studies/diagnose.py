@@ -12,7 +12,6 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -31,28 +30,6 @@ Array = NDArray[np.float64]
 #: Steps of the integrator in a period, periods before the record begins, relative spread of the plant, noise.
 _STEPS, _SETTLING, _SPREAD, NOISE = 1000, 15.0, 0.01, 0.02
 SEED, RECORDS = 20261123, 25
-
-
-@dataclass(frozen=True)
-class Mechanism:
-    """A cause, the loop in which it is, and its records.
-
-    Attributes
-    ----------
-    name : str
-        What should be named.
-    loop : str
-        Which loop, by its name in `LOOPS`.
-    run : callable
-        From a random generator to (period, time, signals by name).
-    size : str
-        Field of the element whose interval should hold the true value; empty for none.
-    """
-
-    name: str
-    loop: str
-    run: Callable[[np.random.Generator], tuple[float, Array, dict[str, Array], float]]
-    size: str = ""
 
 
 def held(A: Array, B: Array, C: Array, element: Callable[[float], float], x: Array, dt: float, n: int) -> Array:
@@ -159,7 +136,9 @@ def _size(rng: np.random.Generator) -> float:
     return float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
 
 
-def _cycle(period: float, run: Callable[[float, int], dict[str, Array]], rng: np.random.Generator):
+def _cycle(
+    period: float, run: Callable[[float, int], dict[str, Array]], rng: np.random.Generator
+) -> tuple[dict[str, Array], float]:
     """A part of a long run, sampled: its rough period is known so that steps are short enough."""
     dt = period / _STEPS
     length = rng.uniform(8.0, 25.0)
@@ -306,11 +285,25 @@ def _slide_loop() -> epp.LureSystem:
     )  # fmt: skip
 
 
+def _two_limits() -> epp.Diagram:
+    return epp.Diagram(
+        parts={
+            "controller": epp.blocks.Gain(gain=12.0),
+            "amplifier": epp.Saturation(-1.0, 1.0),
+            "valve": epp.Saturation(-2.0, 2.0),
+            "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 3.0, 3.0, 1.0]),
+        },
+        connect=["-plant -> controller", "controller -> amplifier", "amplifier -> valve", "valve -> plant"],
+        signals={"flow": "plant", "command": "controller"},
+    )  # fmt: skip
+
+
 LOOPS: dict[str, Callable[[], object]] = {
     "tank": lambda: epp.case("level_valve"),
     "process": _process_loop,
     "servo": _servo_loop,
     "slide": _slide_loop,
+    "two limits": _two_limits,
 }
 
 #: What should be named, in which loop, by which records, and the field of which the true value is known.
@@ -324,6 +317,11 @@ MECHANISMS: dict[str, tuple[str, str, Callable[[np.random.Generator], tuple[dict
     "linear instability": ("linear instability", "servo", of_instability, "gain"),
     "external disturbance": ("external disturbance", "tank", of_disturbance, ""),
 }
+#: Records that two elements explain alike.
+ALIKE: dict[str, tuple[str, str, Callable[[np.random.Generator], tuple[dict[str, Array], float]], str]] = {
+    "one of two limits": ("amplifier", "two limits", lambda rng: of_process("saturation", rng), "upper"),
+}
+ALL = MECHANISMS | ALIKE
 
 
 @cache
@@ -335,8 +333,8 @@ def candidates(loop: str) -> tuple[Candidates, epp.LureSystem]:
 
 def diagnosed(mechanism: str, number: int, model_error: float = 0.02) -> tuple[epp.Diagnosis, float]:
     """The diagnosis of one record, and the true size of its element."""
-    _, loop, run, _ = MECHANISMS[mechanism]
-    given, size = run(np.random.default_rng([SEED, list(MECHANISMS).index(mechanism), number]))
+    _, loop, run, _ = ALL[mechanism]
+    given, size = run(np.random.default_rng([SEED, list(ALL).index(mechanism), number]))
     found, system = candidates(loop)
     units = dict.fromkeys(system.signals.names, "")
     record = record_of(given, units)
@@ -345,7 +343,7 @@ def diagnosed(mechanism: str, number: int, model_error: float = 0.02) -> tuple[e
 
 def judged(mechanism: str, found: epp.Diagnosis, size: float) -> tuple[str, bool | None]:
     """Named rightly, wrongly, or not told; and whether the interval holds the true size."""
-    name, _, _, field = MECHANISMS[mechanism]
+    name, _, _, field = ALL[mechanism]
     if found.verdict != "named":
         return (found.verdict if name in found.names or not found.names else "wrong among several"), None
     if found.names[0] != name:
@@ -358,7 +356,7 @@ def judged(mechanism: str, found: epp.Diagnosis, size: float) -> tuple[str, bool
 
 def rows(records: int = RECORDS) -> Iterator[dict[str, object]]:
     """For every mechanism how its records were judged."""
-    for mechanism in MECHANISMS:
+    for mechanism in ALL:
         ends, inside = Counter(), []
         for number in range(records):
             found, size = diagnosed(mechanism, number)
@@ -373,7 +371,8 @@ def rows(records: int = RECORDS) -> Iterator[dict[str, object]]:
 def shipped_record() -> str:
     """The record of the tank that ships: backlash, in the units of a plant."""
     given, _ = of_tank("play", np.random.default_rng([SEED, 99]))
-    lines = [f"# Synthetic: studies/diagnose.py, seed {SEED}; no plant was measured.", "time [s],level [mm],command [mm]"]
+    remark = f"# Synthetic: studies/diagnose.py, seed {SEED}; no plant was measured."
+    lines = [remark, "time [s],level [mm],command [mm]"]
     t = given["time"] - given["time"][0]
     for row in zip(t, 1e3 * given["level"], 1e3 * given["command"], strict=True):
         lines.append(",".join(f"{value:.4f}" for value in row))

@@ -1,5 +1,5 @@
-"""The commands of measured CSV files: ``identify`` makes a case with measured parameters of them, ``diagnose`` says which
-element of a loop explains a recorded oscillation.
+"""The commands of measured CSV files: ``identify`` makes a case with measured parameters of them, ``diagnose`` says
+which element of a loop explains a recorded oscillation.
 """
 
 from __future__ import annotations

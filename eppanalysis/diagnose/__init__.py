@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.cases import Case
-from eppanalysis.diagnose.candidates import Candidates, candidates_of
+from eppanalysis.diagnose.candidates import Candidates, Family, candidates_of, size_exponents
 from eppanalysis.diagnose.fit import LINEAR, Fit, Yardstick, all_fits
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import Diagnosis, Explanation, Verdict
@@ -96,15 +97,9 @@ def diagnose(
     for i, family in enumerate(candidates.families):
         if progress is not None:
             progress(i, len(candidates.families), family.name)
-        _sought(family)
+        with suppress(EppError):  # what cannot be sought is said of the candidate
+            family.cycles()
     return explained(candidates, case, given, found, model_error)
-
-
-def _sought(family) -> None:  # type: ignore[no-untyped-def]
-    from contextlib import suppress
-
-    with suppress(EppError):
-        family.cycles()
 
 
 def explained(
@@ -195,11 +190,9 @@ def _interval(value: float, fit: Fit, power: int) -> tuple[float, float, float]:
 
 
 def _sizes(
-    family, case: LureSystem | Case, best: Fit  # type: ignore[no-untyped-def]
+    family: Family, case: LureSystem | Case, best: Fit
 ) -> tuple[dict[str, tuple[float, float, float]], dict[str, str], str]:
     """Fields of an element with their intervals, their units, and the parameter of the case that sets the first."""
-    from eppanalysis.diagnose.candidates import size_exponents
-
     fields, units, parameter = {}, {}, ""
     for name, power in size_exponents(family.element).items():
         fields[name] = _interval(float(getattr(family.element, name)), best, power)

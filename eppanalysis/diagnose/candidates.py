@@ -113,9 +113,7 @@ class Linear:
 def _parts(system: LureSystem, active: int, size: float) -> LureSystem:
     """The loop with what stands for elements with states of their own, one element left as it is but for its size."""
     base = system.given or system
-    elements = tuple(
-        resized(e, size) if i == active else (e.small_signal or e) for i, e in enumerate(base.elements)
-    )
+    elements = tuple(resized(e, size) if i == active else (e.small_signal or e) for i, e in enumerate(base.elements))
     loop = replace(base, elements=elements, memory=(None,) * len(elements))
     return loop if system.given is None else with_own_states(loop)
 

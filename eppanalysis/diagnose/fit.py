@@ -8,7 +8,7 @@ Stat Assoc 90, 1995): a disturbance of any frequency explains a period less well
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,7 +89,7 @@ class Yardstick:
     def __post_init__(self) -> None:
         c, m = self.found.harmonics, self.model_error
         k = np.arange(1, c.shape[1] + 1)
-        # What the model leaves out shapes a waveform: of an element's output, steps and corners fall like 1/k and 1/k^2.
+        # What a model leaves out shapes a waveform; corners of a signal fall like 1/k^2.
         wrong = m * np.maximum(np.abs(c), np.abs(c[:, :1]) / k**2)
         object.__setattr__(self, "period", float(np.hypot(m, self.found.omega_error)))
         object.__setattr__(self, "growth", float(np.hypot(_SETTLING * m, self.found.growth_error)))
@@ -215,7 +215,8 @@ def of_linear(yard: Yardstick, linear: Linear) -> list[Fit]:
     misfit = cost + yard.of_shape(harmonics)
     evidence = -0.5 * (misfit + prior) - np.log(yard.period) - np.log(yard.growth) - 2 * _ROOT
     free = yard.count - 2 - (linear.turned >= 0)
-    return [Fit(evidence, misfit, free, 2 * np.pi / pole.imag, harmonics, float(np.exp(q)), max(spread, 1e-12))]
+    return [Fit(evidence, misfit, free, 2 * np.pi / pole.imag, harmonics, float(np.exp(q)),
+                float(np.hypot(spread, yard.model_error)))]  # fmt: skip
 
 
 def _pole(found: Oscillation, linear: Linear, q: float) -> tuple[complex, ComplexArray]:
@@ -238,7 +239,7 @@ def _pole_cost(yard: Yardstick, linear: Linear, q: float) -> float:
     return yard.of_frequency(pole.imag) + yard.of_growth(2.0 * np.pi * pole.real / pole.imag)
 
 
-def _spread(cost, q: float, least: float) -> float:  # type: ignore[no-untyped-def]
+def _spread(cost: Callable[[float], float], q: float, least: float) -> float:
     """Standard deviation of what minimises a cost, from where the cost has grown by about one."""
     step = 1e-6
     while step < 1.0 and max(cost(q + step), cost(q - step)) < least + 1.0:

@@ -166,7 +166,8 @@ def oscillation_of(record: Record) -> Oscillation:
     omega = _fundamental(t, scaled, line)
     if omega * span < 2.0 * np.pi * FEWEST_PERIODS * 0.98:
         periods = omega * span / (2.0 * np.pi)
-        raise EppError(f"{record.source}: holds {periods:.2g} periods of {2 * np.pi / omega:.4g} s; expected 3 or more.")
+        period = 2.0 * np.pi / omega
+        raise EppError(f"{record.source}: holds {periods:.2g} periods of {period:.4g} s; expected 3 or more.")
     if 2.0 * np.pi / omega < _FEWEST_SAMPLES * span / n:
         each = 2.0 * np.pi * n / (omega * span)
         raise EppError(f"{record.source}: has {each:.2g} samples a period; expected {_FEWEST_SAMPLES} or more.")
@@ -175,8 +176,10 @@ def oscillation_of(record: Record) -> Oscillation:
     c, rest = _fitted(t, scaled, omega, rate, K)
     if np.max(1.0 - rest.var(axis=0)) < _EXPLAINED:
         best = 100.0 * float(np.max(1.0 - rest.var(axis=0)))
-        raise EppError(f"{record.source}: a period of {2 * np.pi / omega:.4g} s, the best, explains {best:.2g} % of the "
-                       "signals; expected an oscillation that repeats itself.")  # fmt: skip
+        raise EppError(
+            f"{record.source}: a period of {2 * np.pi / omega:.4g} s, the best, explains {best:.2g} % of the signals; "
+            "expected an oscillation that repeats itself."
+        )
     variance, excess = _noise_between(t, rest, omega, K)
     period = 2.0 * np.pi / omega
     errors = np.sqrt(excess * np.maximum(np.diag(cov), 0.0))

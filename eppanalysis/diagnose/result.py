@@ -82,8 +82,8 @@ class Explanation(PlainData):
         parts = []
         for name, (value, low, high) in self.fields.items():
             unit = self.units.get(name, "")
-            ends = sorted((low, high), key=abs)
-            parts.append(f"{words(name)} {quantity(value, unit)} ({quantity(ends[0], unit)} to {quantity(ends[1], unit)})")
+            ends = [quantity(end, unit) for end in sorted((low, high), key=abs)]
+            parts.append(f"{words(name)} {quantity(value, unit)} ({' to '.join(ends)})")
         return ", ".join(parts)
 
 
@@ -173,8 +173,8 @@ class Diagnosis(Result):
         if self.verdict is Verdict.UNEXPLAINED:
             near = next((e for e in self.explanations if np.isfinite(e.misfit)), None)
             best = "" if near is None else (
-                f", and the nearest, {near.called} with {number(near.period)} s, is off by {number(near.misfit)} squared "
-                f"standard deviations in {near.freedom}"
+                f", and the nearest, {near.called} with {number(near.period)} s, differs by a sum of squares of "
+                f"{number(near.misfit)} where {near.freedom} is usual"
             )  # fmt: skip
             return f"{begin}{best}."
         parts = [f"{e.called} has {number(e.period)} s{f', {e.sizes()}' * bool(e.fields)}" for e in self.named]

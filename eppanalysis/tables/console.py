@@ -160,7 +160,8 @@ def forced_table(found: ForcedResponse) -> Table:
 
 def candidates_table(found: Diagnosis) -> Table:
     """The candidates of a diagnosis, one a row, likeliest first."""
-    table = _table("candidate", "probability", "misfit", "free", "period [s]", "size (95 % interval), or why not", numbers=False)
+    columns = ("candidate", "probability", "misfit", "free", "period [s]", "size (95 % interval), or why not")
+    table = _table(*columns, numbers=False)
     for e in found:
         about = "; ".join(text for text in (e.sizes(), e.note) if text)
         table.add_row(e.called, f"{e.probability:.3f}", _number(e.misfit), str(e.freedom), _number(e.period), about)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.methods.comparison.ladder import Ladder
     from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.results import LimitCycle, Prediction, Trajectory
