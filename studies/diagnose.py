@@ -380,7 +380,7 @@ def shipped_record() -> str:
 
 
 def main() -> None:
-    Path("cases/measured/level_record.csv").write_text(shipped_record(), encoding="utf-8")
+    Path("cases/measured/tank_level.csv").write_text(shipped_record(), encoding="utf-8")
     for row in rows(int(sys.argv[1]) if len(sys.argv) > 1 else RECORDS):
         print(row, flush=True)
 

@@ -21,7 +21,7 @@ from tests.wrong_arguments import calls, doors, outcome
 #: Results are what functions return; nobody makes them, and they check nothing.
 RESULTS = {
     "Boundary", "Branch", "Case", "Certificate", "CertifiedOrbit", "Check", "CycleSearch", "Design", "DesignBounds",
-    "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
+    "Diagnosis", "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
     "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability", "PeriodicResponse",
     "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
     "Trajectory", "Trigger",

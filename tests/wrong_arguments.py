@@ -54,7 +54,7 @@ def doors() -> tuple[Door, ...]:
 
 def _functions() -> Iterator[Door]:
     case, loop = epp.case("relay_deadzone"), epp.case("relay_deadzone").to_system()
-    elbow = epp.case("fig8a_original")
+    elbow, swing = epp.case("fig8a_original"), np.linspace(0.0, 40.0, 400)
     cycle = epp.predict_limit_cycles(loop)[1]
     threshold, level = "relay_dead_zone.threshold", "relay_dead_zone.level"
     limited = epp.LureSystem.from_tf(([4.0], [1.0, 1.0, 0.0]), epp.RateLimiter(1.0))
@@ -116,6 +116,8 @@ def _functions() -> Iterator[Door]:
         "elbow": {"parameters": epp.ElbowParameters(), "delay_model": "pade"},
         "identify": {"case": elbow, "tray": None, "backlash": None, "step": "nowhere.csv", "columns": None, "wrap": 3.0,
                      "press": 0.0, "fit": None, "seed": 0, "progress": None},
+        "diagnose": {"case": case, "record": {"time": swing, "x": np.sin(0.99 * swing)}, "columns": None,
+                     "model_error": 0.02, "operating_point": None, "progress": None},
         "report": {"cases": [], "path": "nowhere.html", "full": False, "progress": None},
         "sweep": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None,
                   "scheduler": "threads", "workers": 1, "chunk": None, "store": None, "resume": True,

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eppanalysis.cases import Case
 from eppanalysis.diagnose.candidates import Candidates, Family, candidates_of, size_exponents
-from eppanalysis.diagnose.fit import LINEAR, Fit, Yardstick, all_fits
+from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
-from eppanalysis.diagnose.result import Diagnosis, Explanation, Verdict
+from eppanalysis.diagnose.result import LINEAR, Diagnosis, Explanation, Verdict
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.orbit import CONVERGED
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import PointLike, facts_of, standing
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
 from eppanalysis.progress import Progress
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
@@ -30,7 +30,7 @@ _NAMED, _NO_CHANCE = 0.95, 1e-3
 
 
 def diagnose(
-    case: LureSystem | Case,
+    case: LureSystem | CaseLike,
     record: str | Path | Mapping[str, ArrayLike],
     *,
     columns: Mapping[str, tuple[str, str]] | None = None,
@@ -47,7 +47,7 @@ def diagnose(
 
     Parameters
     ----------
-    case : Case or LureSystem
+    case : Case, Diagram or LureSystem
         In continuous time, without sampled controllers.
     record : path, or mapping of str to array
         A CSV file with a column ``time [s]`` and one for each recorded signal, by the loop's names, or such arrays in
@@ -103,7 +103,7 @@ def diagnose(
 
 
 def explained(
-    candidates: Candidates, case: LureSystem | Case, record: Record, found: Oscillation, model_error: float = 0.02
+    candidates: Candidates, case: LureSystem | CaseLike, record: Record, found: Oscillation, model_error: float = 0.02
 ) -> Diagnosis:
     """What the candidates say of an oscillation; they may be kept for the next record of the same loop."""
     yard = Yardstick(found, model_error)
@@ -162,42 +162,49 @@ def _untried(made: list[Explanation]) -> bool:
 
 
 def _explanation(
-    candidates: Candidates, case: LureSystem | Case, name: str, fits: list[Fit], why: str, share: float
+    candidates: Candidates, case: LureSystem | CaseLike, name: str, fits: list[Fit], why: str, share: float
 ) -> Explanation:
     family = next((f for f in candidates.families if f.name == name), None)
     kind = name if family is None else (family.element.kind or type(family.element).__name__)
     if not fits:
         return Explanation(name, kind, 0.0, float("nan"), 0, float("nan"), note=why)
     best = max(fits, key=lambda fit: fit.evidence)
-    fields: dict[str, tuple[float, float, float]] = {}
-    units: dict[str, str] = {}
-    parameter = ""
-    if family is not None:
-        fields, units, parameter = _sizes(family, case, best)
-    elif name == LINEAR and candidates.linear.turned >= 0:
-        fields = {"gain": _interval(1.0, best, 1)}
-    return Explanation(
-        name, kind, share, best.misfit, best.freedom, best.period, fields, units, parameter,
-        f"comes in at {best.place}" if best.place else "", best.harmonics,
+    made = Explanation(
+        name, kind, share, best.misfit, best.freedom, best.period,
+        note=f"comes in at {best.place}" if best.place else "", harmonics=best.harmonics,
     )  # fmt: skip
+    if family is not None:
+        return _with_sizes(made, family, case, best)
+    turned = candidates.linear.turned
+    if name != LINEAR or turned < 0:
+        return made
+    return replace(made, fields={"gain": _interval(1.0, best, 1)}, note=f"by the gain at {_names(candidates)[turned]}")
+
+
+def _names(candidates: Candidates) -> tuple[str, ...]:
+    return candidates.system.element_names
 
 
 def _interval(value: float, fit: Fit, power: int) -> tuple[float, float, float]:
     """A value in the model times the size of a fit, with its 95 % interval."""
-    wide = float(np.exp(1.96 * power * fit.size_error))
+    wide = float(np.exp(1.96 * abs(power) * fit.size_error))
     at = value * fit.size**power
-    return at, at / wide, at * wide
+    low, high = sorted((at / wide, at * wide))
+    return at, low, high
 
 
-def _sizes(
-    family: Family, case: LureSystem | Case, best: Fit
-) -> tuple[dict[str, tuple[float, float, float]], dict[str, str], str]:
-    """Fields of an element with their intervals, their units, and the parameter of the case that sets the first."""
-    fields, units, parameter = {}, {}, ""
+def _with_sizes(made: Explanation, family: Family, case: LureSystem | CaseLike, best: Fit) -> Explanation:
+    """With the fields of its element and their intervals, and the parameters of the case that bound it."""
+    fields, units, own = {}, {}, []
+    parameters = getattr(case, "parameters", {})
     for name, power in size_exponents(family.element).items():
         fields[name] = _interval(float(getattr(family.element, name)), best, power)
         full = f"{family.name}.{name}"
-        if isinstance(case, Case) and full in case.parameters:
-            units[name] = case.unit(full)[0]
-            parameter = parameter or full
-    return fields, units, parameter
+        if full in parameters:
+            units[name] = parameters[full].unit
+            own.append(full)
+    free = sorted((n for n, p in parameters.items() if p.mark == "tunable" and n not in own))
+    return replace(
+        made, fields=fields, units=units, parameter=own[0] if own else "", over=free[0] if free else "",
+        in_proportion=family.in_proportion,
+    )  # fmt: skip

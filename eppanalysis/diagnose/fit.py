@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.diagnose.candidates import Candidates, Family, Linear
 from eppanalysis.diagnose.record import Oscillation
+from eppanalysis.diagnose.result import DISTURBANCE, LINEAR
 from eppanalysis.errors import EppError
 from eppanalysis.results import LimitCycle
 
@@ -307,6 +308,3 @@ def all_fits(yard: Yardstick, candidates: Candidates) -> Iterator[tuple[str, lis
         yield DISTURBANCE, list(of_disturbance(yard, candidates.linear)), "does not reach the recorded signals"
     else:
         yield DISTURBANCE, [], "is not seen by itself: the loop without its elements' limits is unstable"
-
-
-LINEAR, DISTURBANCE = "linear instability", "external disturbance"

@@ -23,6 +23,8 @@ ComplexArray = NDArray[np.complex128]
 FEWEST_PERIODS, _FEWEST_SAMPLES, _MOST_HARMONICS, _PER_HARMONIC = 3.0, 8, 7, 2.5
 #: Fractions of the strongest line's frequency at which the fundamental is looked for.
 _PARTS = (1, 2, 3)
+#: Standard deviation, relative to the largest value, that is rounding.
+_STILL = 1e-10
 #: Share of the variance that the harmonics must explain, of the signal that they explain best.
 _EXPLAINED = 0.5
 #: Places between two harmonics at which the noise is read, in multiples of the fundamental.
@@ -158,8 +160,9 @@ def oscillation_of(record: Record) -> Oscillation:
         raise EppError(f"{record.source}: has {n} samples; expected three periods with {_FEWEST_SAMPLES} each or more.")
     left = Y - _trend(t, Y)
     size = left.std(axis=0)
-    if not np.all(size > 0.0):
-        still = names[int(np.argmin(size))]
+    still_ones = size <= _STILL * np.abs(Y).max(axis=0)
+    if np.any(still_ones):
+        still = names[int(np.argmax(still_ones))]
         raise EppError(f"{record.source}: {still} does not move; expected signals that oscillate.")
     scaled = left / size
     line = _strongest_line(t, scaled)
@@ -194,7 +197,7 @@ def oscillation_of(record: Record) -> Oscillation:
 
 
 def _trend_coefficients(t: Array, Y: Array) -> Array:
-    return np.linalg.lstsq(np.column_stack([np.ones_like(t), t]), Y, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(np.column_stack([np.ones_like(t), t]), Y, rcond=None)[0], float)
 
 
 def _trend(t: Array, Y: Array) -> Array:
@@ -264,9 +267,10 @@ def _refined(t: Array, Y: Array, omega: float, K: int, grows: bool = True) -> tu
     def rest(q: Array) -> Array:
         return _fitted(t, Y, omega + q[0] / span, q[1] / span if grows else 0.0, K)[1].ravel()
 
-    found = least_squares(rest, np.zeros(n), diff_step=1e-4, x_scale=0.1, max_nfev=30)
+    found = least_squares(rest, np.zeros(n), diff_step=[1e-4] * n, x_scale=0.1, max_nfev=30)
     level = 2.0 * found.cost / max(Y.size - (2 * K + 2) * Y.shape[1] - n, 1)
-    cov = level * np.linalg.pinv(found.jac.T @ found.jac) / span**2
+    J = np.asarray(found.jac, float)
+    cov = level * np.linalg.pinv(J.T @ J) / span**2
     return np.array([omega + found.x[0] / span, found.x[1] / span if grows else 0.0]), cov
 
 

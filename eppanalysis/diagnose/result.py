@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
+#: Candidates that are no elements.
+LINEAR, DISTURBANCE = "linear instability", "external disturbance"
+
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -49,8 +52,11 @@ class Explanation(PlainData):
     fields : dict of str to (float, float, float)
         Value and 95 % interval of each field of the element that sets its size [SI], "gain" for a factor on the loop's.
     units : dict of str to str
-    parameter : str
-        The parameter of the case that `bounds` and `design` take to remove it; empty where there is none.
+    parameter, over : str
+        The parameter of the case that sets its size, and one that is free to choose, for `bounds`; empty where there is
+        none.
+    in_proportion : bool
+        Whether its limit cycle is in proportion to its size, so that none is without one.
     note : str
         Why it is no explanation, or where a disturbance comes in.
     harmonics : complex array, shape (signals, K)
@@ -66,10 +72,12 @@ class Explanation(PlainData):
     fields: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     parameter: str = ""
+    over: str = ""
+    in_proportion: bool = False
     note: str = ""
     harmonics: ComplexArray = field(default_factory=lambda: np.zeros((0, 0), complex))
 
-    in_json = "name kind probability misfit freedom period fields units parameter note"
+    in_json = "name kind probability misfit freedom period fields units parameter over in_proportion note"
 
     @property
     def called(self) -> str:
@@ -185,15 +193,28 @@ class Diagnosis(Result):
         return f"{begin}; {'; '.join(parts)}.{rest}{self._remedy()}"
 
     def _remedy(self) -> str:
-        """What to ask next."""
-        found = [e.parameter for e in self.named if e.parameter]
-        if self.verdict is not Verdict.NAMED or not found:
+        """What becomes of the oscillation with the size of what is named."""
+        if self.verdict is not Verdict.NAMED or not self.named[0].in_proportion:
             return ""
-        return f" How much of it the loop bears, bounds says of {found[0]}."
+        return " The oscillation is in proportion to it: a smaller one makes it smaller, and none is without."
 
     def remedies(self) -> list[str]:
-        """Commands that say how to remove what was found, one for each candidate that is named."""
-        return [f"eppanalysis bounds {self.case} --of {e.parameter}" for e in self.named if e.parameter]
+        """What to ask next of each candidate that is named, with the command that answers it."""
+        return [line for e in self.named if (line := self._next(e))]
+
+    def _next(self, e: Explanation) -> str:
+        signal = self.oscillation.names[0]
+        if e.name == DISTURBANCE:
+            place = e.note.removeprefix("comes in at ")
+            asked = f": eppanalysis response {self.case} --input {place}" if not place.startswith("behind ") else ""
+            return f"How the loop answers what {e.note}{asked}"
+        if e.name == LINEAR:
+            return f"How far the gain is from its limit: eppanalysis margins {self.case}"
+        if not (e.parameter and e.over):
+            return ""
+        allow = f' --allow "{signal} SIZE"' if e.in_proportion else ""
+        command = f"eppanalysis bounds {self.case} --limit {e.parameter} --over {e.over}{allow}"
+        return f"How large {e.parameter} may be: {command}"
 
     def to_frame(self) -> pandas.DataFrame:
         """The candidates, one a row: probability, misfit, period [s], and the factor on the first of their fields."""

@@ -76,6 +76,7 @@ def examples() -> dict[type, Result]:
         epp.Boundary(("play.gap", "loop.gain"), two, "exact fold", Status.CONVERGED, "By hand.", units),
         identification(),
         identification().fits[0],
+        diagnosis(),
         made_guide(case),
         *proofs(),
         *driven(),
@@ -136,6 +137,13 @@ def wheelchair_branch() -> epp.Branch:
 def identification() -> epp.Identification:
     tray = shipped_cases_folder() / "measured" / "weight_tray.csv"
     return epp.identify(epp.case("elbow"), tray=tray)
+
+
+def diagnosis() -> epp.Diagnosis:
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0))
+    t = np.linspace(0.0, 40.0, 800)
+    swing = np.sin(0.9 * t) + 0.02 * np.random.default_rng(1).normal(size=t.size)
+    return epp.diagnose(loop, {"time": t, "x": swing})
 
 
 def frozen() -> epp.FrozenLoop:

@@ -1,0 +1,66 @@
+"""``eppanalysis diagnose`` on a record of a shipped loop, and on hostile ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eppanalysis.cli import app
+
+runner = CliRunner()
+
+
+def run(*arguments: object):
+    result = runner.invoke(app, ["diagnose", *map(str, arguments)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory) -> Path:
+    """A sine of 0.9 rad/s, with noise, as two columns of which one has a name of its own."""
+    path = tmp_path_factory.mktemp("record") / "sine.csv"
+    t = np.linspace(0.0, 60.0, 900)
+    x = np.sin(0.9 * t) + 0.02 * np.random.default_rng(3).normal(size=t.size)
+    rows = [f"{1e3 * a:.3f},{b:.6f}" for a, b in zip(t, x, strict=True)]
+    path.write_text("\n".join(["time [ms],LT 4", *rows]), encoding="utf-8")
+    return path
+
+
+def test_what_explains_a_record_is_said_and_drawn(record, tmp_path):
+    picture, table = tmp_path / "found.png", tmp_path / "found.csv"
+    result = run("backlash_servo", record, "--column", "x=LT 4", "-o", picture)
+    assert result.exit_code == 0, result.output
+    assert "Explained by external disturbance." in result.stdout
+    assert "candidate" in result.stdout and "play" in result.stdout
+    assert picture.stat().st_size > 10_000
+    document = json.loads(run("backlash_servo", record, "--column", "x=LT 4", "--json", "-o", table).stdout)
+    found = document["cases"][0]["result"]
+    assert found["verdict"] == "named" and found["named"] == ["external disturbance"]
+    assert found["period"] == pytest.approx(2 * np.pi / 0.9, rel=1e-3)
+    assert table.read_text().startswith("candidate,probability,misfit")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((), "has no column of a signal of the loop"),
+        (("--column", "z=LT 4"), "a role that is one of time, x, y"),
+        (("--column", "x=LT 4", "--column", "x=LT 5"), "each signal once"),
+        (("--column", "x=LT 4", "--model-error", "2"), "model_error is 2.0; expected 0.001 to 0.5"),
+        (("--column", "x=LT 4", "-o", "found.xyz"), "found.xyz"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(record, arguments, sentence):
+    result = run("backlash_servo", record, *arguments)
+    assert result.exit_code == 2
+    assert sentence in " ".join(result.output.split())
+
+
+def test_a_file_that_is_not_there_is_named():
+    result = run("backlash_servo", "nowhere.csv")
+    assert result.exit_code == 2 and "nowhere.csv" in result.output

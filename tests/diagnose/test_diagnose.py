@@ -1,0 +1,106 @@
+"""Which element is named for records of an integrator of its own, and what cannot be told."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.errors import EppError
+from studies.diagnose import ALIKE, MECHANISMS, diagnosed, judged
+
+PLANT = ([5.0], [1.0, 1.0, 0.0])
+
+
+@cache
+def played(size: float = 1.0) -> dict[str, np.ndarray]:
+    """A record of play in a servo, with noise."""
+    (cycle,) = epp.find_limit_cycles(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0))).stable
+    t, rng = np.linspace(0.0, 50.0, 1500), np.random.default_rng(11)
+    omega = 2 * np.pi / cycle.period
+    found = {"time": t}
+    for name, c in cycle.harmonics.items():
+        y = size * sum(np.real(a * np.exp(1j * k * omega * t)) for k, a in enumerate(c[:15]))
+        found[name] = y + 0.02 * np.std(y) * rng.normal(size=t.size)
+    return found
+
+
+@pytest.mark.parametrize("mechanism", ["saturation", "rate limit"])
+def test_the_limit_that_made_a_record_is_named(mechanism):
+    found, size = diagnosed(mechanism, 0)
+    assert judged(mechanism, found, size) == ("right", True), str(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mechanism", [name for name in MECHANISMS if name not in ("saturation", "rate limit")])
+def test_the_element_that_made_a_record_is_named(mechanism):
+    for number in range(3):
+        found, size = diagnosed(mechanism, number)
+        assert judged(mechanism, found, size)[0] == "right", str(found)
+
+
+@pytest.mark.parametrize("mechanism", ALIKE)
+def test_two_elements_that_explain_a_record_alike_cannot_be_told(mechanism):
+    found, _ = diagnosed(mechanism, 1)
+    assert found.verdict == "cannot be told" and set(found.names) == {"amplifier", "valve"}
+    assert found[0].probability == pytest.approx(found[1].probability, rel=1e-3)
+    assert "Cannot be told: " in str(found)
+
+
+def test_an_interval_narrows_with_a_better_model():
+    loop = epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0))
+    found = [epp.diagnose(loop, played(0.4), model_error=error) for error in (0.05, 0.02, 0.005)]
+    for one, error in zip(found, (0.05, 0.02, 0.005), strict=True):
+        value, low, high = one[0].fields["gap"]
+        assert low < 0.8 < high and value == pytest.approx(0.8, rel=0.01)
+        assert np.log(high / value) == pytest.approx(1.96 * error, rel=0.2)
+    assert [one.names for one in found] == [("play",)] * 3
+
+
+def test_a_loop_that_runs_ten_times_as_fast_is_told_the_same():
+    slow = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), played())
+    fast = epp.diagnose(
+        epp.LureSystem.from_tf(([500.0], [1.0, 10.0, 0.0]), epp.Play(gap=2.0)),
+        {**played(), "time": 0.1 * played()["time"]},
+    )
+    assert fast.period == pytest.approx(0.1 * slow.period, rel=1e-6)
+    assert [e.name for e in fast] == [e.name for e in slow]
+    assert fast[0].misfit == pytest.approx(slow[0].misfit, abs=1e-3)
+    assert fast[0].fields["gap"] == pytest.approx(slow[0].fields["gap"], rel=1e-5)
+
+
+def test_a_loop_that_is_not_in_proportion_is_tried_size_by_size():
+    """Play behind an integrator does not mind where it stands: an input that is held shifts the cycle and no more."""
+    loop = epp.Diagram(
+        parts={"motor": epp.blocks.TransferFunction(num=[5.0], den=[1.0, 1.0, 0.0]), "gear": epp.Play(gap=2.0)},
+        connect=["target - gear -> motor", "motor -> gear"],
+        inputs=["target"],
+        signals={"x": "motor", "y": "gear"},
+    )
+    at_rest = epp.diagnose(loop, played(0.3))
+    moved = epp.diagnose(loop, played(0.3), operating_point={"target": 0.7})
+    assert at_rest[0].in_proportion and not moved[0].in_proportion
+    assert at_rest.names == moved.names == ("gear",)
+    assert moved[0].fields["gap"] == pytest.approx(at_rest[0].fields["gap"], rel=0.01)
+
+
+def test_a_waveform_that_no_candidate_has_stays_unexplained():
+    t = np.linspace(0.0, 60.0, 2000)
+    found = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), {"time": t, "x": np.sign(np.sin(1.1 * t))})
+    assert found.verdict == "unexplained" and found.names == ()
+    assert str(found).startswith("None of the candidates explains it")
+
+
+def test_a_sine_from_outside_is_no_cycle_of_the_loop():
+    t = np.linspace(0.0, 60.0, 2000)
+    noise = 0.02 * np.random.default_rng(2).normal(size=t.size)
+    found = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), {"time": t, "x": np.sin(0.9 * t) + noise})
+    assert found.names == ("external disturbance",)
+
+
+@pytest.mark.parametrize("error", [0.0, 0.6, float("nan")])
+def test_a_model_error_out_of_its_range_is_refused(error):
+    with pytest.raises(EppError, match="model_error is"):
+        epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), played(), model_error=error)
