@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, visible
+from eppanalysis.methods.certificates.registry import STATEMENTS
 from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.results.shown import frame_of
@@ -27,8 +28,30 @@ class Enclosure(NamedTuple):
     omega: tuple[float, float]
 
 
+class WithFile(Result):
+    """A result that a file proves, which a small program checks."""
+
+    document: Mapping[str, Any]
+    message: str
+
+    @checked
+    def write(self, path: str | Path) -> Path:
+        """Write the file that the checker reads.
+
+        Raises
+        ------
+        EppError
+            If there is nothing to write, as nothing is proved.
+        """
+        if not self.document:
+            raise EppError(f"{path}: there is no certificate to write. {self.message}")
+        path = Path(path)
+        path.write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        return path
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(Result):
+class Certificate(WithFile):
     """A statement about a loop, and what proves it.
 
     Attributes
@@ -85,21 +108,6 @@ class Certificate(Result):
         return self.message
 
     @checked
-    def write(self, path: str | Path) -> Path:
-        """Write the file that the checker reads.
-
-        Raises
-        ------
-        EppError
-            If there is nothing to write, as nothing is proved.
-        """
-        if not self.document:
-            raise EppError(f"{path}: there is no certificate to write. {self.message}")
-        path = Path(path)
-        path.write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        return path
-
-    @checked
     def plot(self, ax: Axes | None = None) -> Axes:
         """The cover of the box with its roots; the Popov plot with its line; or a level of the function that falls."""
         return self.drawn("plot_certificate", ax)
@@ -142,9 +150,9 @@ def sentence(document: Mapping[str, Any]) -> str:
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
     name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
-    if document["statement"] == "all roots of the first-order balance in a box":
+    if document["statement"] == STATEMENTS["roots"].text:
         return _roots_sentence(name, claim, document["box"])
-    if document["statement"] == "no periodic motion but rest":
+    if document["statement"] == STATEMENTS["absence"].text:
         low, high = claim["sector"]
         multiplier = (
             "the circle criterion" if claim["multiplier"] == "0" else f"Popov's, multiplier {claim['multiplier']}"
@@ -153,9 +161,13 @@ def sentence(document: Mapping[str, Any]) -> str:
         if document["loop"]["element"]["kind"] == "play":
             return f"Proved: {name} has no periodic motion but rest, for any gap (Re G(jω) > -1)."
         return f"Proved: {name} has no periodic motion but rest (sector {edges}; {multiplier})."
-    if document["statement"] == "no periodic motion but rest, for any gap of the play":
+    if document["statement"] == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
+    if document["statement"] == STATEMENTS["orbit"].text:
+        period = float(sum(map(Fraction, claim["period"])) / 2)
+        alone = f"within {float(Fraction(claim['box'])):.1g} of its size it is the only one with these"
+        return f"Proved: {name} has a limit cycle of {period:.4g} s with {claim['events']} events, and {alone}."
     return f"Proved of {name}: {document['statement']}; {claim}."
 
 

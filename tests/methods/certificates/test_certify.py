@@ -4,29 +4,38 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates.registry import STATEMENTS, Statement
+from eppanalysis.results import LimitCycle, Status
 
 CHECKERS = sorted({statement.program for statement in STATEMENTS.values()})
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> dict[str, Path]:
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A certificate of each statement."""
     limited = epp.LureSystem.from_tf(([5.9], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), name="limited")
     slack = epp.LureSystem.from_tf(([1.5], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=1.0), name="slack")
+    relay = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.HysteresisRelay(lower=-0.5, upper=0.5), name="relay")
+    cycle = LimitCycle(
+        "exact orbit", Status.CONVERGED, 2.0 * math.log(3.0), {}, {}, {}, state=np.zeros(1), memory=(1.0,)
+    )
     made = {
         "roots": epp.certify(epp.case("relay_deadzone")),
         "absence": epp.certify(limited, "absence"),
         "absence_with_play": epp.certify(slack, "absence", sectors=4),
+        "orbit": epp.certify_orbit(relay, cycle),
     }
-    return {name: found.write(tmp_path / f"{name}.json") for name, found in made.items()}
+    folder = tmp_path_factory.mktemp("certificates")
+    return {name: found.write(folder / f"{name}.json") for name, found in made.items()}
 
 
 @pytest.mark.parametrize("statement", STATEMENTS.values(), ids=lambda s: s.checker)
@@ -44,7 +53,7 @@ def test_checkers_are_small_and_stand_alone(program: Path) -> None:
     assert names <= {"fractions", "json", "flint"}
 
 
-@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit"])
 def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: str) -> None:
     """And loads no package that computes in floating point."""
     program = STATEMENTS[name].program
@@ -61,14 +70,15 @@ def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: 
 
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
-    roots, absence, with_play = (epp.check_certificate(files[name]) for name in files)
+    roots, absence, with_play, orbit = (epp.check_certificate(files[name]) for name in files)
     assert roots.accepted and "relay deadzone has exactly 2 roots" in str(roots)
     assert absence.accepted and "limited has no periodic motion but rest" in str(absence)
     assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
+    assert orbit.accepted and "relay has a limit cycle of 2.197 s" in str(orbit)
     assert roots.to_dict()["accepted"] is True
 
 
-@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit"])
 def test_every_changed_digit_of_a_file_is_seen(files: dict[str, Path], name: str, tmp_path: Path) -> None:
     """One digit in twelve of all, in one process of the checker's own functions."""
     import importlib
@@ -146,8 +156,6 @@ def test_results_are_plain_data_and_draw() -> None:
 
 def test_the_state_space_is_read_as_the_numbers_that_it_stands_for() -> None:
     """In turned coordinates the coefficients are those of the transfer function, and an integrator stays one."""
-    import numpy as np
-
     plain = epp.LureSystem.from_tf(([5.9], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
     Q = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     for loop in (plain, plain.in_coordinates(Q, Q.T)):

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
+from eppanalysis.methods.certificates.orbits.document import document_of
 from eppanalysis.methods.certificates.orbits.guards import Violated, prove_arc, require_at_once, starts_of
 from eppanalysis.methods.certificates.orbits.modes import rational
 from eppanalysis.methods.certificates.orbits.multipliers import discs_of, return_map
@@ -108,7 +109,7 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     if orbit is None:
         reason = "From the state of the cycle the loop does not come back to it after its period."
         return CertifiedOrbit(Proof.NOT_DECIDED, reason, operating_point=at, provenance=_provenance(loop, facts))
-    return replace(certified(orbit), operating_point=at, provenance=_provenance(loop, facts))
+    return replace(certified(orbit, loop.name), operating_point=at, provenance=_provenance(loop, facts))
 
 
 def _closed(hybrid: HybridSystem, cycle: LimitCycle) -> Iterator[Orbit]:
@@ -153,13 +154,15 @@ def _refuse(loop: LureSystem) -> None:
             raise EppError(f"{loop.name}: {name} is smooth between its switches, not affine; {covered}.")
 
 
-def certified(orbit: Orbit) -> CertifiedOrbit:
+def certified(orbit: Orbit, name: str = "loop") -> CertifiedOrbit:
     """What is proved of an orbit with its sequence of events, closed in floats; the sequence is taken as it is.
 
     Parameters
     ----------
     orbit : Orbit
         Whether it is a motion of the loop is not taken for granted: its events are proved.
+    name : str, optional
+        Of the loop, for its file.
     """
     try:
         path = ExactPath.of(orbit)
@@ -171,7 +174,7 @@ def certified(orbit: Orbit) -> CertifiedOrbit:
         if axes is None:
             continue
         for bits in PRECISIONS:
-            found = _at_precision(orbit, axes, bits)
+            found = _at_precision(orbit, axes, bits, name)
             best = found if found.proved or not best.proved else best
             if _final(best, path):
                 return best
@@ -184,14 +187,14 @@ def _final(found: CertifiedOrbit, path: ExactPath) -> bool:
     return found.status is Proof.VIOLATED or (found.proved and decided)
 
 
-def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+def _at_precision(orbit: Orbit, axes: OwnAxes, bits: int, name: str) -> CertifiedOrbit:
     """What is proved with so many bits."""
     from flint import ctx
 
     events = _events(axes.path)
     with ctx.workprec(bits):
         try:
-            return _proved(orbit, axes, bits)
+            return _proved(orbit, axes, bits, name)
         except Violated as why:
             return CertifiedOrbit(Proof.VIOLATED, str(why), events=events)
         except NotCovered as why:
@@ -205,7 +208,7 @@ def _events(path: ExactPath) -> tuple[str, ...]:
     return tuple(path.guard_name(stage.fired) for stage in path.stages)
 
 
-def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
+def _proved(orbit: Orbit, axes: OwnAxes, bits: int, name: str) -> CertifiedOrbit:
     """The certificate at a precision; raises where it is not to be had."""
     from flint import arb
 
@@ -223,6 +226,7 @@ def _proved(orbit: Orbit, axes: OwnAxes, bits: int) -> CertifiedOrbit:
         state=orbit.y[: orbit.hybrid.n_plant].copy(),
         n_pieces=pieces,
         evidence=_evidence(orbit, axes, shooting, enclosure, bits),
+        document=document_of(name, path, shooting, enclosure),
     )
     return _with_stability(made, path, shooting, enclosure)
 

@@ -129,9 +129,8 @@ def prove_arc(path: ExactPath, arc: int, start: Any, duration: Any, scale: np.nd
             raise Violated(
                 f"'{path.guard_name(g)}' happens at once where the sequence waits for '{path.guard_name(stage.fired)}'."
             )
-    moving = [i for i, place in enumerate(path.free) if place < path.hybrid.x0.size]
     ends = {g for g, row in stage.guards if path.zero_at_end(arc, row)}
-    pieces = _Pieces(stage, ends, start, duration, _Norm(stage, moving, scale))
+    pieces = _Pieces(stage, ends, start, duration, _Norm(stage, path.moving, scale))
     failed = pieces.prove({g: s.order for g, s in starts.items() if s.order is not None})
     if failed is not None:
         g, happens = failed
@@ -150,10 +149,7 @@ class _Norm:
 
         self.moving = moving
         rate = stage.rate.tolist()
-        size = np.array([[abs(float(arb(rate[i][j]))) for j in moving] for i in moving])
-        size = size.reshape(len(moving), len(moving))
-        weights = _weights(size, np.asarray(scale, float)[moving])
-        self.weights = [arb(float(w)) for w in weights]
+        self.weights = [arb(float(w)) for w in weights_of(stage, moving, scale)]
         sizes = arb_mat([[abs(arb(rate[i][j])) for j in moving] for i in moving])
         rows = (sizes * arb_mat(len(moving), 1, self.weights)).entries() if moving else []
         self.rate = max([(r / w).upper() for r, w in zip(rows, self.weights, strict=True)], default=arb(0))
@@ -174,8 +170,12 @@ class _Norm:
         return sum((abs(entries[i]) * w for i, w in zip(self.moving, self.weights, strict=True)), arb(0)).upper()
 
 
-def _weights(size: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Weights in which the row sums of a matrix of sizes are nearly equal, as powers of two."""
+def weights_of(stage: Stage, moving: list[int], scale: np.ndarray) -> np.ndarray:
+    """Weights of the states in which the row sums of the sizes of an arc's rate are nearly equal, as powers of two."""
+    from flint import arb
+
+    rate, scale = stage.rate.tolist(), np.asarray(scale, float)[moving]
+    size = np.array([[abs(float(arb(rate[i][j]))) for j in moving] for i in moving]).reshape(len(moving), len(moving))
     relative = size / scale[:, None] * scale
     relative = relative + 1e-4 * max(float(relative.max(initial=0.0)), 1e-300)
     weights = np.ones(len(scale))

@@ -111,6 +111,11 @@ class ExactPath:
         """Number of unknowns at an event."""
         return len(self.free)
 
+    @property
+    def moving(self) -> list[int]:
+        """Which unknowns are states: the others are memory values, which keep theirs between events."""
+        return [i for i, place in enumerate(self.free) if place < self.hybrid.x0.size]
+
     def since(self, arc: int) -> tuple[int, Any]:
         """The last arc before that takes time, and the map from its end to the start of `arc`."""
         back = (arc - 1) % len(self.stages)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.results import Result
+from eppanalysis.methods.certificates.result import WithFile
 
 if TYPE_CHECKING:
     import pandas
@@ -47,7 +48,7 @@ class OrbitStability(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CertifiedOrbit(Result):
+class CertifiedOrbit(WithFile):
     """What is proved of a periodic orbit in ball arithmetic.
 
     The loop of which it is proved has rational numbers for its floats: the decimals that were given, and simple
@@ -80,6 +81,8 @@ class CertifiedOrbit(Result):
         Pieces of the cycle on which the guards were proved.
     evidence : dict of str to str
         What the proof rests on: the tables of the loop, the sequence of events, the middle of the balls exactly.
+    document : mapping
+        What the file holds that :meth:`write` writes, as its checker reads it; empty where nothing is proved.
     """
 
     status: Proof
@@ -96,10 +99,11 @@ class CertifiedOrbit(Result):
     multiplier_radii: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     n_pieces: int = 0
     evidence: dict[str, str] = field(default_factory=dict)
+    document: Mapping[str, Any] = field(default_factory=dict)
 
     in_json = (
         "status sentence=__str__ message period period_ball radius unique_within events state stability "
-        "stability_message multipliers multiplier_radii n_pieces operating_point evidence provenance"
+        "stability_message multipliers multiplier_radii n_pieces operating_point evidence document provenance"
     )
 
     @property

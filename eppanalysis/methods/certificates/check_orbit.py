@@ -1,0 +1,199 @@
+"""Checker of a certificate that a sequence of affine arcs has one closed orbit in a box, and meets no event earlier.
+
+It stands alone, ``python -I check_orbit.py < certificate.json``, with exact rationals, and balls (python-flint, Arb)
+that hold what they stand for. On an arc ``dv/dt = rate v``, with a 1 behind v; it ends where its guard is zero, and
+``jump v`` stands behind it. Theory: docs/theory/certified_orbits.md.
+"""
+
+import json
+from fractions import Fraction
+
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpz
+
+STATEMENT = "one closed orbit of a sequence of affine arcs in a box, and no event earlier"
+#: Bits; terms of Taylor polynomials, the most that rate times length of a piece may be, halvings of a piece.
+BITS, TERMS, REACH, HALVINGS = 256, 16, 2.5, 40
+
+
+class Refused(Exception):
+    """Why a certificate proves nothing."""
+
+
+def require(holds, why):
+    """Refuse what does not hold."""
+    if not holds:
+        raise Refused(why)
+
+
+def rationals(rows):
+    """A matrix of numbers as they are written."""
+    require(all(isinstance(v, str) for row in rows for v in row), "a number that is no text")
+    return fmpq_mat([[fmpq(*Fraction(v).as_integer_ratio()) for v in row] for row in rows])
+
+
+def ball(middle, radius):
+    """All numbers within a radius."""
+    return arb(middle) + arb(0, 1) * arb(radius)
+
+
+def in_span(row, others):
+    """Whether a row is a combination of others, exactly."""
+    return bool(fmpq_mat([*others, row.tolist()[0]]).rank() == fmpq_mat(others).rank())
+
+
+class Arc:
+    """Rate, guards in the order in which they are looked at, that which fires, its map, levels of what sticks."""
+
+    def __init__(self, e, m):
+        self.rate, self.jump = rationals(e["rate"]), rationals(e["jump"])
+        self.guards, self.levels = ([rationals([row]) for row in e[name]] for name in ("guards", "levels"))
+        self.fired, self.at_once, self.on_rates = e["fired"], bool(e["at_once"]), e["on_rates"]
+        require(not any(self.rate.tolist()[m]) and self.jump.tolist()[m] == [*[0] * m, 1], "arcs without a 1")
+        require(0 <= self.fired < len(self.guards) == len(self.on_rates), "an arc without its guard")
+
+
+class Orbit:
+    """The arcs, one after another; rows that are zero at the ends of those that take time; the equations of a leg."""
+
+    def __init__(self, arcs, m):
+        self.arcs, self.timed, self.size = arcs, [k for k, arc in enumerate(arcs) if not arc.at_once], m + 1
+        require(self.timed, "no arc that takes time")
+        self.zero = {k: arcs[k].guards[arcs[k].fired].tolist() for k in self.timed}
+        left = known = [(k, row) for k in self.timed for row in arcs[k].levels]
+        while known:  # what sticks stands on its level at the start, and does not leave it
+            known = [x for x in left if not any((x[1] * arcs[x[0]].rate).entries()) and self.at_start(*x)]
+            for k, row in known:
+                self.zero[k].append(row.tolist()[0])
+            left = [x for x in left if not any(x is one for one in known)]
+        self.legs = []
+        for k, after in zip(self.timed, self.timed[1:] + self.timed[:1], strict=True):
+            rows = [[-v for v in row] for row in self.since(after)[1].tolist()[:m]] + self.zero[k][:1]
+            self.legs.append((arb_mat(arcs[k].rate), arb_mat(fmpq_mat(rows))))
+
+    def since(self, k):
+        """The last arc before that takes time, and the map from its end to the start of arc k."""
+        k, through = (k - 1) % len(self.arcs), self.arcs[k - 1].jump
+        while self.arcs[k].at_once:
+            k = (k - 1) % len(self.arcs)
+            through = through * self.arcs[k].jump
+        return k, through
+
+    def at_start(self, k, row):
+        """Whether a row is zero at the start of an arc."""
+        before, through = self.since(k)
+        return in_span(row * through, self.zero[before])
+
+    def starts(self, k, state):
+        """Of each guard the first derivative that is not zero by its row, and whether it rises; None where all are."""
+        out = []
+        for row in self.arcs[k].guards:
+            order, value = 0, (arb_mat(row) * state)[0, 0]
+            while not (value > 0 or value < 0) and order < row.ncols():
+                require(self.at_start(k, row), "a guard that may be on either side of zero behind an event")
+                row, order = row * self.arcs[k].rate, order + 1
+                value = (arb_mat(row) * state)[0, 0]
+            out.append((order, bool(value > 0)) if value > 0 or value < 0 else None)
+        return out
+
+    def equations(self, x, spread, sizes):
+        """Residual at x of closing leg by leg, guard and next start; derivative over a box of that spread in sizes."""
+        n, k = len(x), self.size
+        A, r = [[arb(0)] * n for _ in range(n)], []
+        for at, (rate, rows) in zip(range(0, n, k), self.legs, strict=True):
+            after, v = (at + k) % n, [*x[at : at + k - 1], fmpq(1)]
+            flow = (rate * arb(x[at + k - 1])).exp()
+            r += (rows * (flow * arb_mat(k, 1, [arb(y) for y in v]))).entries()
+            flow = flow * (rate * ball(0, spread * sizes[-1])).exp()
+            wide = arb_mat(k, 1, [*(ball(y, spread * s) for y, s in zip(v, sizes[:-1], strict=False)), arb(1)])
+            block, by_time = (rows * flow).tolist(), (rows * (rate * (flow * wide))).entries()
+            for j in range(k):
+                line = [*block[j][: k - 1], by_time[j]]
+                A[at + j][at : at + k] = [y * arb(s) for y, s in zip(line, sizes, strict=True)]
+                if j < k - 1:
+                    A[at + j][after + j] += arb(sizes[j])
+                    r[at + j] += arb(x[after + j])
+        return arb_mat(n, 1, r), arb_mat(A)
+
+    def holds_one(self, x, spread, sizes):
+        """Whether Krawczyk's operator maps a box about x into its inside: it holds exactly one solution."""
+        residual, derivative = self.equations(x, fmpq(0), sizes)
+        Y = arb_mat([[v.mid() for v in row] for row in derivative.inv().tolist()])
+        away = Y * self.equations(x, spread, sizes)[1] - arb_mat(len(x), len(x), 1)
+        reach = [sum((abs(v) for v in row), arb(0)) * arb(spread) for row in away.tolist()]
+        return all(abs(y) + c < arb(spread) for y, c in zip((Y * residual).entries(), reach, strict=True))
+
+    def stays_below(self, k, start, duration, weights):
+        """No guard rises on an arc before its own: Taylor polynomials in Bernstein form, piece by piece."""
+        arc, rate = self.arcs[k], arb_mat(self.arcs[k].rate)
+        starts, m = self.starts(k, start), len(weights)
+        require(duration > 0 and not any(s and s[1] for s in starts), "an event that happens at once")
+        sizes = [[abs(v) * w for v, w in zip(row[:m], weights, strict=True)] for row in rate.tolist()[:m]]
+        growth = max([arb(2) ** -40] + [(sum(s, arb(0)) / w).upper() for s, w in zip(sizes, weights, strict=True)])
+        end, ends = (rate * duration).exp() * start, [in_span(row, self.zero[k]) for row in arc.guards]
+
+        def below(g, state, length, order, last):
+            """Whether a guard over a power of the time since a piece's start (left until the event) lies below zero."""
+            state, length, order = (end, -length, 1) if last and ends[g] else (state, length, order)
+            row, reach = arb_mat(arc.guards[g]), growth * abs(length)
+            high = sum((abs(v) * w for v, w in zip(row.entries()[:m], weights, strict=True)), arb(0))
+            fast = max((abs(v) / w).upper() for v, w in zip((rate * state).entries()[:m], weights, strict=True))
+            rest, c = high * fast / growth * reach**TERMS / fmpz.fac_ui(fmpz(TERMS)) * reach.exp(), []
+            for j in range(TERMS):
+                c.append((row * state)[0, 0])
+                row = row * rate * (length / (j + 1))
+            c, d = c[order:], TERMS - order - 1
+            share = [[fmpq(fmpz.bin_uiui(i, j), fmpz.bin_uiui(d, j)) for j in range(i + 1)] for i in range(d + 1)]
+            return all(sum((y * s for y, s in zip(c, row, strict=False)), rest) < 0 for row in share)
+
+        left = [(start, duration, [g for g, s in enumerate(starts) if s], True, True, 0)]
+        while left:
+            state, length, guards, first, last, depth = left.pop()
+            if growth * length < REACH:
+                guards = [g for g in guards if not below(g, state, length, first * starts[g][0], last)]
+            if guards:
+                require(depth < HALVINGS, "an event that may happen earlier")
+                middle = (rate * (length / 2)).exp() * state
+                left.append((middle, length / 2, guards, False, last, depth + 1))
+                left.append((state, length / 2, guards, first, False, depth + 1))
+        self.follow(k, arb_mat(arc.jump) * end)
+
+    def follow(self, k, state):
+        """Events without delay behind an arc: each guard has been passed, and none that is due before it."""
+        k = (k + 1) % len(self.arcs)
+        while self.arcs[k].at_once:
+            arc, starts = self.arcs[k], self.starts(k, state)
+            due = [(s[0] != 0 or arc.on_rates[g], g) for g, s in enumerate(starts) if s and s[1]]
+            require(due and min(due)[1] == arc.fired, "an event without delay that is not the first one due")
+            state, k = arb_mat(arc.jump) * state, (k + 1) % len(self.arcs)
+
+
+def verify(document):
+    """What a certificate proves: of how many events the orbit is, its period, the box in which there is no other."""
+    require(document["statement"] == STATEMENT, "another statement")
+    text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
+    require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    evidence = document["evidence"]
+    x, sizes, weights = (rationals([evidence[name]]).entries() for name in ("solution", "sizes", "weights"))
+    (radius, box), k = rationals([[evidence["radius"], evidence["box"]]]).entries(), len(sizes)
+    orbit = Orbit([Arc(e, k - 1) for e in document["loop"]["arcs"]], k - 1)
+    fits = len(x) == k * len(orbit.timed) and len(weights) == (k - 1) * len(orbit.timed)
+    require(fits and min(sizes + weights) > 0 and 0 < radius <= box, "a box that is none")
+    with ctx.workprec(BITS):
+        alone = all(orbit.holds_one(x, size, sizes) for size in (box, radius))
+        require(alone, "a box that is not proved to hold one orbit")
+        for i, arc in enumerate(orbit.timed):
+            *start, duration = (ball(v, radius * s) for v, s in zip(x[i * k : i * k + k], sizes, strict=True))
+            state = arb_mat(k, 1, [*start, arb(1)])
+            orbit.stays_below(arc, state, duration, [arb(w) for w in weights[i * (k - 1) : (i + 1) * (k - 1)]])
+    period = [str(sum(x[k - 1 :: k], sign * radius * sizes[-1] * len(orbit.timed))) for sign in (-1, 1)]
+    claim = {"events": len(orbit.arcs), "period": period, "box": evidence["box"]}
+    require(document["claim"] == claim, f"it claims {document['claim']}, its evidence shows {claim}")
+    return claim
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps({"accepted": True, "claim": verify(json.load(open(0)))}))
+    except (Refused, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        print(json.dumps({"accepted": False, "why": str(error) or type(error).__name__}))
+        raise SystemExit(1) from None
