@@ -84,7 +84,7 @@ def test_rows_hold_every_method_with_its_time(original: epp.Ladder) -> None:
 
 def test_plain_data_is_json(original: epp.Ladder) -> None:
     data: dict[str, Any] = json.loads(json.dumps(original.to_dict()))
-    assert data["agreement"] == "agree" and data["oscillations"] == 1 and len(data["probes"]) == 5
+    assert data["agreement"] == "rough" and data["oscillations"] == 1 and len(data["probes"]) == 5
     assert data["simulation"]["status"] == "limit_cycle"
 
 
