@@ -21,9 +21,9 @@ from tests.wrong_arguments import calls, doors, outcome
 #: Results are what functions return; nobody makes them, and they check nothing.
 RESULTS = {
     "Boundary", "Branch", "Case", "Certificate", "CertifiedOrbit", "Check", "CycleSearch", "Design", "DesignBounds",
-    "Diagnosis", "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
-    "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability", "PeriodicResponse",
-    "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
+    "Diagnosis", "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification",
+    "Ladder", "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability",
+    "PeriodicResponse", "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
     "Trajectory", "Trigger",
 }  # fmt: skip
 BASES = {

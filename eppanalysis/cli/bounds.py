@@ -150,7 +150,7 @@ def bounds_columns(result: DesignBounds) -> Table:
 
 
 def _show(case: Case, result: DesignBounds) -> None:
-    from eppanalysis.tables.console import bounds_table
+    from eppanalysis.tables.designs import bounds_table
 
     if result.own:
         typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")

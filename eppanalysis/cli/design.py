@@ -96,7 +96,7 @@ def design(
 
 
 def _show(case: Case, result: Design) -> None:
-    from eppanalysis.tables.console import design_table
+    from eppanalysis.tables.designs import design_table
 
     print_table(design_table(result))
     typer.echo(result.sentence)

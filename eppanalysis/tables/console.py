@@ -7,22 +7,19 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.table import Table
 
-from eppanalysis.methods.bounds.result import Finding
 from eppanalysis.readable import ROUNDING, at_rest, percent, readable, signed_percent, with_unit
+from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
     import pandas
 
     from eppanalysis.cases import Case
     from eppanalysis.diagnose.result import Diagnosis
-    from eppanalysis.methods.bounds.result import DesignBounds
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
     from eppanalysis.methods.comparison.ladder import Ladder
-    from eppanalysis.methods.design.result import Design
     from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse
     from eppanalysis.methods.margins.result import Margins
     from eppanalysis.methods.search.trigger import Trigger
@@ -38,7 +35,7 @@ _BEYOND = (
 
 def parameters_table(case: Case) -> Table:
     """Every value of a case with where it comes from."""
-    table = _table("field", "value", "from", "note", numbers=False)
+    table = table_of("field", "value", "from", "note", numbers=False)
     for name, parameter in case.parameters.items():
         table.add_row(name, str(parameter), parameter.mark, parameter.note)
     return table
@@ -46,10 +43,10 @@ def parameters_table(case: Case) -> Table:
 
 def rest_table(run: Trajectory) -> Table:
     """Where each signal rests."""
-    table = _table("signal", "rests at")
+    table = table_of("signal", "rests at")
     for name, value in run.settled_at.items():
         unit, factor = readable(run.units.get(name, ""))
-        table.add_row(with_unit(name, unit), _number(at_rest(value) * factor))
+        table.add_row(with_unit(name, unit), cell(at_rest(value) * factor))
     return table
 
 
@@ -58,7 +55,7 @@ def margins_table(margins: Mapping[str, Any]) -> Table:
 
     Gain and disk margins are factors, crossovers in rad/s.
     """
-    table = _table("margin", f"cut at {margins['at']}" if "at" in margins else "value")
+    table = table_of("margin", f"cut at {margins['at']}" if "at" in margins else "value")
     for name, value in margins.items():
         if isinstance(value, float):
             table.add_row(name.replace("_", " "), _margin(name, value))
@@ -70,7 +67,7 @@ def margins_table(margins: Mapping[str, Any]) -> Table:
 
 def all_margins_table(found: Sequence[Margins]) -> Table:
     """Margins at several places, a column each."""
-    table = _table("margin", *(f"cut at {one.at}" for one in found))
+    table = table_of("margin", *(f"cut at {one.at}" for one in found))
     for name in found[0].numbers():
         table.add_row(name.replace("_", " "), *(_margin(name, one.numbers()[name]) for one in found))
     table.add_row("linearised loop", *(_STABLE[one.stable] for one in found))
@@ -90,7 +87,7 @@ def certificate_table(found: Certificate) -> Table:
     """Roots that are proved, and boxes that are undecided, one a row; amplitudes in SI units."""
     if not found.roots and not found.undecided:
         return sentence_table(found.message)
-    table = _table("proved", "amplitude", "angular frequency")
+    table = table_of("proved", "amplitude", "angular frequency")
     for root in found.roots:
         table.add_row("one root", f"{root.amplitude[0]:.12g}", f"{root.omega[0]:.12g} rad/s")
     for left in found.undecided:
@@ -120,14 +117,14 @@ _STABLE = {True: "stable", False: "unstable", None: "not decided"}
 def _margin(name: str, value: float) -> str:
     """A margin or a crossover in the unit that people read."""
     if name == "phase_margin":
-        return f"{_number(math.degrees(value))} deg" if math.isfinite(value) else _number(value)
+        return f"{cell(math.degrees(value))} deg" if math.isfinite(value) else cell(value)
     unit = {"delay_margin": " s"}.get(name, " rad/s" if name.endswith("crossover") else "")
-    return f"{_number(value)}{unit if math.isfinite(value) else ''}"
+    return f"{cell(value)}{unit if math.isfinite(value) else ''}"
 
 
 def certified_orbit_table(orbit: CertifiedOrbit) -> Table:
     """What is proved of a cycle, and below the table the statement, with the reason for what is not decided."""
-    table = _table("of the cycle", "proved")
+    table = table_of("of the cycle", "proved")
     table.add_row("period", f"{orbit.period:.12g} s")
     table.add_row("known to", f"{orbit.radius:.1g} of its size")
     table.add_row("alone within", f"{orbit.unique_within:.1g} of its size")
@@ -143,17 +140,17 @@ def forced_table(found: ForcedResponse) -> Table:
     """Responses to one sine, a column each: period, stability, and of every signal its size and its component at the
     input's frequency.
     """
-    table = _table("response", *(str(i) for i in range(1, len(found) + 1)))
+    table = table_of("response", *(str(i) for i in range(1, len(found) + 1)))
     table.add_row("periods of the input", *(str(one.multiple) for one in found))
     table.add_row("stability", *("stable" if one.stable else "unstable" for one in found))
-    table.add_row("largest multiplier", *(_number(one.largest_multiplier) for one in found))
+    table.add_row("largest multiplier", *(cell(one.largest_multiplier) for one in found))
     for name in found[0].cycle.peak_to_peak:
         unit, factor = readable(found[0].cycle.units.get(name, ""))
         table.add_row(
-            with_unit(f"{name} peak to peak", unit), *(_number(factor * one.cycle.peak_to_peak[name]) for one in found)
+            with_unit(f"{name} peak to peak", unit), *(cell(factor * one.cycle.peak_to_peak[name]) for one in found)
         )
         gains = [one.response(name) for one in found]
-        table.add_row(f"{name} gain", *(_number(abs(gain)) for gain in gains))
+        table.add_row(f"{name} gain", *(cell(abs(gain)) for gain in gains))
         table.add_row(f"{name} phase [deg]", *(_phase(gain) for gain in gains))
     return table
 
@@ -161,43 +158,43 @@ def forced_table(found: ForcedResponse) -> Table:
 def candidates_table(found: Diagnosis) -> Table:
     """The candidates of a diagnosis, one a row, likeliest first."""
     columns = ("candidate", "probability", "misfit", "free", "period [s]", "size (95 % interval), or why not")
-    table = _table(*columns, numbers=False)
+    table = table_of(*columns, numbers=False)
     for e in found:
         about = "; ".join(text for text in (e.sizes(), e.note) if text)
-        table.add_row(e.called, f"{e.probability:.3f}", _number(e.misfit), str(e.freedom), _number(e.period), about)
+        table.add_row(e.called, f"{e.probability:.3f}", cell(e.misfit), str(e.freedom), cell(e.period), about)
     return table
 
 
 def special_responses_table(found: FrequencyResponse) -> Table:
     """Folds and other special points of all branches, one a row."""
     unit, factor = readable(found.units.get(found.input, ""))
-    table = _table("at", "frequency [Hz]", with_unit("amplitude", unit), "gain", "phase [deg]")
+    table = table_of("at", "frequency [Hz]", with_unit("amplitude", unit), "gain", "phase [deg]")
     for branch in found.branches:
         for s in branch.special:
             size = f"{factor * s.amplitude:.7g}"
-            table.add_row(s.kind, f"{s.frequency:.7g}", size, _number(abs(s.response)), _phase(s.response))
+            table.add_row(s.kind, f"{s.frequency:.7g}", size, cell(abs(s.response)), _phase(s.response))
     return table
 
 
 def _phase(gain: complex) -> str:
     """Phase in degrees; what is rounding of zero is zero."""
-    return _number(round(math.degrees(cmath.phase(gain)), 9) + 0.0)
+    return cell(round(math.degrees(cmath.phase(gain)), 9) + 0.0)
 
 
 def triggers_table(triggers: Sequence[Trigger]) -> Table:
     """The smallest disturbance of each kind that starts a cycle."""
-    table = _table("disturbed", "starts a cycle from", "largest tried")
+    table = table_of("disturbed", "starts a cycle from", "largest tried")
     for trigger in triggers:
         unit, factor = readable(trigger.unit)
         none = math.isnan(trigger.size)
-        size = "nothing tried starts one" if none else _number(trigger.size * factor)
-        table.add_row(with_unit(trigger.name, unit), size, _number(trigger.tried * factor))
+        size = "nothing tried starts one" if none else cell(trigger.size * factor)
+        table.add_row(with_unit(trigger.name, unit), size, cell(trigger.tried * factor))
     return table
 
 
 def provenance_table(facts: Mapping[str, Any]) -> Table:
     """Where a result comes from, one fact a row; parameters have a table of their own."""
-    table = _table("", "", numbers=False)
+    table = table_of("", "", numbers=False)
     for name, value in facts.items():
         if name == "parameters":
             continue
@@ -212,14 +209,14 @@ def provenance_table(facts: Mapping[str, Any]) -> Table:
 
 def sentence_table(text: str) -> Table:
     """A table that holds one sentence."""
-    table = _table("", numbers=False)
+    table = table_of("", numbers=False)
     table.add_row(text)
     return table
 
 
 def cases_table(cases: Sequence[Case]) -> Table:
     """Name, kind and title of cases."""
-    table = _table("name", "kind", "title", numbers=False)
+    table = table_of("name", "kind", "title", numbers=False)
     for case in cases:
         table.add_row(case.name, case.kind, case.title)
     return table
@@ -227,12 +224,12 @@ def cases_table(cases: Sequence[Case]) -> Table:
 
 def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
     """Signals down, cycles across: mean and peak-to-peak of each."""
-    table = _table("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
+    table = table_of("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
     stability = {True: "stable", False: "unstable", None: "stability unknown"}
     for label, values in (
         ("", [stability[c.stable] for c in cycles]),
-        ("frequency [Hz]", [_number(c.frequency) for c in cycles]),
-        ("period [s]", [_number(c.period) for c in cycles]),
+        ("frequency [Hz]", [cell(c.frequency) for c in cycles]),
+        ("period [s]", [cell(c.period) for c in cycles]),
         ("estimated error", [percent(c.error_estimate) for c in cycles]),
     ):
         table.add_row(label, *(cell for value in values for cell in (value, "")))
@@ -242,7 +239,7 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         unit, factor = readable(next((c.units[name] for c in cycles if name in c.units), ""))
         cells = []
         for c in cycles:
-            cells += [_number(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
+            cells += [cell(c.peak_to_peak.get(name, math.nan) * factor), _mean(c, name, factor)]
         table.add_row(with_unit(name, unit), *cells)
     if any(c.error_estimate > 1.0 for c in cycles):
         table.caption, table.caption_justify, table.caption_style = _BEYOND, "left", ""
@@ -255,24 +252,24 @@ def ladder_table(ladder: Ladder) -> Table:
     rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
     rests = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
     heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
-    table = _table("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
+    table = table_of("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
 
     def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
         last = [signed_percent(error)] if ladder.errors else []
         table.add_row(label, *cells, *([rest] if rests else []), *last)
 
-    paces = [_number(row.quantities["frequency"]) for row in rungs]
+    paces = [cell(row.quantities["frequency"]) for row in rungs]
     add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
     for name in ladder.run.signals:
         unit, factor = readable(ladder.run.units.get(name, ""))
         cycles = [row.cycle for row in rungs if row.cycle is not None]
         errors = ladder.errors.get(name, {})
-        spans = [_number(_span(c, name) * factor) for c in cycles]
+        spans = [cell(_span(c, name) * factor) for c in cycles]
         if not any(_span(c, name) > 0.0 for c in cycles):
             errors = {}  # of what stands still there is nothing to compare but rounding errors
         add(f"{with_unit(name, unit)} peak to peak", spans, "0", errors.get("peak_to_peak"))
         means = [_mean(c, name, factor) for c in cycles]
-        add("   mean", means, _number(at_rest(rests.get(name, math.nan)) * factor), errors.get("mean"))
+        add("   mean", means, cell(at_rest(rests.get(name, math.nan)) * factor), errors.get("mean"))
     return table
 
 
@@ -280,7 +277,7 @@ def rungs_table(ladder: Ladder) -> Table:
     """The rungs of every limit cycle below each other: period, size, errors against the exact cycle, time taken."""
     unit, factor = readable(ladder.run.units.get(ladder.signal, ""))
     size = with_unit(ladder.signal, unit) + " peak to peak"
-    table = _table("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
+    table = table_of("cycle", "method", "period [s]", size, "error of period", "error of size", "time [s]", "")
     table.columns[1].justify = table.columns[-1].justify = "left"
     numbers = [i for i in dict.fromkeys(row.exact for row in ladder.rows) if i is not None]
     for i in [*sorted(numbers), None]:
@@ -304,7 +301,7 @@ def _error(share: float | None) -> str:
 
 def frame_table(frame: pandas.DataFrame) -> Table:
     """A table of texts as it stands, each column folded at its unit."""
-    table = _table(*(name.replace(" [", "\n[") for name in frame.columns))
+    table = table_of(*(name.replace(" [", "\n[") for name in frame.columns))
     for row in frame.itertuples(index=False):
         table.add_row(*row)
     return table
@@ -326,7 +323,7 @@ class TruthTable:
             "exact",
             "first order",
         )
-        self.table = _table(*heads, numbers=False)
+        self.table = table_of(*heads, numbers=False)
         self.found: list[bool] = []
         self.from_paper = True
 
@@ -335,7 +332,7 @@ class TruthTable:
         expected, cycle = case.expected, ladder.run.limit_cycle
         stable = [i for i, c in enumerate(ladder.prediction or ()) if c.stable]
         chosen = [ladder.matched] if ladder.matched is not None else stable
-        predicted = ", ".join(_number(ladder.rows[i].quantities["frequency"]) for i in chosen) or "none"
+        predicted = ", ".join(cell(ladder.rows[i].quantities["frequency"]) for i in chosen) or "none"
         found = as_found(case, ladder)
         self.table.add_row(
             case.name,
@@ -345,7 +342,7 @@ class TruthTable:
             ladder.outcome,
             AS_FOUND[found],
             predicted,
-            _number(ladder.oscillations * cycle.frequency) if cycle else "none",
+            cell(ladder.oscillations * cycle.frequency) if cycle else "none",
             _exact_cycles(ladder),
             _first_sentences(ladder),
         )
@@ -357,107 +354,6 @@ class TruthTable:
         """How many cases came out as they must; empty where none says."""
         whom = "the paper found" if self.from_paper else "their sources say"
         return f"{sum(self.found)} of {len(self.found)} as {whom}." if self.found else ""
-
-
-def bounds_table(bounds: DesignBounds) -> Table:
-    """Bounds by every method, over the parameter that runs."""
-    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
-    if bounds.not_covered:
-        return _searched_bounds_table(bounds)
-    if bounds.allowed is not None:
-        return _sized_bounds_table(bounds)
-    proofs = any(c.proved is not None for c in bounds)
-    table = _table(
-        with_unit(bounds.over, x_unit),
-        with_unit("first order", y_unit),
-        "",
-        with_unit("harmonic balance", y_unit),
-        "",
-        "order",
-        with_unit("exact", y_unit),
-        "frequency [Hz]",
-        "verified",
-        *([with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")] if proofs else []),
-    )
-    for c in bounds:
-        proved = (
-            [_number(y * v) for v in (c.proved.free, c.proved.cycle)] if c.proved is not None else ["-"] * 2 * proofs
-        )
-        if c.finding is not Finding.BOUND:
-            table.add_row(_number(x * c.value), *["-"] * 6, "-", c.finding, *proved)
-            continue
-        tested = f"yes, {c.n_settled} runs" if c.verified else "no"
-        side = " unsafe" if c.first_order_unsafe else ""
-        table.add_row(
-            _number(x * c.value),
-            _number(y * c.first_order),
-            signed_percent(c.first_order_error) + side,
-            _number(y * c.harmonic),
-            signed_percent(c.harmonic_error),
-            str(c.order),
-            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
-            _number(c.frequency),
-            tested,
-            *proved,
-        )
-    return table
-
-
-def design_table(design: Design) -> Table:
-    """The optimum, and the front below it: the tuned parameters, what is active, and whether it is confirmed."""
-    names, over = list(design.tune), design.front_over
-    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + names]
-    table = _table(*heads, with_unit("first order", design.readable[design.objective][0]), "active", "confirmed")
-    rows = [("-", design.optimum), *((_number(design.readable[over][1] * v), o) for v, o in design.front)]
-    for place, best in rows:
-        shown = [f"{design.readable[n][1] * best.at[n]:.7g}" if best.feasible else "-" for n in names]
-        first_order = _number(design.readable[design.objective][1] * best.first_order)
-        active = (best.kind if best.kind != "end" else "own range") if best.feasible else "infeasible"
-        table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
-    return table
-
-
-def _searched_bounds_table(bounds: DesignBounds) -> Table:
-    """Bounds of a sampled loop: the last value without a cycle, and where one was found."""
-    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
-    heads = with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
-    table = _table(with_unit(bounds.over, x_unit), *heads, "frequency [Hz]", "values asked", "runs")
-    for c in bounds:
-        known = [_number(y * c.searched), _number(y * c.other_value), _number(c.frequency)]
-        shown = known if c.finding is Finding.BOUND else ["-", "-", c.finding]
-        table.add_row(_number(x * c.value), *shown, str(c.n_searched), str(c.n_runs))
-    return table
-
-
-def _sized_bounds_table(bounds: DesignBounds) -> Table:
-    """Bounds where a size is allowed, with what is active and the size of the stable cycle there."""
-    assert bounds.allowed is not None
-    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
-    table = _table(
-        with_unit(bounds.over, x_unit),
-        with_unit("first order", y_unit),
-        "",
-        with_unit("exact", y_unit),
-        "active",
-        f"{bounds.allowed.signal} there",
-        "frequency [Hz]",
-        "verified",
-    )
-    for c in bounds:
-        if c.finding is not Finding.BOUND:
-            table.add_row(_number(x * c.value), *["-"] * 6, c.finding)
-            continue
-        table.add_row(
-            _number(x * c.value),
-            _number(y * c.first_order),
-            signed_percent(c.first_order_error) + (" unsafe" if c.first_order_unsafe else ""),
-            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
-            c.kind or "-",
-            bounds.allowed.text(c.size) if math.isfinite(c.size) else "-",
-            _number(c.frequency),
-            f"yes, {c.n_settled} runs" if c.verified else "no",
-        )
-    return table
 
 
 #: How a table says whether the run did what it must.
@@ -496,22 +392,4 @@ def _span(cycle: LimitCycle, name: str) -> float:
 def _mean(cycle: LimitCycle, name: str, factor: float) -> str:
     """A mean in readable units; what is left of a mean of zero after summation is not worth its digits."""
     span, mean = cycle.peak_to_peak.get(name, math.nan), cycle.mean.get(name, math.nan)
-    return _number(mean * factor if abs(mean) > 1e-9 * span else 0.0)
-
-
-def _table(*columns: str, numbers: bool = True) -> Table:
-    """An empty table; its columns after the first hold numbers, or texts."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="right" if numbers and i else "left", overflow="fold")
-    return table
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _number(value: Any) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    return f"{value:.4g}" if _is_number(value) else str(value)
+    return cell(mean * factor if abs(mean) > 1e-9 * span else 0.0)

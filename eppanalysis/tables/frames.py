@@ -18,7 +18,7 @@ from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.results import LimitCycle, Trajectory
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.tables import console
+from eppanalysis.tables import console, designs
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -147,8 +147,8 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (Case, console.parameters_table),
     (Ladder, console.ladder_table),
     (Trajectory, _run),
-    (DesignBounds, console.bounds_table),
-    (Design, console.design_table),
+    (DesignBounds, designs.bounds_table),
+    (Design, designs.design_table),
     (Provenance, _made_by),
     (Margins, lambda found: console.all_margins_table([found])),
     (Certificate, console.certificate_table),

@@ -13,7 +13,8 @@ from eppanalysis.models.systems.absorbed import with_gains
 
 ELEMENTS = [
     epp.Play(0.7), epp.JumpAndFollow(1.0, 0.4, 2.0), epp.Saturation(-1.0, 2.0, 3.0), epp.DeadZone(-0.2, 0.5, 1.5),
-    epp.Quantiser(0.25, 8), epp.Coulomb(0.8), epp.Relay(-1.5, 1.0, 0.2), epp.Preload(0.4, 2.0), epp.HysteresisRelay(0.5, 1.0),
+    epp.Quantiser(0.25, 8), epp.Coulomb(0.8), epp.Relay(-1.5, 1.0, 0.2), epp.Preload(0.4, 2.0),
+    epp.HysteresisRelay(0.5, 1.0),
 ]  # fmt: skip
 
 
@@ -40,7 +41,8 @@ def test_sizes_that_are_ratios_or_zero_stay():
 
 def test_gains_take_the_place_of_elements_as_in_margins():
     loop = epp.LureSystem.from_blocks(
-        [epp.Saturation(-1.0, 1.0, 2.0), ([3.0], [1.0, 2.0, 5.0]), epp.Play(1.0), ([1.0], [0.3, 1.0]), epp.Quantiser(0.1, 9)]
+        [epp.Saturation(-1.0, 1.0, 2.0), ([3.0], [1.0, 2.0, 5.0]), epp.Play(1.0), ([1.0], [0.3, 1.0]),
+         epp.Quantiser(0.1, 9)]
     )  # fmt: skip
     closed = with_gains(loop, {i: e.linear_gain() for i, e in enumerate(loop.elements)})
     assert closed.elements == ()

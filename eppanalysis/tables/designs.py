@@ -1,0 +1,115 @@
+"""Bounds and designs to tables on the console, in the units that people read."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.readable import signed_percent, with_unit
+from eppanalysis.tables.cells import cell, table_of
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.bounds.result import DesignBounds
+    from eppanalysis.methods.design.result import Design
+
+
+def bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds by every method, over the parameter that runs."""
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    if bounds.not_covered:
+        return _searched_bounds_table(bounds)
+    if bounds.allowed is not None:
+        return _sized_bounds_table(bounds)
+    proofs = any(c.proved is not None for c in bounds)
+    table = table_of(
+        with_unit(bounds.over, x_unit),
+        with_unit("first order", y_unit),
+        "",
+        with_unit("harmonic balance", y_unit),
+        "",
+        "order",
+        with_unit("exact", y_unit),
+        "frequency [Hz]",
+        "verified",
+        *([with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")] if proofs else []),
+    )
+    for c in bounds:
+        proved = [cell(y * v) for v in (c.proved.free, c.proved.cycle)] if c.proved is not None else ["-"] * 2 * proofs
+        if c.finding is not Finding.BOUND:
+            table.add_row(cell(x * c.value), *["-"] * 6, "-", c.finding, *proved)
+            continue
+        tested = f"yes, {c.n_settled} runs" if c.verified else "no"
+        side = " unsafe" if c.first_order_unsafe else ""
+        table.add_row(
+            cell(x * c.value),
+            cell(y * c.first_order),
+            signed_percent(c.first_order_error) + side,
+            cell(y * c.harmonic),
+            signed_percent(c.harmonic_error),
+            str(c.order),
+            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
+            cell(c.frequency),
+            tested,
+            *proved,
+        )
+    return table
+
+
+def design_table(design: Design) -> Table:
+    """The optimum, and the front below it: the tuned parameters, what is active, and whether it is confirmed."""
+    names, over = list(design.tune), design.front_over
+    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + names]
+    table = table_of(*heads, with_unit("first order", design.readable[design.objective][0]), "active", "confirmed")
+    rows = [("-", design.optimum), *((cell(design.readable[over][1] * v), o) for v, o in design.front)]
+    for place, best in rows:
+        shown = [f"{design.readable[n][1] * best.at[n]:.7g}" if best.feasible else "-" for n in names]
+        first_order = cell(design.readable[design.objective][1] * best.first_order)
+        active = (best.kind if best.kind != "end" else "own range") if best.feasible else "infeasible"
+        table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
+    return table
+
+
+def _searched_bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds of a sampled loop: the last value without a cycle, and where one was found."""
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    heads = with_unit("no cycle found", y_unit), with_unit("cycle found", y_unit)
+    table = table_of(with_unit(bounds.over, x_unit), *heads, "frequency [Hz]", "values asked", "runs")
+    for c in bounds:
+        known = [cell(y * c.searched), cell(y * c.other_value), cell(c.frequency)]
+        shown = known if c.finding is Finding.BOUND else ["-", "-", c.finding]
+        table.add_row(cell(x * c.value), *shown, str(c.n_searched), str(c.n_runs))
+    return table
+
+
+def _sized_bounds_table(bounds: DesignBounds) -> Table:
+    """Bounds where a size is allowed, with what is active and the size of the stable cycle there."""
+    assert bounds.allowed is not None
+    (x_unit, x), (y_unit, y) = (bounds.readable[name] for name in (bounds.over, bounds.limit))
+    table = table_of(
+        with_unit(bounds.over, x_unit),
+        with_unit("first order", y_unit),
+        "",
+        with_unit("exact", y_unit),
+        "active",
+        f"{bounds.allowed.signal} there",
+        "frequency [Hz]",
+        "verified",
+    )
+    for c in bounds:
+        if c.finding is not Finding.BOUND:
+            table.add_row(cell(x * c.value), *["-"] * 6, c.finding)
+            continue
+        table.add_row(
+            cell(x * c.value),
+            cell(y * c.first_order),
+            signed_percent(c.first_order_error) + (" unsafe" if c.first_order_unsafe else ""),
+            f"{y * c.exact:.7g}" if math.isfinite(c.exact) else "-",
+            c.kind or "-",
+            bounds.allowed.text(c.size) if math.isfinite(c.size) else "-",
+            cell(c.frequency),
+            f"yes, {c.n_settled} runs" if c.verified else "no",
+        )
+    return table
