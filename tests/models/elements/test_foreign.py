@@ -109,7 +109,7 @@ MEMORYLESS = [
     epp.Tanh(1.0, 2.0), epp.Arctan(1.0), epp.Sine(1.0), epp.Drag(1.0), epp.Friction(0.4), epp.ViscousCoulomb(0.4, 0.1),
     epp.StribeckFriction(1.0, 1.5, 0.2, 0.1), epp.Polynomial([0.0, 1.0, 0.0, 0.5]), epp.Preload(1.0, 1.0),
     epp.LookupTable([-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0]), epp.MidRiseQuantiser(0.1, 10), epp.Coulomb(0.5),
-    epp.PiecewiseLinear([-1.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]), epp.DeadZoneSaturation(0.2, 1.0),
+    epp.PiecewiseLinear([-1.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]), epp.DeadZoneSaturation(0.2, 1.0, 2.0),
 ]  # fmt: skip
 
 
