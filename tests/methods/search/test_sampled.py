@@ -9,9 +9,12 @@ import pytest
 import scipy.linalg
 
 import eppanalysis as epp
+from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
+from eppanalysis.methods.search.locked import _Search
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import trigger
+from eppanalysis.models.systems.sampled.strobe import Strobe
 from tests.sampled_relay import sampled_relay
 
 DEAD, T = 0.16, 0.5
@@ -77,3 +80,19 @@ def test_a_cycle_that_is_not_listed_is_called_unknown(case: epp.Case, found: Cyc
     starts = np.array([found[0].state, 0.0 * found[0].state])
     assert basin(case, nothing, starts).ends.tolist() == [UNKNOWN, REST]
     assert basin(case, found, starts).ends.tolist() == [0, REST]
+
+
+@pytest.mark.slow
+def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
+    """Its cycles are those of the same servo without samples, of which an independent study found three."""
+    case = epp.case("azimuth_servo")
+    system = case.to_system()
+    hybrid = steady_hybrid(system, case.operating_point)
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    search = _Search(system, hybrid, strobe, ())
+    starts = search._starts()
+    for k in (0, 1, 10):
+        assert search._end_of(starts[k]) == "cycle as runs have it"
+    assert sorted(c.period for c in search.others) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
+    assert all(c.note.startswith("not locked to the samples") for c in search.others)
