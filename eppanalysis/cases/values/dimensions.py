@@ -167,7 +167,9 @@ def _contradicted(known: Sequence[_Fact], fact: _Fact) -> str:
     direct = [f for f in known if f.direct]
     wanted: dict[str, float] = {}
     wrong = False
-    for name in sorted({name for f in (*known, fact) for name in f.exponents}):
+    names = {name for f in (*known, fact) for name in f.exponents}
+    # A time or a rate is one whatever the signals are.
+    for name in sorted(names | ({"second"} if fact.role[:2] == RATIO[:2] else set())):
         here = fact.exponents.get(name, 0)
         found = _implied(direct if name == "radian" else known, fact.role, name)
         wanted[name] = here if found is None else found
@@ -177,7 +179,7 @@ def _contradicted(known: Sequence[_Fact], fact: _Fact) -> str:
     unit = unit_of(wanted)
     kind, example = KINDS.get(unit, (f"a quantity in {unit}", f"1 {unit}"))
     because = ", ".join(dict.fromkeys(f.field for f in known if f.field))
-    return f"{kind} such as {example!r}, to go with {because}"
+    return f"{kind} such as {example!r}" + (f", to go with {because}" if because else "")
 
 
 def _implied(known: Sequence[_Fact], role: Role, name: str) -> float | None:

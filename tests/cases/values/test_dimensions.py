@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import pint
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.errors import EppError
+from eppanalysis.errors import CaseError, EppError
 from eppanalysis.models.elements import ELEMENTS
 
 UNITS = pint.UnitRegistry()
@@ -132,3 +134,18 @@ def test_what_is_meant_needs_no_remark() -> None:
 def test_a_gap_of_more_than_a_turn_is_refused(value) -> None:
     with pytest.raises(EppError, match=r"lock_pin\.backlash is .*; expected at most 360 deg"):
         epp.case("fig8a_original").with_values({"lock_pin.backlash": value})
+
+
+@pytest.mark.parametrize(("fields", "words"), [
+    ('element = "first_order_reset"\npole = "2 mm"', "pole is '2 mm'; expected a frequency such as '2 Hz'"),
+    ('element = "first_order_reset"\npole = "50 %"', "pole is '50 %'; expected a frequency such as '2 Hz'"),
+    (
+        'element = "anti_windup_pid"\nkp = 2.0\nki = 1.0\ntracking_time = "400 mm"',
+        "tracking_time is '400 mm'; expected a time such as '1 ms'",
+    ),
+])  # fmt: skip
+def test_a_time_or_a_rate_is_one_whatever_the_signals_are(fields: str, words: str) -> None:
+    loop = 'kind = "loop"\ntitle = "t"\n[loop]\nnum = [1.0]\nden = [1, 1, 0]\n[[loop.elements]]\n'
+    text = f'{loop}{fields}\n[run]\nt_end = "1 s"\n'
+    with pytest.raises(CaseError, match=re.escape(words)):
+        epp.case_from_text(text)

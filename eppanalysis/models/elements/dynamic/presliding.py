@@ -33,7 +33,7 @@ _MOST_PANELS = 40
 
 
 @dataclass(frozen=True)
-class _Bristles(Nonlinearity):
+class DahlLaw(Nonlinearity):
     """From the velocity and the force to what drives the force; described by the velocity, for the fundamental."""
 
     n_inputs: ClassVar[int] = 2
@@ -179,7 +179,7 @@ class DahlFriction(Nonlinearity, kind="dahl_friction"):
             np.zeros((1, 1)), np.array([[self.stiffness, 0.0]]), np.array([[1.0], [0.0]]), np.diag([0.0, 1.0])
         )
         small = _Spring(PiecewiseLinear([], [1.0], [0.0]).automaton(), spring)
-        inside = _Bristles(self.stiffness, self.coulomb)
+        inside = DahlLaw(self.stiffness, self.coulomb)
         for name, part in {"own_states": force, "inside": inside, "small_signal": small}.items():
             object.__setattr__(self, name, part)
 

@@ -34,7 +34,7 @@ _SHORT = 1e-2
 
 
 @dataclass(frozen=True)
-class _Resetting(Nonlinearity):
+class ResetLaw(Nonlinearity):
     """From the input and the state of a reset element to what drives the state, its impulses included.
 
     Its describing function is that of the input, for the fundamental: behind it the state is what the element's own
@@ -137,7 +137,7 @@ class _Reset(Nonlinearity):
 
     def _set_parts(self, gain: float, pole: float) -> None:
         """Store the state, what drives it and the linear element; subclasses call it when their fields are valid."""
-        law = _Resetting(gain, pole)
+        law = ResetLaw(gain, pole)
         behind, through = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
         state = OwnStates(np.array([[-law.leak]]), np.array([[0.0, 1.0]]), behind, through)
         lag = OwnStates(
@@ -184,8 +184,8 @@ class _Reset(Nonlinearity):
         return self._law.automaton()
 
     @property
-    def _law(self) -> _Resetting:
-        assert isinstance(self.inside, _Resetting)
+    def _law(self) -> ResetLaw:
+        assert isinstance(self.inside, ResetLaw)
         return self.inside
 
 
