@@ -36,6 +36,8 @@ _CONSTANT = 1e-6
 _AROUND = 0.05
 #: Letters of a title that stand beside each other on an inch.
 _LETTERS = 13.0
+#: Characters in a line of small print below a panel.
+_NOTE_WIDTH = 84
 #: What a system is called that was given no name.
 _UNNAMED = "loop"
 
@@ -200,3 +202,10 @@ def root_figure(ax: Axes) -> Figure:
     while isinstance(figure, SubFigure):
         figure = figure.figure
     return figure
+
+
+def note_below(ax: Axes, text: str) -> None:
+    """Small print below a panel: what its picture does not show."""
+    lines = textwrap.fill(text.strip(), _NOTE_WIDTH)
+    place: dict[str, Any] = {"xytext": (0.0, -34.0), "textcoords": "offset points", "va": "top"}
+    ax.annotate(lines, (0.0, 0.0), xycoords="axes fraction", fontsize=6, color=GREY, **place)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of, with_name
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, note_below, place_of, with_name
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     runs = max((c.n_runs for c in bounds), default=0)
     circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": GREEN}
     if np.any(tested & verified):
-        text = f"all {runs} runs come to rest, no orbit"
+        text = f"all {'' if bounds.not_covered else f'{runs} '}runs come to rest, no orbit"
         if bounds.allowed is not None:
             text = f"all {runs} runs at rest or on cycles that are allowed"
         ax.plot(x[tested & verified], safe[tested & verified], **circle, markerfacecolor=GREEN, label=text)
@@ -96,8 +95,7 @@ def _draw_best(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -
         return
     line: dict[str, Any] = {"color": BLUE, "linewidth": 1.4, "linestyle": ":", "marker": "."}
     ax.plot(x, y_factor * bounds.array("searched"), **line, label="by search")
-    text = textwrap.fill(bounds.not_covered, 96)
-    ax.annotate(text, (0.0, -0.2), xycoords="axes fraction", fontsize=6, color=GREY, va="top")
+    note_below(ax, bounds.not_covered)
 
 
 def _draw_proofs(ax: Axes, x: np.ndarray, y_factor: float, bounds: DesignBounds) -> None:

@@ -22,6 +22,7 @@ from eppanalysis.plotting import (
     VERMILLION,
     chosen,
     label_of,
+    note_below,
     place_of,
     places_of,
     put_verdict,
@@ -75,9 +76,8 @@ def plot_branch(
             runs = x_factor * branch.simulated["value"], scale * branch.simulated[key]
             ax.plot(*runs, "x", color=GREEN, markersize=5, label="simulated")
             y = np.append(y, runs[1])
-        if branch.not_covered and ax is panels[0]:
-            text = textwrap.fill(branch.not_covered, 96)
-            ax.annotate(text, (0.0, 1.04), xycoords="axes fraction", fontsize=6, color=GREY, va="bottom")
+        if branch.not_covered and ax is panels[-1]:
+            note_below(ax, branch.not_covered)
         show_constant(ax, y)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
@@ -106,11 +106,13 @@ def _draw_branch(ax: Axes, branch: Branch, name: str, key: str, across: float, s
     """One curve of the diagram with its special points."""
     value, stable = across * branch.points["value"], branch.points["stable"]
     y = scale * branch.points[key]
+    ceases = [s.index for s in branch.special if s.kind == Change.SAMPLES]  # another cycle goes on from there
     for kind, colour, style in ((True, BLUE, "-"), (False, VERMILLION, "--")):
         # A piece belongs to the stability of its first point; the other kind leaves a gap.
         piece = (stable == kind) | np.append(False, stable[:-1] == kind)
         if np.any(piece):
-            ax.plot(value, np.where(piece, y, np.nan), style, color=colour, linewidth=1.4, label=STABILITY[kind])
+            line = np.insert(value, ceases, np.nan), np.insert(np.where(piece, y, np.nan), ceases, np.nan)
+            ax.plot(*line, style, color=colour, linewidth=1.4, label=STABILITY[kind])
     for special in branch.special:
         height = special.cycle.frequency if key == "frequency" else special.cycle.peak_to_peak[name]
         _mark_special(ax, special.kind, across * special.value, scale * height)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,18 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, place_of, root_figure, with_name
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILLION,
+    note_below,
+    place_of,
+    root_figure,
+    with_name,
+)
 from eppanalysis.readable import number, readable, with_unit, words
 
 if TYPE_CHECKING:
@@ -90,7 +100,7 @@ def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]
 
 def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     """Sizes of the disturbance on a line: how far none of those tried starts a cycle, and the one that just does."""
-    figure, ax = place_of(ax, (5.2, 1.8))
+    figure, ax = place_of(ax, (5.2, 2.6 if trigger.not_covered else 1.8))
     unit, factor = readable(trigger.unit)
     none = np.isnan(trigger.size)
     edge, end = factor * (trigger.tried if none else trigger.size), factor * trigger.tried
@@ -103,8 +113,7 @@ def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     ax.set_yticks([])
     ax.set_xlabel(with_unit(words(trigger.name), unit))
     if trigger.not_covered:
-        text = textwrap.fill(trigger.not_covered.strip(), 84)
-        ax.annotate(text, (0.0, -0.6), xycoords="axes fraction", fontsize=6, color=GREY, va="top")
+        note_below(ax, trigger.not_covered)
     ax.spines[["top", "right", "left"]].set_visible(False)
     ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure

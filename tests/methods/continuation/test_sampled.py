@@ -55,7 +55,7 @@ def test_what_it_does_not_cover_is_said_everywhere(branch: Branch) -> None:
     assert branch.to_dict()["not_covered"] == branch.not_covered and branch.status is epp.Status.NOT_CONVERGED
     (gap,) = branch.missing
     assert gap.high == 0.25 and gap.low == branch.special[-1].value
-    shown = " ".join(" ".join(t.get_text() for t in branch.plot().figure.axes[0].texts).split())
+    shown = " ".join(" ".join(t.get_text() for t in branch.plot().figure.axes[-1].texts).split())
     assert branch.not_covered in shown
     assert "samples" in branch.to_frame().columns
 
