@@ -268,7 +268,7 @@ def sampled_branch(
         strobe = Strobe.of(hybrid)
         if strobe is None:
             raise EppError(f"continue_branch: at {case.text(parameter, value)} nothing is sampled.")
-        return _Here(value, changed, system, hybrid, strobe)
+        return _Here(float(value), changed, system, hybrid, strobe)
 
     begin = _seed(case, parameter, at, ends, cycle)
     walk = _Walk(at, ends, n_points, max_step)

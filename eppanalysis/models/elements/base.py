@@ -219,7 +219,7 @@ class Nonlinearity(ABC):
         Examples
         --------
         >>> from eppanalysis.models.elements import DeadZone
-        >>> DeadZone(width=1.0)(3.0)
+        >>> DeadZone()(3.0)
         2.0
         """
         self._refuse_several()
