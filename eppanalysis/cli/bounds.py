@@ -161,32 +161,36 @@ def _show(case: Case, result: DesignBounds) -> None:
 
 def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
     """What the table says in words, and what is missing in it."""
-    from eppanalysis.methods.bounds.result import Finding
+    from eppanalysis.methods.bounds.result import UNTESTED, Finding
 
     if result.allowed is not None:
         yield f"Allowed is a stable limit cycle up to {result.allowed}."
-    n_good = sum(c.verified for c in result)
-    n_bounds = sum(c.finding is Finding.BOUND for c in result)
-    if result.not_covered:
-        yield str(result)
-    elif n_bounds:
-        margin = result.margin
-        yield f"{n_good} of {count(n_bounds, 'bound')} verified {100 * margin:g} % away from them on both sides."
-    yield from filter(None, [result.in_theorems])
-    known = [c for c in result if math.isfinite(c.first_order_error)]
-    if not known and (result.allowed is not None or result.not_covered):
-        n_bounds = 0
-    unsafe = [c for c in result if c.first_order_unsafe]
-    if unsafe:
-        worst = max(unsafe, key=lambda c: abs(c.first_order_error))
-        yield (
-            f"First order is on the unsafe side in {len(unsafe)} of them, by up to "
-            f"{100 * abs(worst.first_order_error):.3g} %."
-        )
-    elif n_bounds:
-        yield "First order is on the safe side in all of them."
+    yield from filter(None, [_tested(result), result.in_theorems, _first_order(result)])
     for cell in result:
         if result.active(cell):
             yield f"{result.over} {case.text(result.over, cell.value)}: {result.active(cell)}"
-        if cell.message and not (cell.finding is Finding.BOUND and cell.verified):
+        if cell.message not in ("", UNTESTED) and not (cell.finding is Finding.BOUND and cell.verified):
             yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"
+
+
+def _tested(result: DesignBounds) -> str:
+    """How many of the bounds were verified; of a sampled loop what they do not cover."""
+    from eppanalysis.methods.bounds.result import UNTESTED, Finding
+
+    if result.not_covered:
+        return str(result)
+    found = [c for c in result if c.finding is Finding.BOUND]
+    if found and all(c.message == UNTESTED for c in found):
+        return "No bound was tested (--no-verify)."
+    n_good, far = sum(c.verified for c in found), f"{100 * result.margin:g} %"
+    return f"{n_good} of {count(len(found), 'bound')} verified {far} away from them on both sides." if found else ""
+
+
+def _first_order(result: DesignBounds) -> str:
+    """On which side of the bounds first order lies; empty where none has both."""
+    unsafe = [c for c in result if c.first_order_unsafe]
+    if unsafe:
+        worst = max(abs(c.first_order_error) for c in unsafe)
+        return f"First order is on the unsafe side in {len(unsafe)} of them, by up to {100 * worst:.3g} %."
+    known = any(math.isfinite(c.first_order_error) for c in result)
+    return "First order is on the safe side in all of them." if known else ""

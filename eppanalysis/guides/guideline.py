@@ -318,6 +318,7 @@ def design_guide(
         "variants": {k: [str(v) for v in vs] for k, vs in (variants or {}).items()},
     }
     settings |= {"margins": given, "samples": samples, "starts": starts, "seed": seed}
+    settings |= {"tolerances": {name: str(width) for name, width in tolerances.items()}} if tolerances else {}
     made_by = Provenance("design guide", settings, case=case.provenance())
     return Guide(case, names, tuple(rows), given, provenance=made_by)
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import eppanalysis as epp
 from eppanalysis.cli import app
+from eppanalysis.cli.bounds import sentences as bounds_sentences
 from eppanalysis.guides.files import FILES
 from eppanalysis.guides.guideline import Guide, GuideRow
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
@@ -286,6 +287,14 @@ def test_a_question_without_a_bound_gets_a_sentence_and_no_failure() -> None:
     (cell,) = json.loads(shown.stdout, parse_constant=pytest.fail)["cases"][0]["result"]["cells"]
     assert cell["finding"] == "scales" and "no finite bound on it exists" in cell["message"]
     assert cell["bound"] is None and cell["message"].endswith(".")
+
+
+def test_bounds_that_were_not_to_be_tested_are_said_to_be_so_once() -> None:
+    case = epp.case("fig8a_original")
+    cell = BoundCell(2.5 * LBF, "bound", exact=0.98 * DEGREE, harmonic=0.98 * DEGREE, message="Not verified.")
+    found = bounds_of(case, "bands.range", "lock_pin.backlash", cell)
+    said = list(bounds_sentences(case, found))
+    assert "No bound was tested (--no-verify)." in said and not any("verified" in text for text in said)
 
 
 def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn,
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds.proved import proved_sides
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Turn
+from eppanalysis.methods.bounds.result import UNTESTED, BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds.searched import Asking, is_by_search, searched_cell
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
@@ -485,7 +485,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
         orbit=bound.cycle,
     )
     if test is None:
-        return replace(cell, message="Not verified.")
+        return replace(cell, message=UNTESTED)
     facts: dict[str, Any] = {
         "safe_value": test.safe_value,
         "other_value": test.other_value,

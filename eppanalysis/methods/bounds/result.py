@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
+#: What is said of a bound of which no test was asked for.
+UNTESTED = "Not verified."
 
 
 class Finding(StrEnum):
