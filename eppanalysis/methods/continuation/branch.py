@@ -31,6 +31,7 @@ from eppanalysis.methods.continuation.steps import (
     make_point,
     other_sequence,
     point_at,
+    regular,
     signal_ranges,
     step,
 )
@@ -278,7 +279,7 @@ class Walk:
         points, ds = [point], 0.25 * self.max_step
         while len(points) < n_points:
             new = step(points[-1], ds)
-            lost = astray(points[-1], new)
+            lost = astray(points[-1], new) or (new is not None and not regular(new))
             if lost and ds > LEAST_STEP:
                 ds *= 0.3
                 continue

@@ -28,6 +28,8 @@ _STILL = 1e-11
 _NOISE = 1e-6
 #: Largest predicted bend of the branch over a step, relative to the step.
 _GENTLE = 0.1
+#: A period that is this many times as long after a step is none: what dies out with time has vanished to rounding.
+_MOST_LONGER = 10.0
 #: A step along a branch is not made shorter than this; one that turns the direction by more than this is lost.
 LEAST_STEP, _MOST_BEND = 1e-6, 0.4
 
@@ -188,7 +190,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             orbit = evaluate_at(family, like.event_sequence, float(u[-1]), y, u[m:-1], like)
         except (EppError, ModelError):
             return None
-        if not orbit.residual < 1e3:
+        if not (orbit.residual < 1e3 and orbit.period < _MOST_LONGER * point.orbit.period):
             return None
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)
@@ -331,6 +333,14 @@ def other_sequence(inside: Point, outside: Point) -> tuple[Point | None, bool]:
 def astray(point: Point, new: Point | None) -> bool:
     """Whether a step from a point has lost the branch."""
     return new is None or bend(point, new) > _MOST_BEND
+
+
+def regular(point: Point) -> bool:
+    """Whether the orbit has multipliers: where an element's input no longer moves as it switches, it has none."""
+    try:
+        return bool(np.all(np.isfinite(point.multipliers)))
+    except np.linalg.LinAlgError:
+        return False
 
 
 def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:

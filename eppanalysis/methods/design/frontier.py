@@ -143,7 +143,7 @@ class Frontier:
                 if bound is None:
                     continue
                 if bound.kind is Turn.END:
-                    return ExactBound(message=self._none_free())
+                    return self._beyond(here)
                 if self.sign * (grows - bound.value) < 0:
                     break
                 self.families.append([Known(other, value, cycle, bound.value)])
@@ -156,8 +156,15 @@ class Frontier:
             return ExactBound(message=f"motions grow without bound at {self.question.limit} = {grows:.6g}")
         return ExactBound(wanted, kind=Turn.END)
 
-    def _none_free(self) -> str:
-        return f"cycles exist over the whole range of {self.question.limit}"
+    def _beyond(self, here: Question) -> ExactBound:
+        """The bound where cycles exist down to the safe end: the wanted one, if it is free itself."""
+        wanted, name = self.ends[1], self.question.limit
+        search = find_limit_cycles(here.case_at(wanted))
+        if any(self.allowed is None or self.allowed.exceeded_by(c) for c in search):
+            return ExactBound(message=f"cycles exist at both ends of the range of {name}")
+        if search.left_open or search.diverges:
+            return ExactBound(message=f"the search leaves runs undecided at {name} = {wanted:.6g}")
+        return ExactBound(wanted, kind=Turn.END)
 
     def _places(self, here: Question) -> Iterator[float]:
         """Where cycles are searched for: around the bound of first order, then over the range, the wanted end last."""

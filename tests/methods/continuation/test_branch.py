@@ -304,3 +304,20 @@ def test_branches_and_gaps_make_up_the_range(seed: int) -> None:
     missing = np.any([(g.low < x) & (x < g.high) for g in left] or [np.zeros(x.size, bool)], axis=0)
     assert np.array_equal(covered, ~missing)
     assert all(g.why for g in left)
+
+
+def test_a_cycle_whose_switch_comes_ever_later_is_followed_to_the_end_and_no_further():
+    """A thermostat whose upper threshold comes to where the oven cools down to: at 0.2, and never beyond."""
+    loop = epp.Diagram(
+        parts={
+            "thermostat": epp.HysteresisRelay(lower=0.0, upper=0.19, low=0.0, high=1.0),
+            "oven": epp.blocks.TransferFunction(num=[4.0], den=[60.0, 1.0]),
+            "late": epp.blocks.DeadTime(delay=5.0),
+        },
+        connect=["setpoint - oven -> thermostat", "thermostat -> late", "late -> oven"],
+        inputs={"setpoint": 0.2},
+    )
+    branch = epp.continue_branch(loop.to_system(), "thermostat.upper", 0.19, 0.3, n_others=0)
+    assert branch.ends[1] == "ends where no orbit continues it" and not branch.status.ok
+    assert 0.1999 < branch.points["value"].max() < 0.2
+    assert np.all(np.diff(branch.points["period"]) > 0) and branch.points["period"][-1] > 500
