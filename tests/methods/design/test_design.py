@@ -154,6 +154,14 @@ def test_options_are_read() -> None:
             read(text)
 
 
+def test_a_free_end_is_the_optimum_though_cycles_exist_at_the_other() -> None:
+    """A relay with a dead zone oscillates while its threshold is below 1.59 (5/2 times 2/pi), not above."""
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0))
+    name = "relaydeadzone.threshold"
+    found = epp.design(loop, {name: (1.0, 4.0)}, maximise=name, verify=False)
+    assert found.optimum.at == {name: 4.0} and found.optimum.kind == "end"
+
+
 def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
     best = Optimum({"lock_pin.backlash": 0.01}, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
     readable = {"lock_pin.backlash": ("deg", 180 / np.pi)}
