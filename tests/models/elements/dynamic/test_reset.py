@@ -232,3 +232,15 @@ def test_values() -> None:
     ):
         with pytest.raises(ModelError, match=words):
             make()
+
+
+def test_without_another_nonlinearity_a_loop_grows_or_decays_from_a_gain_on() -> None:
+    """It is homogeneous; first order puts the gain at 2.143, where the fundamental balances three lags."""
+    sizes = []
+    for gain in (2.0, 2.1):
+        loop = epp.LureSystem.from_tf(([gain], [1.0, 3.0, 3.0, 1.0]), epp.CleggIntegrator(1.0))
+        x = np.abs(epp.simulate(loop, t_end=200.0).signals["x"])
+        half = len(x) // 2
+        sizes.append(x[half + half // 2 :].max() / x[half : half + half // 2].max())
+        assert len(epp.predict_limit_cycles(loop)) == 0
+    assert sizes[0] < 0.95 and sizes[1] > 1.01
