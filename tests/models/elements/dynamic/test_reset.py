@@ -244,3 +244,21 @@ def test_without_another_nonlinearity_a_loop_grows_or_decays_from_a_gain_on() ->
         sizes.append(x[half + half // 2 :].max() / x[half : half + half // 2].max())
         assert len(epp.predict_limit_cycles(loop)) == 0
     assert sizes[0] < 0.95 and sizes[1] > 1.01
+
+
+def test_a_ball_that_bounces_has_impulses_of_its_own() -> None:
+    """Any element may have them: the speed turns back by a share at the floor, so flights shorten by that share."""
+    share, gravity = 0.8, 9.81
+    build = epp.AutomatonBuilder(n_inputs=2)
+    flies = build.mode("flies")
+    build.guard("bounces", flies, flies, on_input=[-1.0, 0.0], impulse=[0.0, -(1.0 + share)])
+    speed = epp.OwnStates(
+        np.zeros((1, 1)), np.array([[0.0, 1.0]]), np.array([[0.0], [1.0], [1.0]]),
+        np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]), rate=np.array([-gravity]),
+    )  # fmt: skip
+    ball = epp.AutomatonElement(build.build(), speed)
+    loop = epp.LureSystem.build([[0.0]], [[1.0]], [[1.0]], [ball], x0=[1.0], element_names=["ball"])
+    run = epp.simulate(loop, t_end=3.0)
+    fall = np.sqrt(2.0 / gravity)
+    expected = fall * (1.0 + 2.0 * np.cumsum(share ** np.arange(6)) - 2.0)
+    np.testing.assert_allclose([e.time for e in run.events][:6], expected, rtol=1e-12)
