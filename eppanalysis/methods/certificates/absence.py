@@ -8,6 +8,7 @@ from typing import Any
 
 from eppanalysis.methods.certificates import check_absence
 from eppanalysis.methods.certificates.check_absence import Refused, added, criterion, positive, rational, sector, times
+from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
 Polynomial = list[Fraction]
@@ -156,8 +157,8 @@ def _positive_roots(p: Polynomial) -> list[Fraction]:
     found = []
     roots: list[Any] = poly.complex_roots()
     for root, _ in roots:
-        mantissa, exponent = root.real.mid().man_exp()
-        value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+        middle = middle_of(root.real)
+        value = Fraction(int(middle.p), int(middle.q))
         if value > 0 and root.imag.contains(0):
             found.append(value)
     return found

@@ -175,10 +175,10 @@ def verify(document):
     evidence = document["evidence"]
     x, sizes, weights = (rationals([evidence[name]]).entries() for name in ("solution", "sizes", "weights"))
     (radius, box), k = rationals([[evidence["radius"], evidence["box"]]]).entries(), len(sizes)
-    orbit = Orbit([Arc(e, k - 1) for e in document["loop"]["arcs"]], k - 1)
-    fits = len(x) == k * len(orbit.timed) and len(weights) == (k - 1) * len(orbit.timed)
-    require(fits and min(sizes + weights) > 0 and 0 < radius <= box, "a box that is none")
     with ctx.workprec(BITS):
+        orbit = Orbit([Arc(e, k - 1) for e in document["loop"]["arcs"]], k - 1)
+        fits = len(x) == k * len(orbit.timed) and len(weights) == (k - 1) * len(orbit.timed)
+        require(fits and min(sizes + weights) > 0 and 0 < radius <= box, "a box that is none")
         alone = all(orbit.holds_one(x, size, sizes) for size in (box, radius))
         require(alone, "a box that is not proved to hold one orbit")
         for i, arc in enumerate(orbit.timed):

@@ -6,6 +6,7 @@ import math
 from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 from eppanalysis.errors import EppError
 
@@ -64,6 +65,14 @@ def coefficient_of(value: Fraction) -> Fraction:
         if abs(near - value) <= _ROUNDING * abs(value):
             return near
     return Fraction(f"{float(value):.15g}")
+
+
+def middle_of(ball: Any) -> Any:
+    """The middle of a ball (arb) exactly, as a rational (fmpq)."""
+    from flint import fmpq
+
+    mantissa, exponent = ball.mid().man_exp()
+    return fmpq(mantissa) * fmpq(2) ** int(exponent)
 
 
 def simplest_between(low: Fraction, high: Fraction) -> Fraction:

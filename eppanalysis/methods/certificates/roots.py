@@ -15,6 +15,7 @@ from flint import fmpq
 
 from eppanalysis.methods.certificates import check_roots
 from eppanalysis.methods.certificates.check_roots import Balance, leaves, within
+from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
 #: Amplitude from, to [unit of the input], angular frequency from, to [rad/s].
@@ -108,16 +109,10 @@ class _Search:
             found = self.balance.krawczyk((place[0], place[0], place[1], place[1]))
             if not found:
                 return None
-            place = (place[0] - _exact(found[0][0]), place[1] - _exact(found[1][0]))
+            place = (place[0] - middle_of(found[0][0]), place[1] - middle_of(found[1][0]))
             if not (near[0] < place[0] < near[1] and near[2] < place[1] < near[3] and part[0] < place[0] < part[1]):
                 return None
         return place
-
-
-def _exact(ball: Any) -> fmpq:
-    """The middle of a ball as a rational."""
-    mantissa, exponent = ball.mid().man_exp()
-    return fmpq(mantissa) * fmpq(2) ** int(exponent)
 
 
 def _share(side: tuple[fmpq, ...]) -> fmpq:

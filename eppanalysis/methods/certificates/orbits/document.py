@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.orbits.axes import rational_of
 from eppanalysis.methods.certificates.orbits.guards import weights_of
 from eppanalysis.methods.certificates.orbits.path import ExactPath, Stage
@@ -29,8 +30,8 @@ def document_of(name: str, path: ExactPath, shooting: Shooting, enclosure: Enclo
     columns = shooting.columns[: path.m + 1]
     legs = zip(enclosure.starts, enclosure.durations, strict=True)
     x = [v for start, duration in legs for v in (*start.entries()[: path.m], duration)]
-    solution, sizes = [_exactly(v) for v in x], [rational_of(float(c)) for c in columns]
-    radius = _exactly(enclosure.radius * _ROOM)
+    solution, sizes = [middle_of(v) for v in x], [rational_of(float(c)) for c in columns]
+    radius = middle_of(enclosure.radius * _ROOM)
     period = sum(solution[path.m :: path.m + 1], solution[0] * 0)
     off = radius * sizes[-1] * len(path.timed)
     box = rational_of(float(enclosure.unique_within))
@@ -79,11 +80,3 @@ def _weights(path: ExactPath, arc: int, scale: np.ndarray) -> list[Any]:
 
 def _rows(matrix: Any) -> list[list[str]]:
     return [[str(v) for v in row] for row in matrix.tolist()]
-
-
-def _exactly(ball: Any) -> Any:
-    """The middle of a ball, exactly (fmpq)."""
-    from flint import fmpq
-
-    mantissa, exponent = ball.mid().man_exp()
-    return fmpq(mantissa) * fmpq(2) ** int(exponent)
