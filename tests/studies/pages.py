@@ -43,10 +43,12 @@ WIDE = """
   };
   const name = (node) => node.tagName.toLowerCase() + (node.className && node.className.trim
     ? '.' + node.className.trim().split(/\\s+/).join('.') : '');
-  return [...document.querySelectorAll('article *')].filter((node) => {
+  const whole = document.documentElement.scrollWidth;
+  const parts = [...document.querySelectorAll('article *')].filter((node) => {
     const box = node.getBoundingClientRect();
     return box.width > 0 && box.right > width + 1 && !hidden(node);
   }).slice(0, 3).map((node) => `${name(node)} to ${Math.round(node.getBoundingClientRect().right)} px`);
+  return whole > width + 1 && !parts.length ? [`the page, ${whole} px`] : parts;
 }
 """
 
