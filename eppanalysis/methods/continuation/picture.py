@@ -84,8 +84,8 @@ def plot_branch(
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
     handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
-    texts = [textwrap.fill(text, 48) for text in handles]
-    above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 3, "frameon": False}
+    texts = [textwrap.fill(text, 36) for text in handles]
+    above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.45, 1.0), "ncols": 2, "frameon": False}
     panels[0].legend(handles.values(), texts, fontsize=8, **(above if given is None else {}))
     return figure
 
