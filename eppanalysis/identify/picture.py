@@ -69,7 +69,7 @@ def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abs
     below.axhline(0.0, color=GREY, linewidth=0.6)
     below.plot(x, factor * np.asarray(panel["residual"]), ".", **style)
     top.set_ylabel(with_unit(role, unit))
-    below.set_ylabel("residual", fontsize=8)
+    below.set_ylabel(with_unit("residual", unit), fontsize=8)
     below.set_xlabel(with_unit(abscissa, x_unit))
     top.tick_params(labelbottom=False)
     for ax in (top, below):
