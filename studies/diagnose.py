@@ -24,6 +24,7 @@ from eppanalysis.diagnose import explained
 from eppanalysis.diagnose.candidates import Candidates, candidates_of
 from eppanalysis.diagnose.record import oscillation_of, record_of
 from eppanalysis.models.systems.subject import standing
+from studies import STORED
 
 Array = NDArray[np.float64]
 
@@ -357,7 +358,8 @@ def judged(mechanism: str, found: epp.Diagnosis, size: float) -> tuple[str, bool
 def rows(records: int = RECORDS) -> Iterator[dict[str, object]]:
     """For every mechanism how its records were judged."""
     for mechanism in ALL:
-        ends, inside = Counter(), []
+        ends: Counter[str] = Counter()
+        inside: list[bool] = []
         for number in range(records):
             found, size = diagnosed(mechanism, number)
             end, holds = judged(mechanism, found, size)
@@ -365,7 +367,11 @@ def rows(records: int = RECORDS) -> Iterator[dict[str, object]]:
             inside += [holds] if holds is not None else []
             if end != "right":
                 print(mechanism, number, end, found, file=sys.stderr)
-        yield {"mechanism": mechanism, **ends, "interval holds": f"{sum(inside)} of {len(inside)}"}
+        yield {
+            "mechanism": mechanism,
+            **{str(end): count for end, count in ends.items()},
+            "interval holds": f"{sum(inside)} of {len(inside)}",
+        }
 
 
 def shipped_record() -> str:
@@ -379,10 +385,27 @@ def shipped_record() -> str:
     return "\n".join(lines) + "\n"
 
 
+_COLUMNS = ("right", "cannot be told", "unexplained", "wrong among several", "wrong", "interval holds")
+
+
+def table(found: list[dict[str, object]]) -> str:
+    """The rows as a table of the page."""
+    lines = [f"| mechanism | {' | '.join(_COLUMNS)} |", f"| --- {'| --- ' * len(_COLUMNS)}|"]
+    for row in found:
+        lines.append(f"| {row['mechanism']} | {' | '.join(str(row.get(name, 0)) for name in _COLUMNS)} |")
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
-    Path("cases/measured/tank_level.csv").write_text(shipped_record(), encoding="utf-8")
+    record = Path("cases/measured/tank_level.csv")
+    record.write_text(shipped_record(), encoding="utf-8")
+    picture = epp.diagnose(epp.case("level_valve"), record).plot().figure
+    picture.savefig(STORED / "diagnose.png", dpi=150, metadata={"Software": None})
+    found = []
     for row in rows(int(sys.argv[1]) if len(sys.argv) > 1 else RECORDS):
         print(row, flush=True)
+        found.append(row)
+    (STORED / "diagnose.md").write_text(table(found), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -237,7 +237,8 @@ def _show_diagnosis(found: Case, result: Diagnosis, settings: list[str]) -> None
     for note in result.record.notes:
         typer.echo(note)
     typer.secho(f"{result.headline()}.", bold=True)
-    typer.echo(str(result))
+    detail = str(result).removeprefix(f"{result.headline()}: ")
+    typer.echo(f"{detail[:1].upper()}{detail[1:]}")
     print_table(candidates_table(result))
     for name, why in result.left_out.items():
         typer.echo(f"{name} {why}.")

@@ -20,6 +20,16 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
+#: What people call the mechanism of an element, by its kind, where that says it in other words.
+_MECHANISMS = {
+    "play": "backlash",
+    "lock_pin": "backlash",
+    "nordin_shaft": "backlash",
+    "jump_and_follow": "stiction",
+    "stiction_pulley": "stiction",
+    "rate_limiter": "rate limit",
+    "rate_limited_servo": "rate limit",
+}
 #: Candidates that are no elements.
 LINEAR, DISTURBANCE = "linear instability", "external disturbance"
 
@@ -82,7 +92,7 @@ class Explanation(PlainData):
     @property
     def called(self) -> str:
         """Name, and in brackets what it is where the name does not say it."""
-        kind = words(self.kind)
+        kind = _MECHANISMS.get(self.kind, words(self.kind))
         return self.name if kind in words(self.name) else f"{self.name} ({kind})"
 
     def sizes(self) -> str:
@@ -196,7 +206,7 @@ class Diagnosis(Result):
         """What becomes of the oscillation with the size of what is named."""
         if self.verdict is not Verdict.NAMED or not self.named[0].in_proportion:
             return ""
-        return " The oscillation is in proportion to it: a smaller one makes it smaller, and none is without."
+        return " The oscillation is in proportion to it: a smaller one makes less of it, none ends it."
 
     def remedies(self) -> list[str]:
         """What to ask next of each candidate that is named, with the command that answers it."""

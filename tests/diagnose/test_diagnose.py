@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.diagnose import explained
+from eppanalysis.diagnose.candidates import Candidates, candidates_of
+from eppanalysis.diagnose.record import oscillation_of, record_of
 from eppanalysis.errors import EppError
 from studies.diagnose import ALIKE, MECHANISMS, diagnosed, judged
 
@@ -17,7 +20,7 @@ PLANT = ([5.0], [1.0, 1.0, 0.0])
 @cache
 def played(size: float = 1.0) -> dict[str, np.ndarray]:
     """A record of play in a servo, with noise."""
-    (cycle,) = epp.find_limit_cycles(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0))).stable
+    (cycle,) = servo()[0].families[0].cycles()
     t, rng = np.linspace(0.0, 50.0, 1500), np.random.default_rng(11)
     omega = 2 * np.pi / cycle.period
     found = {"time": t}
@@ -25,6 +28,19 @@ def played(size: float = 1.0) -> dict[str, np.ndarray]:
         y = size * sum(np.real(a * np.exp(1j * k * omega * t)) for k, a in enumerate(c[:15]))
         found[name] = y + 0.02 * np.std(y) * rng.normal(size=t.size)
     return found
+
+
+@cache
+def servo() -> tuple[Candidates, epp.LureSystem]:
+    """The loop with play alone; its cycles are sought once."""
+    loop = epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0))
+    return candidates_of(loop, epp.OperatingPoint.of(loop)), loop
+
+
+def said(given: dict[str, np.ndarray], model_error: float = 0.02) -> epp.Diagnosis:
+    """The diagnosis of a record of this loop."""
+    record = record_of(given, {"x": "", "y": ""})
+    return explained(*servo(), record, oscillation_of(record), model_error)
 
 
 @pytest.mark.parametrize("mechanism", ["saturation", "rate limit"])
@@ -50,8 +66,7 @@ def test_two_elements_that_explain_a_record_alike_cannot_be_told(mechanism):
 
 
 def test_an_interval_narrows_with_a_better_model():
-    loop = epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0))
-    found = [epp.diagnose(loop, played(0.4), model_error=error) for error in (0.05, 0.02, 0.005)]
+    found = [said(played(0.4), error) for error in (0.05, 0.02, 0.005)]
     for one, error in zip(found, (0.05, 0.02, 0.005), strict=True):
         value, low, high = one[0].fields["gap"]
         assert low < 0.8 < high and value == pytest.approx(0.8, rel=0.01)
@@ -60,7 +75,7 @@ def test_an_interval_narrows_with_a_better_model():
 
 
 def test_a_loop_that_runs_ten_times_as_fast_is_told_the_same():
-    slow = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), played())
+    slow = said(played())
     fast = epp.diagnose(
         epp.LureSystem.from_tf(([500.0], [1.0, 10.0, 0.0]), epp.Play(gap=2.0)),
         {**played(), "time": 0.1 * played()["time"]},
@@ -79,16 +94,16 @@ def test_a_loop_that_is_not_in_proportion_is_tried_size_by_size():
         inputs=["target"],
         signals={"x": "motor", "y": "gear"},
     )
-    at_rest = epp.diagnose(loop, played(0.3))
+    at_rest = said(played(0.3))
     moved = epp.diagnose(loop, played(0.3), operating_point={"target": 0.7})
     assert at_rest[0].in_proportion and not moved[0].in_proportion
-    assert at_rest.names == moved.names == ("gear",)
+    assert at_rest.names == ("play",) and moved.names == ("gear",)
     assert moved[0].fields["gap"] == pytest.approx(at_rest[0].fields["gap"], rel=0.01)
 
 
 def test_a_waveform_that_no_candidate_has_stays_unexplained():
     t = np.linspace(0.0, 60.0, 2000)
-    found = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), {"time": t, "x": np.sign(np.sin(1.1 * t))})
+    found = said({"time": t, "x": np.sign(np.sin(1.1 * t))})
     assert found.verdict == "unexplained" and found.names == ()
     assert str(found).startswith("None of the candidates explains it")
 
@@ -96,7 +111,7 @@ def test_a_waveform_that_no_candidate_has_stays_unexplained():
 def test_a_sine_from_outside_is_no_cycle_of_the_loop():
     t = np.linspace(0.0, 60.0, 2000)
     noise = 0.02 * np.random.default_rng(2).normal(size=t.size)
-    found = epp.diagnose(epp.LureSystem.from_tf(PLANT, epp.Play(gap=2.0)), {"time": t, "x": np.sin(0.9 * t) + noise})
+    found = said({"time": t, "x": np.sin(0.9 * t) + noise})
     assert found.names == ("external disturbance",)
 
 

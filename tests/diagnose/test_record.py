@@ -79,7 +79,10 @@ def test_time_may_begin_anywhere_and_scale():
 REFUSED = {
     "holds 2.5 periods": lambda t: {"time": t, "x": np.sin(2 * np.pi * 2.5 * t / t[-1])},
     "does not move": lambda t: {"time": t, "x": np.full(t.size, 3.0)},
-    "expected an oscillation that repeats": lambda t: {"time": t, "x": np.random.default_rng(0).normal(size=t.size)},
+    "expected an oscillation that repeats": lambda t: {
+        "time": t,
+        "x": np.sin(5.0 * t) + 3.0 * np.random.default_rng(0).normal(size=t.size),
+    },
     "did you mean 'angle'": lambda t: {"time": t, "angl": t},
     "has no 'time'": lambda t: {"angle": t},
     "grow from sample to sample": lambda t: {"time": t[::-1], "x": t},
