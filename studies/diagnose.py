@@ -370,7 +370,7 @@ def rows(records: int = RECORDS) -> Iterator[dict[str, object]]:
         yield {
             "mechanism": mechanism,
             **{str(end): count for end, count in ends.items()},
-            "interval holds": f"{sum(inside)} of {len(inside)}",
+            "interval holds": f"{sum(inside)} of {len(inside)}" if inside else "-",
         }
 
 
