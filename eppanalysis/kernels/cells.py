@@ -14,8 +14,9 @@ from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.engine.run import run
 from eppanalysis.kernels.engine.workspace import PAUSED
 from eppanalysis.kernels.filling import fill
+from eppanalysis.kernels.growth import acts_late, grows
 from eppanalysis.kernels.simd.tuples import by_address, rows
-from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict
+from eppanalysis.kernels.verdict import CYCLE, GROWS, SETTLED, UNDECIDED, verdict
 
 SAMPLES = 512
 
@@ -67,8 +68,23 @@ def run_cells(
             continue
         low, high = workspace.low, workspace.high
         kind = verdict(
-            buffer.t, buffer.guard, buffer.x, buffer.v, count, t_end, low, high, workspace.rate, compared, found
+            buffer.t,
+            buffer.guard,
+            buffer.x,
+            buffer.v,
+            count,
+            t_end,
+            low,
+            high,
+            workspace.rate,
+            compared,
+            acts_late(model),
+            found,
         )
+        if kind == UNDECIDED and grows(
+            model, buffer.t, buffer.guard, buffer.x, buffer.v, count, t_end, x, workspace.rate, compared
+        ):
+            kind = GROWS
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]

@@ -6,7 +6,7 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 
-UNDECIDED, SETTLED, CYCLE = 0, 1, 2
+UNDECIDED, SETTLED, CYCLE, GROWS = 0, 1, 2, 3
 #: A cycle is accepted when its extrapolated limit is this close, relative to its own size.
 CYCLE_TOLERANCE = 1e-3
 #: A state is at rest when its rate moves it by less than this in the time since the last switch, relative to its
@@ -25,7 +25,7 @@ ADD_UP = 0.5
 
 
 @njit(**KERNEL)
-def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, found):
+def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, late, found):
     """UNDECIDED, SETTLED or CYCLE from the buffer of the last events.
 
     Parameters
@@ -38,6 +38,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         Least and greatest values of the state on the way; its rate at the end.
     compared : bool array (n,)
         States that must repeat.
+    late : bool
+        Whether elements act late: then rates at events must repeat, too, for they show what is on its way.
     found : array (4,)
         Filled with: events in a period, period, change of the state over the last period relative to the cycle's size,
         and the same extrapolated to all periods to come.
@@ -62,7 +64,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
     last = ev_t[(count - 1) % keep] if count > 0 else 0.0
     for p in range(1, kept // 3 + 1):
         # Rounding may move a large state across a switch and back: switches that repeat at one instant are no period.
-        if _repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
+        if repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
             local = np.zeros(n)
             _range(ev_t, ev_x, ev_v, count, keep, p, local)
             since = max(quiet, ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep])
@@ -72,6 +74,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
                     vanished = False
             if vanished:
                 return SETTLED
+            if late and _rates_to_change(ev_v, count, keep, p, compared) > CYCLE_TOLERANCE:
+                continue
             d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
             rest_change = _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding)
             if rest_change > STANDING:
@@ -123,7 +127,7 @@ def _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     """
     ratio = 0.0
     for part in range(1, p // 2 + 1):
-        if p % part == 0 and _repeats(ev_guard, count, keep, part):
+        if p % part == 0 and repeats(ev_guard, count, keep, part):
             turns = p // part
             first = last = total = 0.0
             for k in range(turns):
@@ -143,7 +147,7 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
     after several periods.
     """
     for part in range(1, p // 2 + 1):
-        if p % part == 0 and _repeats(ev_guard, count, keep, part):
+        if p % part == 0 and repeats(ev_guard, count, keep, part):
             now = _change(ev_t, ev_x, count, 0, keep, part, local, size, compared)
             before = _change(ev_t, ev_x, count, p, keep, part, local, size, compared)
             if now < 0.02 and (now < 0.5 * before or now <= STANDING):
@@ -152,7 +156,31 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
 
 
 @njit(**PART)
-def _repeats(ev_guard, count, keep, p):
+def _rates_to_change(ev_v, count, keep, p, compared):
+    """What the rates at events will change in all periods to come, by a geometric series; 1e300 where it grows."""
+    now = _rates_change(ev_v, count - 1, keep, p, compared)
+    before = _rates_change(ev_v, count - 1 - p, keep, p, compared)
+    if now <= STANDING:
+        return now
+    return max(now, now * now / (before - now)) if now < before else 1e300
+
+
+@njit(**PART)
+def _rates_change(ev_v, last, keep, p, compared):
+    """Largest change of the rates at events over the period up to one, relative to the largest rate in it."""
+    worst = 0.0
+    for i in range(compared.size):
+        size = change = 0.0
+        for k in range(p):
+            now, before = ev_v[(last - k) % keep, i], ev_v[(last - k - p) % keep, i]
+            size, change = max(size, abs(now)), max(change, abs(now - before))
+        if compared[i] and size > 0.0:
+            worst = max(worst, change / size)
+    return worst
+
+
+@njit(**PART)
+def repeats(ev_guard, count, keep, p):
     """Whether the last three stretches of p events are the same."""
     for k in range(2 * p):
         if ev_guard[(count - 1 - k) % keep] != ev_guard[(count - 1 - k - p) % keep]:

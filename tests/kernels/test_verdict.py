@@ -20,7 +20,7 @@ def judged(drift: float, growth: float, decay: float, turns: int) -> tuple[int, 
     found, compared = np.zeros(4), np.ones(1, dtype=bool)
     low, high = states.min(axis=0), states.max(axis=0)
     t = 0.5 * (k + 1.0)
-    code = verdict(t, k % 2, states, rates, k.size, float(t[-1]), low, high, rates[-1], compared, found)
+    code = verdict(t, k % 2, states, rates, k.size, float(t[-1]), low, high, rates[-1], compared, False, found)
     return int(code), found
 
 

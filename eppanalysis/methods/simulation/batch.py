@@ -50,7 +50,7 @@ _ENDS = {
     Status.EVENT_LIMIT: "stopped early at too many events",
     Status.NOT_CONVERGED: "failed",
 }
-_VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE)
+_VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGED)
 
 
 @dataclass(frozen=True, eq=False)

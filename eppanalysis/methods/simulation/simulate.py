@@ -228,6 +228,7 @@ def run_hybrid(
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
     """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change."""
+    from eppanalysis.kernels.growth import acts_late, grows
     from eppanalysis.kernels.verdict import verdict
 
     found = np.zeros(4)
@@ -248,6 +249,7 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         run.high,
         run.rate_end,
         hybrid.compared,
+        acts_late(hybrid.model),
         found,
     )
     if _VERDICTS[int(code)] is Status.LIMIT_CYCLE:
@@ -256,6 +258,11 @@ def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
         moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
         if is_rounding(hybrid, states, run.memory_values[last], moves):
             return Status.SETTLED, np.zeros(4)
+    if _VERDICTS[int(code)] is Status.UNDECIDED and grows(
+        hybrid.model, run.time, run.guard, run.state, run.rate, run.count, t_end, run.x_end, run.rate_end,
+        hybrid.compared,
+    ):  # fmt: skip
+        return Status.DIVERGED, found
     return _VERDICTS[int(code)], found
 
 
