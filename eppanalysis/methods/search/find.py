@@ -278,10 +278,13 @@ class _Search(Ends):
         )
 
     def _pasts(self) -> str:
-        """From which pasts no run was begun."""
+        """From which pasts no run was begun, and which cycles were no seeds."""
         if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
             return ""
-        return " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed."
+        return (
+            " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed. "
+            "Predictions leave out fast modes of a dead time (their own sentence says which), so these are no seeds."
+        )
 
     def _left(self) -> str:
         """Sentence on the starts and basin boundaries that were left out."""
