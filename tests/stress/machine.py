@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 #: Tolerances for all loops, and those for a second look: samples are interpolated, to less than steps are exact.
 OPTIONS = Options(rtol=1e-11, atol=1e-13, max_events=1500)
 TIGHTEST = Options(rtol=1e-13, atol=1e-15, max_events=1500)
+#: After so many dead times a change of the past is smoother than the integrator's order.
+_ECHOES = 8
 
 
 class _Run:
@@ -48,7 +50,7 @@ class Machine(Loop):
         names = list(system.input_names)
         self.breakpoints = sorted((s.time, names.index(n), s.size) for n, s in steps.items())
         self.past: list[tuple[float, float, Any, Any]] = []
-        self.borders: list[float] = []
+        self.borders: list[tuple[float, int]] = []
 
     def external(self, t: float) -> tuple[Array, Array]:
         """The inputs as they are now: they change at borders only."""
@@ -105,16 +107,17 @@ class Machine(Loop):
         while t < times[-1]:
             stop = min([times[-1], *[k[0] for k in self.breakpoints[:1] if k[0] > t], *self._border_after(t)])
             t, x, label = self._piece(mode, (t, x, stop), pending, out)
+            stepped = bool(self.breakpoints) and self.breakpoints[0][0] <= t
+            if self.delay:
+                self._echo(t, label is not None or stepped)
             if label is not None:
                 x, mode = self.switch(t, x, mode, label)
                 run.events.append((t, label))
                 _check_progress(run.events, self.options)
-            elif self.breakpoints and self.breakpoints[0][0] <= t:
+            elif stepped:
                 mode = self.breakpoint(t, x, mode)
             else:
                 mode = self.settle(t, x, mode)
-            if self.delay:
-                self._echo(t)
         while pending:
             pending.pop(0)
             out.append(x)
@@ -126,17 +129,18 @@ class Machine(Loop):
         mode = self.start()
         self.first = Loop.solve(self, 0.0, self.system.x0, mode)[1]
         if self.delay:
-            self.borders.append(self.delay)
+            self.borders.append((self.delay, 1))
         return self.settle(0.0, self.system.x0, mode)
 
     def _border_after(self, t: float) -> list[float]:
-        later = [b for b in self.borders if b > t + 1e-13]
-        return [min(later)] if later else []
+        return sorted(b for b, _ in self.borders if b > t + 1e-13)[:1]
 
-    def _echo(self, t: float) -> None:
-        """What changes at a border changes again one dead time later, more faintly: a few echoes are enough."""
-        if sum(1 for b in self.borders if b > t) < 60:
-            self.borders.append(t + self.delay)
+    def _echo(self, t: float, changed: bool) -> None:
+        """What changes now changes again one dead time later, one order smoother each time."""
+        turns = 0 if changed else min((k for b, k in self.borders if abs(b - t) <= 1e-13), default=_ECHOES)
+        self.borders = [border for border in self.borders if border[0] > t + 1e-13]
+        if turns < _ECHOES:
+            self.borders.append((t + self.delay, turns + 1))
 
     def _piece(
         self, mode: Any, start: tuple[float, Array, float], pending: list[float], out: list[Array]
