@@ -24,10 +24,6 @@ RESULTS = {
     "Diagnosis", "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification",
     "Ladder", "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability",
     "PeriodicResponse", "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
-    "Diagnosis",
-    "Event", "FoldCurve", "ForcedResponse", "FrequencyResponse", "FrozenLoop", "Guide", "Identification", "Ladder",
-    "LimitCycle", "ManualTable", "Margins", "MeasuredCycle", "OnsetPoint", "OrbitStability", "PeriodicResponse",
-    "PlayCertificate", "Prediction", "Proof", "RationalModel", "ResponseBranch", "Status", "ToleranceBound",
     "Trajectory", "Trigger",
 }  # fmt: skip
 BASES = {
