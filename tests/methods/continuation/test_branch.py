@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -113,7 +113,8 @@ def test_change_of_structure_is_not_interpolated():
 def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
     """A servo with play, whose cycle is born with an infinite period at k = 2.077624."""
     loop = epp.LureSystem.from_tf(([2.1], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=1.0))
-    branch = epp.continue_branch(loop, "loop.gain", 1.0, 0.95, n_points=60, max_step=0.08, n_others=0)
+    cycle = epp.simulate(replace(loop, x0=np.array([0.156, 0.0, -13.2])), t_end=400.0).limit_cycle
+    branch = epp.continue_branch(loop, "loop.gain", 1.0, 0.95, cycle=cycle, n_points=60, max_step=0.08)
     (end,) = branch.special
     assert end.kind == "infinite period" and 2.1 * end.value == pytest.approx(2.077624, rel=5e-7)
     assert branch.points["period"][-1] > 3 * branch.points["period"][0]
