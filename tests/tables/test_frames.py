@@ -11,7 +11,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search.trigger import Trigger
-from eppanalysis.tables.console import rungs_table
+from eppanalysis.tables.console import ladder_table, rungs_table
 from tests.synthetic import cycle, prediction, trajectory
 
 
@@ -75,3 +75,18 @@ def test_provenance_leaves_the_parameters_to_their_own_table():
 def test_what_has_no_table_is_refused(what):
     with pytest.raises(EppError, match="table: there is none of"):
         epp.table(what)
+
+
+def test_of_a_signal_that_stands_still_no_size_is_shown():
+    """A setpoint of 5 deg had a peak to peak of 1e-13 deg, and its mean an error of -21 % of that."""
+    ladder = epp.ladder(epp.case("relay_ideal_khalil79"))
+    rounded = {"peak_to_peak": 1.7e-15, "fundamental": -1.0, "mean": -0.21}
+
+    def still(cycle):
+        return replace(cycle, peak_to_peak={**cycle.peak_to_peak, "y": 1.7e-15}, mean={**cycle.mean, "y": 0.087})
+
+    rows = tuple(replace(row, cycle=row.cycle and still(row.cycle)) for row in ladder.rows)
+    shown = ladder_table(replace(ladder, rows=rows, errors={**ladder.errors, "y": rounded}))
+    row = list(shown.columns[0].cells).index("y peak to peak")
+    spans = [list(column.cells)[row] for column in shown.columns[1:]]
+    assert set(spans[:-1]) == {"0"} and spans[-1] == "-"
