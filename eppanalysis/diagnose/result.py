@@ -224,7 +224,7 @@ class Diagnosis(Result):
             return ""
         allow = f' --allow "{signal} SIZE"' if e.in_proportion else ""
         command = f"eppanalysis bounds {self.case} --limit {e.parameter} --over {e.over}{allow}"
-        return f"How large {e.parameter} may be: {command}"
+        return f"How large {e.parameter} may be beside the model's other elements: {command}"
 
     def to_frame(self) -> pandas.DataFrame:
         """The candidates, one a row: probability, misfit, period [s], and the factor on the first of their fields."""
