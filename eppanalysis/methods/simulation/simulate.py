@@ -283,9 +283,10 @@ def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array
     seen = False
     for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
         own = model.guard_element == e
-        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
-        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(weight @ place[first:end])
-        if float(weight @ amplitude[first:end]) > _ROUNDING * size:
+        # An element without levels hands on what it sees, perhaps straight to one that has some.
+        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0) if own.any() else 1.0
+        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(np.sum(weight * place[first:end]))
+        if float(np.sum(weight * amplitude[first:end])) > _ROUNDING * size:
             return False
         seen |= size > 0.0
     return seen

@@ -653,3 +653,16 @@ def test_a_compiled_loop_hears_an_interrupt():
         # On an idle machine some 0.1 s.
         assert time.perf_counter() - begin < 3.0
         process.wait(10.0)
+
+
+@pytest.mark.parametrize("gain", [epp.PiecewiseLinear([], [1.0], [0.0]), epp.Saturation(-1e9, 1e9)])
+@pytest.mark.parametrize("before", [True, False])
+def test_a_gain_that_is_an_element_changes_no_verdict(gain, before) -> None:
+    """What has no levels hands on what it sees: its motion is not rest because no level is near."""
+    limit, plant = epp.Saturation(-1.0, 1.0), ([12.0], [1.0, 3.0, 3.0, 1.0])
+    alone = epp.LureSystem.from_blocks([limit, plant])
+    both = epp.LureSystem.from_blocks([limit, plant, gain] if before else [limit, gain, plant])
+    one, two = (epp.simulate(replace(loop, x0=np.full(3, 0.3)), t_end=60.0) for loop in (alone, both))
+    assert one.status is two.status is epp.Status.LIMIT_CYCLE
+    assert two.limit_cycle.frequency == pytest.approx(one.limit_cycle.frequency, rel=1e-9)
+    assert len(epp.find_limit_cycles(both).cycles) == len(epp.find_limit_cycles(alone).cycles) == 1
