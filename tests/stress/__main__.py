@@ -47,7 +47,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed of each family")
     parser.add_argument("--family", action="append", choices=sorted(FAMILIES), help="only this family (repeatable)")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds a job may take")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds of the processor a job may take")
     parser.add_argument("--table", help="file for the table of the documentation (Markdown)")
     parser.add_argument("-o", "--output", help="file for all rows (JSON)")
     options = parser.parse_args()
