@@ -35,7 +35,7 @@ from tests.synthetic import cycle, prediction, trajectory
 
 
 def result_classes() -> set[type]:
-    """All classes of results in the package."""
+    """All classes of results in the package, but for those that others are built on."""
     for module in pkgutil.walk_packages(epp.__path__, "eppanalysis."):
         if not re.search(r"__main__|\.kernels\.|\.explorer|\.report", module.name):
             importlib.import_module(module.name)
@@ -43,7 +43,7 @@ def result_classes() -> set[type]:
     def below(kind: type) -> set[type]:
         return {kind}.union(*(below(sub) for sub in kind.__subclasses__()))
 
-    return below(Result) - {Result}
+    return {kind for kind in below(Result) if "__dataclass_params__" in vars(kind)} - {Result}
 
 
 @cache

@@ -137,8 +137,8 @@ def test_a_gap_of_more_than_a_turn_is_refused(value) -> None:
 
 
 @pytest.mark.parametrize(("fields", "words"), [
-    ('element = "first_order_reset"\npole = "2 mm"', "pole is '2 mm'; expected a frequency such as '2 Hz'"),
-    ('element = "first_order_reset"\npole = "50 %"', "pole is '50 %'; expected a frequency such as '2 Hz'"),
+    ('element = "first_order_reset"\npole = "2 mm"', "pole is '2 mm'; expected a quantity in 1/s"),
+    ('element = "first_order_reset"\npole = "50 %"', "pole is '50 %'; expected a quantity in 1/s"),
     (
         'element = "anti_windup_pid"\nkp = 2.0\nki = 1.0\ntracking_time = "400 mm"',
         "tracking_time is '400 mm'; expected a time such as '1 ms'",

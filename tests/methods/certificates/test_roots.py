@@ -226,7 +226,7 @@ def test_discrete_time_is_the_response_on_the_unit_circle() -> None:
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("belt_leine", "bias"),
+        ("belt_leine", "friction"),
         ("relay_biased_fopdt", "biased"),
         ("sat_asymmetric", "not odd"),
         ("wheelchair", "one element"),

@@ -175,6 +175,9 @@ class Chua:
     def unit(self, name):
         return "", ""
 
+    def readable(self, name):
+        return "", 1.0
+
 
 def test_period_doubling_is_located_and_labelled():
     branch = epp.continue_branch(Chua(8.0), "alpha", 8.0, 8.3)
