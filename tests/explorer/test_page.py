@@ -88,9 +88,9 @@ def test_slow_pictures_arrive(browser):
 
 def slow_pictures_arrive(page):
     wait(page, "model('map').title.text === 'Design map'", 240)
-    codes = page.evaluate(
-        "Array.from(model('map').renderers.find((r) => r.glyph.type === 'Image').data_source.data.image[0])"
-    )
+    image = "model('map').renderers.find((r) => r.glyph.type === 'Image').data_source.data.image"
+    wait(page, f"{image}?.[0]?.length > 0")  # the title comes first
+    codes = page.evaluate(f"Array.from({image}[0])")
     assert {1, 2} <= set(codes)
     wait(page, "model('exact').text.includes('stable 4.394 deg at 8.974 Hz')", 240)
     assert "unstable 1.162 deg at 5.183 Hz" in page.evaluate("model('exact').text")
