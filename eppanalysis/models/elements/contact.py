@@ -17,7 +17,7 @@ from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
     angle,
-    broadcast,
+    broadcast_with_frequency,
     distances,
     lever,
     require,
@@ -113,9 +113,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        a, b, w = broadcast(amplitude, bias, omega)
-        if np.any(w < 0):
-            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         q = self.damping / self.stiffness * w
         side = _push if self.model == "unilateral" else _hold

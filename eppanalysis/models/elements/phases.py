@@ -71,6 +71,20 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
     return a, b, w
 
 
+def broadcast_with_frequency(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array, Array]:
+    """The same of a describing function that depends on the frequency.
+
+    Raises
+    ------
+    ModelError
+        If an amplitude or a frequency is negative.
+    """
+    a, b, w = broadcast(amplitude, bias, omega)
+    if np.any(w < 0):
+        raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+    return a, b, w
+
+
 def amplitude_and_bias(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
     """Arguments of a describing function that does not depend on the frequency; no amplitude is zero."""
     a, b, _ = broadcast(amplitude, bias, omega)

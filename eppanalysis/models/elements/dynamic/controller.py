@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from eppanalysis.models.elements.base import OUT, SLOPE, Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.dynamic.state import UNITY
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import require, require_numbers
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
@@ -96,4 +97,4 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
         A, B = free - back * np.outer(first, v_of_state), driven - back * v_of_error * first
         own = OwnStates(A, np.column_stack([B, back * first]), np.array([v_of_state, none]), np.diag([v_of_error, 1.0]))
         pid = OwnStates(free, np.column_stack([none, driven]), np.array([none, v_of_state]), np.diag([1.0, v_of_error]))
-        return own, AutomatonElement(PiecewiseLinear([], [1.0], [0.0]).automaton(), pid)
+        return own, AutomatonElement(UNITY.automaton(), pid)

@@ -14,12 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import OUT, Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.base import OUT, Nonlinearity, Role
+from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.phases import SMALLEST_AMPLITUDE, broadcast, require, require_numbers
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.elements.phases import (
+    SMALLEST_AMPLITUDE,
+    broadcast,
+    broadcast_with_frequency,
+    require,
+    require_numbers,
+)
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
@@ -132,7 +137,7 @@ class _Spring(AutomatonElement):
 
 
 @dataclass(frozen=True)
-class DahlFriction(Nonlinearity, kind="dahl_friction"):
+class DahlFriction(StateOutput, kind="dahl_friction"):
     """Friction force F of a velocity v that is a spring at rest: ``dF/dt = stiffness (v - |v| F/coulomb)``.
 
     It begins at its memory, a force, which is zero where none is given.
@@ -163,7 +168,6 @@ class DahlFriction(Nonlinearity, kind="dahl_friction"):
 
     units = MappingProxyType({"stiffness": _STIFFNESS, "coulomb": OUT})
     output_is = "force"
-    of_frequency: ClassVar[bool] = True
     linear_gain_is: ClassVar[str] = "the spring that it is at rest"
 
     stiffness: float
@@ -173,20 +177,8 @@ class DahlFriction(Nonlinearity, kind="dahl_friction"):
         require_numbers(self, "stiffness", "coulomb")
         require(self, "stiffness", self.stiffness > 0, "a positive number")
         require(self, "coulomb", self.coulomb > 0, "a positive number")
-        behind, through = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-        force = OwnStates(np.array([[-_POLE]]), np.array([[0.0, 1.0]]), behind, through)
-        spring = OwnStates(
-            np.zeros((1, 1)), np.array([[self.stiffness, 0.0]]), np.array([[1.0], [0.0]]), np.diag([0.0, 1.0])
-        )
-        small = _Spring(PiecewiseLinear([], [1.0], [0.0]).automaton(), spring)
-        inside = DahlLaw(self.stiffness, self.coulomb)
-        for name, part in {"own_states": force, "inside": inside, "small_signal": small}.items():
-            object.__setattr__(self, name, part)
-
-    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
-        """Force at a velocity `x` that is reached in no time: the state, which is its memory."""
-        held = 0.0 if memory is None else memory
-        return held + 0.0 * floats(x, "output: x"), held
+        spring = _Spring(UNITY.automaton(), lag(0.0, self.stiffness))
+        self._set_parts(state_of_law(_POLE), DahlLaw(self.stiffness, self.coulomb), spring)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain for a velocity, by quadrature of the force in either direction; accurate to about 1e-12.
@@ -198,24 +190,9 @@ class DahlFriction(Nonlinearity, kind="dahl_friction"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        a, b, w = broadcast(amplitude, bias, omega)
-        if np.any(w < 0):
-            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         return _answer(a, b, w, self.stiffness, self.coulomb)
-
-    def thresholds(self, bias: float = 0.0) -> Array:
-        """The amplitude from which the velocity changes its sign."""
-        return np.array([abs(bias)]) if bias else np.zeros(0)
-
-    def slope_bounds(self) -> tuple[float, float]:
-        """Infinite: the force depends on the way, not on the velocity."""
-        return -np.inf, np.inf
 
     def linear_gain(self) -> Array:
         """None: of a velocity that does not end, the force is bounded."""
         return np.zeros((1, 1))
-
-    def automaton(self) -> Automaton:
-        """That of the law inside, from velocity and force to what drives the force."""
-        assert self.inside is not None
-        return self.inside.automaton()

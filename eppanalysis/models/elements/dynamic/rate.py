@@ -16,16 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.phases import broadcast, require, require_numbers
+from eppanalysis.models.elements.phases import broadcast, broadcast_with_frequency, require, require_numbers
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
-_UNITY = PiecewiseLinear([], [1.0], [0.0])
 _PER_TIME: Role = (0, 0, -1)
 _RATE: Role = (0, 1, -1)
 
@@ -62,22 +60,17 @@ class _Chasing(PiecewiseLinear):
         return mean, np.asarray(w * gain.reshape(a.shape))
 
 
-class _RateLimited(Nonlinearity):
-    """What the two share: an output that is a state, and what a sine makes of it."""
+class _RateLimited(StateOutput):
+    """What the two share: a state that chases the input, and what a sine makes of it."""
 
     same_unit = True
-    of_frequency: ClassVar[bool] = True
     rate: float
 
-    def _set_parts(self, bandwidth: float, small_signal: Nonlinearity) -> None:
-        """Store the state, what drives it and what the element is below its limit; subclasses call it when they are
-        valid.
-        """
+    def _set_chase(self, bandwidth: float, small_signal: Nonlinearity) -> None:
+        """Store the state, what drives it and what the element is below its limit."""
         C, D = np.array([[-1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0]])
         state = OwnStates(np.zeros((1, 1)), np.array([[0.0, 1.0]]), C, D)
-        parts = {"own_states": state, "inside": _Chasing(self.rate, bandwidth), "small_signal": small_signal}
-        for name, part in parts.items():
-            object.__setattr__(self, name, part)
+        self._set_parts(state, _Chasing(self.rate, bandwidth), small_signal)
 
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Array]:
         """Output for an input `x` that is approached slowly: x itself."""
@@ -94,9 +87,7 @@ class _RateLimited(Nonlinearity):
         """
         from eppanalysis.kernels.rate_limit import describe
 
-        a, b, w = broadcast(amplitude, bias, omega)
-        if np.any(w < 0):
-            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         with np.errstate(divide="ignore", invalid="ignore"):
             alpha, kappa = a * w / self.rate, np.where(w > 0, self._chasing.bandwidth / w, w + np.inf)
         gain = np.empty(alpha.size, complex)
@@ -108,17 +99,9 @@ class _RateLimited(Nonlinearity):
         """None: where the form changes depends on the frequency."""
         return np.zeros(0)
 
-    def slope_bounds(self) -> tuple[float, float]:
-        """Infinite: the output moves on while the input rests."""
-        return -np.inf, np.inf
-
     def linear_gain(self) -> Array:
         """One, below the limit."""
         return np.ones((1, 1))
-
-    def automaton(self) -> Automaton:
-        """That of the law inside, from the error to the rate of the output."""
-        return self._chasing.automaton()
 
     @property
     def _chasing(self) -> _Chasing:
@@ -157,7 +140,7 @@ class RateLimiter(_RateLimited, kind="rate_limiter"):
     def __post_init__(self) -> None:
         require_numbers(self, "rate")
         require(self, "rate", self.rate > 0, "a positive number")
-        self._set_parts(np.inf, _UNITY)
+        self._set_chase(np.inf, UNITY)
 
 
 @dataclass(frozen=True)
@@ -195,7 +178,4 @@ class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
         require_numbers(self, "bandwidth", "rate")
         require(self, "bandwidth", self.bandwidth > 0, "a positive number")
         require(self, "rate", self.rate > 0, "a positive number")
-        k = self.bandwidth
-        C, D = np.array([[1.0], [0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]])
-        lag = OwnStates(np.array([[-k]]), np.array([[k, 0.0]]), C, D)
-        self._set_parts(k, AutomatonElement(_UNITY.automaton(), lag))
+        self._set_chase(self.bandwidth, AutomatonElement(UNITY.automaton(), lag(self.bandwidth, self.bandwidth)))

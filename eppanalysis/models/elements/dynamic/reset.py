@@ -15,12 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.base import Nonlinearity, Role
+from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.phases import SMALLEST_AMPLITUDE, broadcast, require, require_numbers
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.elements.phases import (
+    SMALLEST_AMPLITUDE,
+    broadcast,
+    broadcast_with_frequency,
+    require,
+    require_numbers,
+)
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
@@ -129,28 +134,15 @@ class _WithoutResets(AutomatonElement):
     linear_gain_is = "without its resets"
 
 
-class _Reset(Nonlinearity):
-    """What both share: an output that is a state, reset where the input passes through zero."""
+class _Reset(StateOutput):
+    """What both share: a state that is reset where the input passes through zero."""
 
-    of_frequency: ClassVar[bool] = True
     linear_gain_is: ClassVar[str] = "without its resets"
 
-    def _set_parts(self, gain: float, pole: float) -> None:
-        """Store the state, what drives it and the linear element; subclasses call it when their fields are valid."""
+    def _set_law(self, gain: float, pole: float) -> None:
+        """Store the state, what drives it and the linear element."""
         law = ResetLaw(gain, pole)
-        behind, through = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-        state = OwnStates(np.array([[-law.leak]]), np.array([[0.0, 1.0]]), behind, through)
-        lag = OwnStates(
-            np.array([[-pole]]), np.array([[gain, 0.0]]), np.array([[1.0], [0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]])
-        )
-        linear = _WithoutResets(PiecewiseLinear([], [1.0], [0.0]).automaton(), lag)
-        for name, part in {"own_states": state, "inside": law, "small_signal": linear}.items():
-            object.__setattr__(self, name, part)
-
-    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
-        """Output for an input `x` that is reached in no time: the state, which is its memory."""
-        held = 0.0 if memory is None else memory
-        return held + 0.0 * floats(x, "output: x"), held
+        self._set_parts(state_of_law(law.leak), law, _WithoutResets(UNITY.automaton(), lag(pole, gain)))
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain; exact, and the gain is independent of the amplitude where there is no bias.
@@ -162,26 +154,12 @@ class _Reset(Nonlinearity):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        a, b, w = broadcast(amplitude, bias, omega)
-        if np.any(w < 0):
-            raise ModelError("The frequency of a describing function", float(np.nanmin(w)), ">= 0")
+        a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         return _answer(a, b, w, self._law.gain, self._law.pole)
-
-    def thresholds(self, bias: float = 0.0) -> Array:
-        """The amplitude from which the input passes through zero."""
-        return np.array([abs(bias)]) if bias else np.zeros(0)
-
-    def slope_bounds(self) -> tuple[float, float]:
-        """Infinite: the output moves on while the input rests, and jumps."""
-        return -np.inf, np.inf
 
     def linear_gain(self) -> Array:
         """Static gain without resets, infinite for an integrator."""
         return np.array([[self._law.gain / self._law.pole if self._law.pole else np.inf]])
-
-    def automaton(self) -> Automaton:
-        """That of the law inside, from the input and the state to what drives the state."""
-        return self._law.automaton()
 
     @property
     def _law(self) -> ResetLaw:
@@ -226,7 +204,7 @@ class CleggIntegrator(_Reset, kind="clegg_integrator"):
     def __post_init__(self) -> None:
         require_numbers(self, "gain")
         require(self, "gain", self.gain > 0, "a positive number")
-        self._set_parts(self.gain, 0.0)
+        self._set_law(self.gain, 0.0)
 
 
 @dataclass(frozen=True)
@@ -269,4 +247,4 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
         require_numbers(self, "pole", "gain")
         require(self, "pole", self.pole > 0, "a positive number")
         require(self, "gain", self.gain > 0, "a positive number")
-        self._set_parts(self.gain, self.pole)
+        self._set_law(self.gain, self.pole)
