@@ -15,8 +15,9 @@ from eppanalysis.errors import (
     ModelError as ModelError,
     NotConverged as NotConverged,
 )
-from eppanalysis.guides.guideline import Guide as Guide, design_guide as design_guide
+from eppanalysis.guides.guideline import design_guide as design_guide
 from eppanalysis.guides.manual import manual_table as manual_table
+from eppanalysis.guides.result import Guide as Guide
 from eppanalysis.identify import Identification as Identification, identify as identify
 from eppanalysis.methods.bounds.design import DesignBounds as DesignBounds, design_bounds as design_bounds
 from eppanalysis.methods.bounds.tolerances.bound import (
@@ -38,6 +39,9 @@ from eppanalysis.methods.continuation.result import Branch as Branch
 from eppanalysis.methods.describing.frozen import FrozenLoop as FrozenLoop, frozen_nyquist as frozen_nyquist
 from eppanalysis.methods.describing.predict import predict_limit_cycles as predict_limit_cycles
 from eppanalysis.methods.design.design import Design as Design, design as design
+from eppanalysis.methods.dither.least import dither as dither
+from eppanalysis.methods.dither.result import Dither as Dither
+from eppanalysis.methods.dither.smoothed import smoothed as smoothed
 from eppanalysis.methods.driven.forced import forced_response as forced_response
 from eppanalysis.methods.driven.frequency import (
     amplitude_response as amplitude_response,
@@ -49,6 +53,8 @@ from eppanalysis.methods.driven.result import (
     PeriodicResponse as PeriodicResponse,
     ResponseBranch as ResponseBranch,
 )
+from eppanalysis.methods.elements.check import check_element as check_element
+from eppanalysis.methods.elements.result import ElementCheck as ElementCheck
 from eppanalysis.methods.harmonic.balance import harmonic_balance as harmonic_balance
 from eppanalysis.methods.harmonic.sinusoidal import sinusoidal_harmonics as sinusoidal_harmonics
 from eppanalysis.methods.margins.margins import margins as margins
@@ -124,6 +130,7 @@ from eppanalysis.models.systems.measured.loop import MeasuredLoop as MeasuredLoo
 from eppanalysis.models.systems.measured.response import MeasuredResponse as MeasuredResponse
 from eppanalysis.models.systems.operating import OperatingPoint as OperatingPoint
 from eppanalysis.report import report as report
+from eppanalysis.report.summary import first_page as first_page
 from eppanalysis.results import (
     Event as Event,
     LimitCycle as LimitCycle,

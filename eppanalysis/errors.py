@@ -5,9 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable
 from functools import partial
+from importlib import util
 from typing import Any
 
 _LONGEST_SHOWN = 80
+#: Packages that are not called as their modules are.
+_PACKAGES = {"docx": "python-docx", "flint": "python-flint"}
 
 
 def visible(text: str) -> str:
@@ -62,6 +65,22 @@ class EppError(Exception):
     """A request that cannot be carried out, in one sentence that says why and what was expected."""
 
 
+def require_packages(what: str, extra: str, *modules: str) -> None:
+    """Refuse in one sentence what needs packages of an extra that are not installed.
+
+    Examples
+    --------
+    >>> require_packages("a sum", "proof", "math")
+    >>> require_packages("a sum", "proof", "no_such_module", "math")
+    Traceback (most recent call last):
+    eppanalysis.errors.EppError: a sum needs no_such_module; expected what "pip install 'eppanalysis[proof]'" installs.
+    """
+    missing = [_PACKAGES.get(name, name) for name in modules if util.find_spec(name) is None]
+    if missing:
+        how = f"what \"pip install 'eppanalysis[{extra}]'\" installs"
+        raise EppError(f"{what} needs {' and '.join(missing)}; expected {how}.")
+
+
 class CaseError(EppError):
     """A case file or a value in it that is not valid.
 
@@ -111,8 +130,8 @@ class ModelError(EppError):
     --------
     >>> print(ModelError("Saturation", 1.0, "more than lower", field="upper", beside=("lower", 2.0)))
     Saturation: upper is 1.0; expected more than lower (2.0).
-    >>> print(ModelError("The system has 2 inputs", expected="motions by name"))
-    The system has 2 inputs; expected motions by name.
+    >>> print(ModelError("The system has 2 inputs", expected="signals by name"))
+    The system has 2 inputs; expected signals by name.
     """
 
     def __init__(

@@ -178,9 +178,11 @@ def label_time(panels: Sequence[Axes], text: str) -> None:
     root_figure(panels[0]).align_ylabels(panels)
 
 
-def label_of(name: str, units: Mapping[str, str]) -> tuple[str, float]:
-    """A signal's name with the unit that people read it in, and the factor to it from SI."""
-    unit, factor = readable(units.get(name, ""))
+def label_of(
+    name: str, units: Mapping[str, str], shown: Mapping[str, tuple[str, float]] | None = None
+) -> tuple[str, float]:
+    """A name with the unit that people read it in, that of `shown` where it stands there, and the factor from SI."""
+    unit, factor = (shown or {}).get(name) or readable(units.get(name, ""))
     return with_unit(words(name), unit), factor
 
 

@@ -68,16 +68,16 @@ def number(value: float, digits: int = DIGITS) -> str:
     return ("-" if value < 0 else "") + "infinite" if math.isinf(value) else f"{value:.{digits}g}"
 
 
-def quantity(value: float, unit: str, digits: int = DIGITS) -> str:
-    """An SI value as people read it, with its unit.
+def quantity(value: float, unit: str, digits: int = DIGITS, shown: tuple[str, float] | None = None) -> str:
+    """An SI value as people read it, with its unit: in the unit and by the factor `shown`, where given.
 
     Examples
     --------
     >>> quantity(0.0069992, "m")
     '6.999 mm'
     """
-    shown, factor = readable(unit)
-    return f"{number(value * factor, digits)} {shown}".rstrip()
+    unit, factor = shown or readable(unit)
+    return f"{number(value * factor, digits)} {unit}".rstrip()
 
 
 def words(name: str) -> str:
@@ -152,20 +152,26 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} [{unit}]" if unit else text
 
 
-def cut(value: float, digits: int) -> float:
-    """A number cut to significant digits: what may be had, rounded to the safe side."""
+def cut(value: float, digits: int, *, up: bool = False) -> float:
+    """A number cut to significant digits, or brought up to them: a limit, rounded to its safe side.
+
+    Examples
+    --------
+    >>> cut(0.45977, 2), cut(0.45977, 2, up=True)
+    (0.45, 0.46)
+    """
     if not (value > 0 and math.isfinite(value)):
         return value
     digit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
     # What is a whole number of digits but for rounding errors stays one.
-    return math.floor(value / digit + 1e-9) * digit
+    return (math.ceil(value / digit - 1e-9) if up else math.floor(value / digit + 1e-9)) * digit
 
 
-def cut_text(value: float | str, digits: int = 4) -> str:
-    """A number as text, cut to significant digits; a dash where there is none. A text stays as it is."""
+def cut_text(value: float | str, digits: int = 4, *, up: bool = False) -> str:
+    """A number as text, cut (or brought up) to significant digits; a dash where there is none, a text as it is."""
     if isinstance(value, str):
         return value
-    return "-" if math.isnan(value) else f"{cut(value, digits):.{digits}g}"
+    return "-" if math.isnan(value) else f"{cut(value, digits, up=up):.{digits}g}"
 
 
 def count(n: int, noun: str) -> str:
@@ -173,8 +179,8 @@ def count(n: int, noun: str) -> str:
 
     Examples
     --------
-    >>> count(1, "orbit"), count(2, "orbit"), count(0, "branch")
-    ('1 orbit', '2 orbits', 'no branches')
+    >>> count(1, "orbit"), count(2, "boundary"), count(0, "branch")
+    ('1 orbit', '2 boundaries', 'no branches')
     """
-    plural = f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
+    plural = f"{noun[:-1]}ies" if noun.endswith("ry") else f"{noun}es" if noun.endswith(("ch", "s")) else f"{noun}s"
     return f"{n or 'no'} {noun if n == 1 else plural}"

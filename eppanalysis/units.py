@@ -99,6 +99,10 @@ class QuantityError(ValueError):
         super().__init__(expected)
 
 
+class UnknownUnit(QuantityError):
+    """A quantity in a unit that there is none of."""
+
+
 @cache
 def _registry() -> pint.UnitRegistry:
     """Pint's units.
@@ -147,7 +151,7 @@ def _as_pint_has_it(unit: str) -> tuple[float, str]:
         parsed = registry.parse_units(unit)
         one, two = (registry.Quantity(count, parsed).to_base_units() for count in (1.0, 2.0))
     except _PINT_FAILURES as error:
-        raise QuantityError(f"a known unit in place of '{unit}'") from error
+        raise UnknownUnit(f"a known unit in place of '{unit}'") from error
     if two.magnitude != 2.0 * one.magnitude:
         raise QuantityError(f"a unit without offset or logarithm in place of '{unit}'")
     return float(one.magnitude), str(one.units)

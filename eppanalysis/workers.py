@@ -62,7 +62,7 @@ def workers(n: int) -> Iterator[Executor | None]:
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
     """An interrupt comes after the block; what is started in it, threads too, inherits that it hears none."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker is deaf only once it has begun
+    if not hasattr(signal, "pthread_sigmask"):  # Windows, where a worker ignores interrupts only once it has begun
         yield
         return
     resource_tracker.ensure_running()  # which would let interrupts through again when it is started inside

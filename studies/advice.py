@@ -145,7 +145,7 @@ def with_mass(case: Case) -> Case:
     """
     case = as_case(case)
     require_case(case, "design_advice")
-    if not variation_of(case).has_guideline:
+    if variation_of(case).guided is None:
         raise EppError(f"design_advice: {case.name} is a {case.kind}; expected a case of the elbow.")
     if MASS in case.parameters:
         return case

@@ -44,6 +44,7 @@ def test_the_command_that_is_run_elsewhere_stands_in_the_pages():
     assert any(is_truth_table(command) for _, command, _ in commands())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "command", "shown"),
     [pytest.param(*c, id=f"{c[0].stem}-{c[1]}") for c in commands() if not is_truth_table(c[1])],

@@ -24,11 +24,13 @@ def run_python(code: str) -> str:
     return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
 
 
+@pytest.mark.slow
 def test_import_is_light():
     code = f"import sys, eppanalysis; print([m for m in {HEAVY!r} if m in sys.modules])"
     assert run_python(code) == "[]"
 
 
+@pytest.mark.slow
 def test_command_line_imports_nothing_that_computes():
     heavy = tuple(m for m in HEAVY if m not in ("rich", "typer"))
     code = f"import sys, eppanalysis.cli; print([m for m in {heavy!r} if m in sys.modules])"
@@ -57,6 +59,7 @@ def test_type_checkers_see_what_there_is_at_run_time():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first",
     [
@@ -76,18 +79,6 @@ def test_version_is_that_of_the_distribution():
 
 def test_package_is_marked_as_typed():
     assert (ROOT / "py.typed").is_file()
-
-
-def test_imports_run_downward_only():
-    pytest.importorskip("importlinter")
-    result = subprocess.run(
-        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as run; run()"],
-        cwd=ROOT.parent,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
 
 
 REPOSITORY = ROOT.parent
@@ -116,6 +107,7 @@ def test_image_is_installed_as_the_readme_says():
     assert [*map(int, base.partition(":")[2].removesuffix("-slim").split("."))] >= [*map(int, oldest.split("."))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_shells_complete_commands(shell):
     """As the script that `eppanalysis --install-completion` leaves with a shell asks for it."""

@@ -9,6 +9,8 @@ import pytest
 
 from eppanalysis.report.notebook import execute
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parent.parent / "docs" / "tutorials"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 

@@ -182,6 +182,7 @@ def test_a_pint_that_does_not_start_is_not_taken_for_a_unit_that_is_none(tmp_pat
         parse_quantity("1 furlong", "m")
 
 
+@pytest.mark.slow
 def test_pint_is_imported_when_it_is_used() -> None:
     """And not for the units of the shipped cases."""
     code = """
@@ -194,6 +195,7 @@ sys.exit("pint" in sys.modules)
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_pint_that_cannot_be_loaded_is_said_with_its_reason() -> None:
     """An old one fails with whatever the libraries beside it raise, which is no reason to call a good unit unknown."""
     program = (

@@ -22,6 +22,7 @@ import numpy as np
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.result import BoundCell
+from eppanalysis.models.elements import ELEMENTS
 from eppanalysis.models.systems.linear import StateSpace
 from tests.made_bounds import bounds_of
 
@@ -103,6 +104,9 @@ def _functions() -> Iterator[Door]:
         "frequency_response": {n: v for n, v in branch.items() if n != "frequency"} | {"frequencies": (0.1, 0.2)},
         "amplitude_response": {n: v for n, v in branch.items() if n != "amplitude"} | {"amplitudes": (0.1, 0.2)},
         "sinusoidal_harmonics": {"element": epp.Saturation(), "amplitude": 2.0, "bias": 0.0, "omega": 1.0, "order": 3},
+        "dither": {"system": loop, "frequency": 50.0, "wave": "sine", "element": None, "operating_point": None,
+                   "tolerance": 0.1},
+        "smoothed": {"element": epp.Saturation(), "amplitude": 0.5, "wave": "sine"},
         "design_bounds": {"case": case, "over": level, "limit": threshold, "start": 1.0, "stop": 1.1, "points": 1,
                           "at": None, "within": (0.4, 2.0), "allow": None, "own_run": False, "exact": False,
                           "verify": False, "prove": False, "margin": 0.01, "workers": 1, "progress": None, **few},
@@ -111,13 +115,15 @@ def _functions() -> Iterator[Door]:
         "tolerance_bound": {"case": case, "limit": threshold, "tolerances": None, "within": (0.4, 2.0),
                             "probabilities": (0.9,), "samples": 10, "distribution": "uniform", "seed": 1,
                             "threads": 1, "sweep": None},
-        "design_guide": {"case": case, "gains": ["2.5 lbf"], "variants": None, "tolerances": None, "margins": None,
-                         "within": None, "samples": 10, "workers": 1, "branch": None, "progress": None, **few},
+        "design_guide": {"case": case, "gains": ["2.5 lbf"], "over": None, "limit": None, "variants": None,
+                         "tolerances": None, "margins": None, "within": None, "samples": 10, "workers": 1,
+                         "branch": None, "progress": None, **few},
         "elbow": {"parameters": epp.ElbowParameters(), "delay_model": "pade"},
         "identify": {"case": elbow, "tray": None, "backlash": None, "step": "nowhere.csv", "columns": None, "wrap": 3.0,
                      "press": 0.0, "fit": None, "seed": 0, "progress": None},
         "diagnose": {"case": case, "record": {"time": swing, "x": np.sin(0.99 * swing)}, "columns": None,
                      "model_error": 0.02, "operating_point": None, "progress": None},
+        "first_page": {"case": case, "run": epp.simulate(case), "ladder": None, "cycles": None, "branch": None},
         "report": {"cases": [], "path": "nowhere.html", "full": False, "progress": None},
         "sweep": {"case": case, "axes": {threshold: [0.5, 0.6]}, "run": "predict", "signals": None,
                   "scheduler": "threads", "workers": 1, "chunk": None, "store": None, "resume": True,
@@ -145,48 +151,20 @@ def _response() -> epp.MeasuredResponse:
 
 
 def _elements() -> Iterator[Door]:
+    # Most elements can be made of ones and defaults; these cannot.
     known: dict[str, dict[str, Any]] = {
-        "Arctan": {"level": 1.0, "slope": 2.0},
-        "AntiWindupPID": {"kp": 1.0, "ki": 1.0, "tracking_time": 0.5},
-        "BacklashCompensator": {"gap": 1.0, "travel": 0.2},
-        "BilinearSpring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
-        "CleggIntegrator": {"gain": 1.0},
-        "Coulomb": {"level": 1.0},
-        "Cube": {"scale": 1.0},
-        "DahlFriction": {"stiffness": 100.0, "coulomb": 1.0},
-        "DeadZone": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
-        "DeadZoneSaturation": {"dead_zone": 0.5, "slope": 1.0, "limit": 1.0},
-        "Drag": {"scale": 1.0},
-        "FirstOrderReset": {"pole": 1.0, "gain": 1.0},
-        "FiveBandLaw": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
-        "FloorQuantiser": {"step": 0.1, "levels": 10},
-        "FrictionCompensator": {"level": 1.0, "ramp": 0.1},
-        "Friction": {"coulomb": 1.0, "static": 1.2, "stribeck": 0.0},
-        "HysteresisRelay": {"lower": -0.2, "upper": 0.2, "low": -1.0, "high": 1.0},
-        "HysteresisRelayDeadZone": {"on": 1.0, "off": 0.5, "level": 1.0},
-        "JumpAndFollow": {"stick_band": 1.0, "slip_jump": 0.5, "slope": 1.0},
-        "LockPin": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1, "model": "unilateral"},
-        "LookupTable": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
-        "MidRiseQuantiser": {"step": 0.1, "levels": 10},
-        "NordinShaft": {"gap": 1.0, "stiffness": 10.0, "damping": 0.1},
-        "PiecewiseLinear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
-        "Play": {"gap": 1.0},
-        "Polynomial": {"coefficients": [0.0, 1.0, 0.5]},
-        "Preload": {"level": 1.0, "slope": 1.0},
-        "Quantiser": {"step": 0.1, "levels": 10},
-        "RateLimitedServo": {"bandwidth": 10.0, "rate": 1.0},
-        "RateLimiter": {"rate": 1.0},
-        "Relay": {"low": -1.0, "high": 1.0, "threshold": 0.0},
-        "RelayDeadZone": {"threshold": 0.5, "level": 1.0},
-        "Saturation": {"lower": -1.0, "upper": 1.0, "slope": 1.0},
-        "Sine": {"scale": 1.0},
-        "StribeckFriction": {"coulomb": 1.0, "static": 1.5, "velocity": 0.2, "viscous": 0.1},
-        "ViscousCoulomb": {"coulomb": 1.0, "viscous": 0.1},
-        "Tanh": {"level": 1.0, "slope": 2.0},
-        "StictionPulley": {"harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8},
-    }
-    for name, good in known.items():
-        kind = getattr(epp, name)
+        "bilinear_spring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
+        "five_band_law": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
+        "lookup_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
+        "piecewise_linear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
+        "stiction_pulley": {
+            "harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8,
+        },
+    }  # fmt: skip
+    for of_files, kind in ELEMENTS.items():
+        fields = inspect.signature(kind).parameters.items()
+        ones = {name: 1.0 if field.default is inspect.Parameter.empty else field.default for name, field in fields}
+        name, good = kind.__name__, known.get(of_files, ones)
         yield Door(name, kind, good)
         element = kind(**good)
         if element.n_inputs == 1:
@@ -217,6 +195,8 @@ def _constructors() -> Iterator[Door]:
     servo = {"system": loop.to_control(), "elements": loop.connections, "element_names": None, "x0": None, "v0": None}
     yield Door("from_control", epp.from_control, {**servo, "delays": None, "name": None})
     yield Door("AutomatonElement", epp.AutomatonElement, rules)
+    checked = {"element": epp.HysteresisRelay(-0.1, 0.1), "amplitudes": [1.0, 2.0], "bias": 0.0, "omega": 1.0}
+    yield Door("check_element", epp.check_element, {**checked, "name": "relay"})
     one = {name: np.ones((1, 1)) for name in "A"} | {"B": np.ones((1, 2)), "C": np.ones((2, 1)), "D": np.zeros((2, 2))}
     at = {"B": [[1.0]], "E": [[0.0]], "C": [[1.0]], "D": [[0.0]], "F": [0.0], "delays": [0.0]}
     yield Door("Cuts", epp.Cuts, {"names": ("command",), **at})

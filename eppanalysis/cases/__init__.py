@@ -73,9 +73,7 @@ def as_case(given: Case | LureSystem | Diagram) -> Case:
     >>> as_case(epp.LureSystem.from_tf(([5.0], [1.0, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")).name
     'servo'
     """
-    if isinstance(given, Diagram):
-        given = given.to_system()
-    return Case.from_system(given) if isinstance(given, LureSystem) else given
+    return Case.from_system(given) if isinstance(given, LureSystem | Diagram) else given
 
 
 def case_from_text(text: str, name: str = "case", folder: str | Path | None = None) -> Case:

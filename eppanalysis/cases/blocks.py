@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, get_origin, get_type_hints
 
 import numpy as np
-from pydantic_core import PydanticCustomError
 
 from eppanalysis.cases.files import Missing, RawCase
-from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, place_of
+from eppanalysis.cases.values.automata import AUTOMATON, read_automaton, read_memory
+from eppanalysis.cases.values.parameters import read_scalar
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.tables import read_columns
 from eppanalysis.errors import CaseError, ModelError, did_you_mean
-from eppanalysis.models.elements import ELEMENTS, Nonlinearity
+from eppanalysis.models.elements import ELEMENTS, AutomatonElement, Nonlinearity
+from eppanalysis.models.elements.base import Role
 from eppanalysis.models.elements.memory import Slip
+from eppanalysis.models.elements.own import ModeMemory
 
 LARGEST_COUNT = 100_000
 #: Field of an element that names a CSV file, which holds its columns.
 FILE = "file"
+#: Fields that every element has.
+_OF_ALL = ("element", "name", "memory")
 
 
 @dataclass(frozen=True)
@@ -37,29 +43,37 @@ class Block:
         Scalar fields of the element.
     others : dict
         Lists and texts of the element, or num and den of a linear block.
-    memory : float, Slip or None
+    memory : float, Slip, ModeMemory or None
         First held value at the start; of an element that sticks also direction, and input reached.
     lists : dict of str to list of Parameter
         Lists of the element with their units.
+    roles : mapping of str to Role
+        What the fields are the units of.
     """
 
     name: str
     kind: str
     parameters: dict[str, Parameter]
     others: dict[str, Any]
-    memory: float | Slip | None = None
+    memory: float | Slip | ModeMemory | None = None
     lists: dict[str, list[Parameter]] = dataclasses.field(default_factory=dict)
+    roles: Mapping[str, Role] = dataclasses.field(default_factory=dict)
 
     @property
     def width(self) -> tuple[int, int]:
         """Number of inputs and outputs of the element."""
-        made = element_class(self.kind)
-        return made.n_inputs, made.n_outputs
+        own, made = self.others.get("own_states"), self.others.get("rules", element_class(self.kind))
+        return (made.n_inputs, made.n_outputs) if own is None else (own.n_before, own.n_behind)
+
+
+def known_elements() -> dict[str, type[Nonlinearity]]:
+    """Classes of elements by what case files call them."""
+    return {**ELEMENTS, AUTOMATON: AutomatonElement}
 
 
 def element_class(kind: str) -> type[Nonlinearity]:
     """Class of an element."""
-    return ELEMENTS[kind]
+    return known_elements()[kind]
 
 
 @cache
@@ -109,12 +123,19 @@ def read_block(table: dict[str, Any], field: str, raw: RawCase) -> Block:
             raise CaseError(raw.origin(place), place, table.get(name, Missing()), expected)
         return Block("", "", {}, {k: _coefficients(table[k], f"{field}.{k}", raw) for k in ("num", "den")})
     kind = table["element"]
-    if not isinstance(kind, str) or kind not in ELEMENTS:
-        raise raw.refused(f"{field}.element", f"a known element: {did_you_mean(str(kind)[:60], ELEMENTS)}")
+    if not isinstance(kind, str) or kind not in known_elements():
+        expected = f"a known element: {did_you_mean(str(kind)[:60], known_elements())}"
+        raise raw.refused(f"{field}.element", expected)
     name = table.get("name", kind)
     if not isinstance(name, str) or not name.isidentifier() or len(name) > 60:
         raise raw.refused(f"{field}.name", "a plain name of letters, digits and underscores")
     memory = table.get("memory")
+    if kind == AUTOMATON:
+        fields = {key: value for key, value in table.items() if key not in _OF_ALL}
+        found = read_automaton(fields, field, raw)
+        if memory is not None:
+            memory = read_memory(memory, found.arguments["rules"], f"{field}.memory", raw)
+        return Block(name, kind, found.parameters, found.arguments, memory, roles=found.units)
     if memory is not None:
         memory = _memory(memory, f"{field}.memory", raw)
     return _read_fields(kind, name, memory, table, f"{field}", raw)
@@ -139,7 +160,7 @@ def _read_fields(
     types = field_types(element_class(kind))
     table = _with_columns(element_class(kind).columns, table, field, raw)
     for key, value in table.items():
-        if key in ("element", "name", "memory"):
+        if key in _OF_ALL:
             continue
         place = f"{field}.{key}"
         if key not in known:
@@ -154,7 +175,7 @@ def _read_fields(
     for key, default in known.items():
         if default is inspect.Parameter.empty and key not in table:
             raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
-    return Block(name, kind, parameters, others, memory, lists)
+    return Block(name, kind, parameters, others, memory, lists, element_class(kind).units)
 
 
 def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, raw: RawCase) -> dict[str, Any]:
@@ -166,25 +187,6 @@ def _with_columns(columns: tuple[str, ...], table: dict[str, Any], field: str, r
             raise raw.refused(f"{field}.{column}", f"either {FILE}, or {' and '.join(columns)}")
     rest = {key: value for key, value in table.items() if key != FILE}
     return rest | read_columns(table[FILE], columns, f"{field}.{FILE}", raw)
-
-
-def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:
-    """A quantity of any dimension that stands in a field; one that has been read already stays as it is.
-
-    Raises
-    ------
-    CaseError
-        If it is no quantity.
-    """
-    if isinstance(value, Parameter):
-        return value
-    try:
-        return AnyQuantity().read(value)
-    except PydanticCustomError as error:
-        context, place = error.context or {}, place_of(field, error)
-        raise CaseError(
-            raw.origin(place), place, context.get("shown", value), context.get("expected", "a number")
-        ) from None
 
 
 def _list(value: Any, field: str, raw: RawCase) -> list[Parameter]:
@@ -210,8 +212,8 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     CaseError
         If the element does not take the values.
     """
-    values: dict[str, Any] = {k: p.value for k, p in block.parameters.items()}
     types = field_types(element_class(block.kind))
+    values: dict[str, Any] = {k: p.value for k, p in block.parameters.items() if k in types}
     for key in (key for key in values if types[key] == "count"):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
             raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from eppanalysis.cases.blocks import FILE, Block as ElementTable, field_types, make_element, read_block
-from eppanalysis.cases.files import Missing, RawCase
+from eppanalysis.cases.blocks import (
+    FILE,
+    Block as ElementTable,
+    field_types,
+    known_elements,
+    make_element,
+    read_block,
+)
+from eppanalysis.cases.files import Connections, Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
+from eppanalysis.cases.values.automata import AUTOMATON, WORDS
 from eppanalysis.cases.values.dimensions import check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
@@ -18,7 +26,7 @@ from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
 from eppanalysis.errors import CaseError, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
-from eppanalysis.models.elements import ELEMENTS, Nonlinearity
+from eppanalysis.models.elements import Nonlinearity
 
 #: Fields of a table that say what it is, not how large something is.
 _WORDS = ("kind", "element", "name")
@@ -55,6 +63,10 @@ class DiagramKind(Kind):
         """Any part, as a whole table, and any field of one: reading it tells whether the part has it."""
         first = name.partition(".")[0]
         return any(first in (data.get(place) or {}) for place in ("blocks", "elements"))
+
+    def named_signals(self, data: Mapping[str, Any], signals: tuple[str, ...]) -> tuple[str, ...]:
+        """Those under `signals`; all ports where there are none."""
+        return tuple(data.get("signals") or signals)
 
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
         """Parameters stand in a table of their own, fields in those of their parts, parts in those of their sort."""
@@ -96,9 +108,12 @@ def _refused(error: ModelError, raw: RawCase) -> CaseError:
     if isinstance(raw.typed(field), Mapping) and field.startswith("signals."):
         field = f"{field}.of"
     found = error.found.removeprefix(f"{raw.name}: ")
+    value = Connections() if field == "connect" else raw.typed(field)
     if not error.expected:
-        return raw.refused(field, f"a diagram that makes a loop ({found})")
-    return raw.refused(field, error.wanted() if error.has_value else f"{error.wanted()} ({found})")
+        expected = f"a diagram that makes a loop ({found})"
+    else:
+        expected = error.wanted() if error.has_value else f"{error.wanted()} ({found})"
+    return CaseError(raw.origin(field), field, value, expected)
 
 
 def _require_driving(diagram: Diagram, raw: RawCase) -> None:
@@ -156,14 +171,12 @@ class _Reader:
             raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
         made = BLOCKS[kind]
         fields = declared_fields(made)
-        values: dict[str, Any] = {}
-        for key, value in table.items():
-            if key == "kind":
-                continue
+        given = {key: value for key, value in table.items() if key != "kind"}
+        for key, value in given.items():
             if key not in fields:
                 expected = f"a field of {kind}: {did_you_mean(key, fields)}"
                 raise CaseError(self.raw.origin(f"{place}.{key}"), f"{place}.{key}", value, expected)
-            values[key] = self._field(name, key, value, fields[key])
+        values = {key: self._field(name, key, value, fields[key]) for key, value in given.items()}
         for field in dataclasses.fields(made):
             if field.default is dataclasses.MISSING and field.name not in values:
                 raise self.raw.refused(f"{place}.{field.name}", f"a value: {kind} needs it")
@@ -180,7 +193,7 @@ class _Reader:
         for name, table in tables.items():
             place = f"elements.{name}"
             if "element" not in table:
-                raise self.raw.refused(f"{place}.element", f"a known element: one of {', '.join(ELEMENTS)}")
+                raise self.raw.refused(f"{place}.element", f"a known element: one of {', '.join(known_elements())}")
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
             check_fields(block, place, self.raw)
             try:
@@ -189,7 +202,7 @@ class _Reader:
                 raise self._with_value(error, block) from None
             if block.memory is not None:
                 memory[name] = block.memory
-            self._keep(name, table, block)
+            self._keep(name, block)
         return elements, memory
 
     def _with_value(self, error: CaseError, block: ElementTable) -> CaseError:
@@ -199,23 +212,27 @@ class _Reader:
             return error
         return CaseError(error.source, error.field, error.value, f"{error.expected}: {error.value} is {found}")
 
-    def _keep(self, name: str, table: Mapping[str, Any], block: ElementTable) -> None:
+    def _keep(self, name: str, block: ElementTable) -> None:
         """Remember the fields of an element that are quantities."""
         for key, parameter in block.parameters.items():
-            if not is_expression(table.get(key)):
+            if not is_expression(self.raw.typed(f"elements.{name}.{key}")):
                 self.given[f"{name}.{key}"] = parameter
 
     def _evaluated(self, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
         """The table of an element with its expressions replaced by what they come to."""
         kind = table.get("element")
-        types = field_types(ELEMENTS[kind]) if kind in ELEMENTS else {}
-        words = {*_WORDS, FILE, *(field for field, held in types.items() if held == "text")}
-        place = f"elements.{name}"
-        return {k: v if k in words else self._put_in(v, f"{place}.{k}") for k, v in table.items()}
+        known = known_elements()
+        types = field_types(known[kind]) if isinstance(kind, str) and kind in known else {}
+        own = WORDS if kind == AUTOMATON else ()
+        words = {*_WORDS, FILE, *own, *(field for field, held in types.items() if held == "text")}
+        return self._put_in(table, f"elements.{name}", words)
 
-    def _put_in(self, value: Any, field: str) -> Any:
+    def _put_in(self, value: Any, field: str, words: Container[str]) -> Any:
+        """A value with its expressions computed, in lists and tables too, but for what words hold there."""
         if isinstance(value, list):
-            return [self._put_in(v, f"{field}.{i}") for i, v in enumerate(value)]
+            return [self._put_in(v, f"{field}.{i}", words) for i, v in enumerate(value)]
+        if isinstance(value, Mapping) and "value" not in value:
+            return {k: v if k in words else self._put_in(v, f"{field}.{k}", words) for k, v in value.items()}
         return self._number(value, field) if is_expression(value) else value
 
     def _field(self, part: str, key: str, value: Any, declared: Declared) -> Any:

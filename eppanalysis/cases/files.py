@@ -60,6 +60,13 @@ class Missing:
         return "missing"
 
 
+class Connections:
+    """What a message shows for all connections of a diagram."""
+
+    def __repr__(self) -> str:
+        return "a list of connections"
+
+
 @dataclass(frozen=True)
 class RawCase:
     """A case file with its bases merged in, not yet validated.

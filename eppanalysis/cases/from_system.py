@@ -1,7 +1,8 @@
-"""What a case file says of a loop that was made in Python: every number as it is, so that it reads back the same."""
+"""What a case file says of loops and diagrams made in Python: every number as it is, so that it reads back the same."""
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.cases.blocks import element_class
+from eppanalysis.cases.blocks import element_class, known_elements
+from eppanalysis.cases.values.automata import AUTOMATON, automaton_table, memory_table
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements import ELEMENTS
+from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
+from eppanalysis.models.elements import ELEMENTS, AutomatonElement
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.cuts import Cuts
@@ -20,6 +23,58 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal, Ramp, Recor
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.own_states import own_count
 from eppanalysis.units import write_si
+
+
+def tables_of(system: LureSystem | Diagram) -> dict[str, Any]:
+    """The kind of case and its sections: a diagram as drawn where a file has a place for all of it, else its loop.
+
+    Raises
+    ------
+    ModelError
+        If a case file has no name for an element, or no place for what it remembers.
+    """
+    if not isinstance(system, Diagram):
+        return {"kind": "loop", "loop": loop_tables(system)}
+    other_units = set(system.units) - set(system.signals) - set(system.levels)
+    own_blocks = [p for p in system.parts.values() if isinstance(p, Block) and BLOCKS.get(p.kind) is not type(p)]
+    if system.principal or other_units or own_blocks or not system.ports_as_signals:
+        return tables_of(system.to_system())
+    return {"kind": "diagram", **diagram_tables(system)}
+
+
+def diagram_tables(diagram: Diagram) -> dict[str, Any]:
+    """The sections of a diagram: connections, external inputs, blocks, elements, signals; all numbers in SI units.
+
+    Raises
+    ------
+    ModelError
+        As :func:`tables_of`.
+    """
+    units = diagram.units
+    cuts = [diagram.margins_at] if isinstance(diagram.margins_at, str) else list(diagram.margins_at)
+    blocks, elements = {}, {}
+    for name, part in diagram.parts.items():
+        if isinstance(part, Block):
+            blocks[name] = _block(part)
+        else:
+            elements[name] = _element(diagram.name, part, name, diagram.memory.get(name))
+            del elements[name]["name"]
+    return {
+        "connect": list(diagram.connect),
+        "inputs": {name: write_si(level, units.get(name, "")) for name, level in diagram.levels.items()},
+        **({"margins_at": cuts} if cuts else {}),
+        "blocks": blocks,
+        "elements": elements,
+        "signals": {name: {"of": text, "unit": units.get(name, "")} for name, text in diagram.signals.items()},
+    }
+
+
+def _block(block: Block) -> dict[str, Any]:
+    """A block with the fields that are not at their defaults."""
+    given = {field.name: getattr(block, field.name) for field in dataclasses.fields(block)}
+    left_out = {field.name: field.default for field in dataclasses.fields(block)}
+    kept = {name: value for name, value in given.items() if value is not None and value is not left_out[name]}
+    return {"kind": block.kind, **kept}
 
 
 def loop_tables(loop: LureSystem) -> dict[str, Any]:
@@ -51,7 +106,7 @@ def loop_tables(loop: LureSystem) -> dict[str, Any]:
     if loop.time_step:
         table["time_step"] = write_si(loop.time_step, "s")
     rows = zip(loop.elements, loop.element_names, loop.memory, strict=True)
-    table["elements"] = [_element(loop, element, name, memory) for element, name, memory in rows]
+    table["elements"] = [_element(loop.name, element, name, memory) for element, name, memory in rows]
     if loop.principal:
         table["principal"] = loop.element_names[loop.principal]
     if loop.cuts is not None:
@@ -93,27 +148,31 @@ def _says_something(given: NDArray[np.float64]) -> bool:
     return bool(np.any(given) or np.any(np.signbit(given)))
 
 
-def _element(loop: LureSystem, element: Nonlinearity, name: str, memory: Any) -> dict[str, Any]:
+def _element(who: str, element: Nonlinearity, name: str, memory: Any) -> dict[str, Any]:
+    table: dict[str, Any]
+    if type(element) is AutomatonElement:
+        table = {"element": AUTOMATON, "name": name, **automaton_table(element, f"{who}: {name}")}
+        return table if memory is None else table | {"memory": memory_table(memory, element.rules)}
     kind = next((kind for kind in ELEMENTS if element_class(kind) is type(element)), None)
     if kind is None:
-        known = ", ".join(ELEMENTS)
-        unknown = f"{loop.name}: {name} is a {type(element).__name__}, which no case file knows"
+        known = ", ".join(known_elements())
+        unknown = f"{who}: {name} is a {type(element).__name__}, which no case file knows"
         raise ModelError(unknown, expected=f"one of: {known}")
-    table: dict[str, Any] = {"element": kind, "name": name}
+    table = {"element": kind, "name": name}
     for field in inspect.signature(type(element)).parameters:
         value = getattr(element, field)
         if value is not None:
             table[field] = np.asarray(value).tolist() if not isinstance(value, str) else value
     if memory is not None:
-        table["memory"] = _memory(loop, name, memory)
+        table["memory"] = _memory(who, name, memory)
     return table
 
 
-def _memory(loop: LureSystem, name: str, memory: Any) -> Any:
+def _memory(who: str, name: str, memory: Any) -> Any:
     """A held value; with direction and input reached, of an element that sticks."""
     parts = [float(np.asarray(part)) for part in (memory if isinstance(memory, Slip) else (memory,))]
     if not np.all(np.isfinite(parts)):
-        raise ModelError(f"{loop.name}: {name} remembers {parts}", expected="finite numbers")
+        raise ModelError(f"{who}: {name} remembers {parts}", expected="finite numbers")
     return parts if isinstance(memory, Slip) else parts[0]
 
 

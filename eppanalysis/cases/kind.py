@@ -12,7 +12,7 @@ from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.units import QuantityError, parse_any
+from eppanalysis.units import QuantityError, dimensions, parse_any
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,9 @@ class Kind(ABC):
             If it has another dimension.
         """
         number, given = parse_any(value)
-        if given not in ("", unit):
+        # An ohm is a V/A; turns per second are no 1/s.
+        same = unit and "Hz" not in (given, unit) and dimensions(given or unit) == dimensions(unit)
+        if given not in ("", unit) and not same:
             raise QuantityError(f"a quantity in {unit or 'plain numbers'}")
         return number
 
@@ -83,6 +85,10 @@ class Kind(ABC):
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
         """Where a field stands in a file with these tables."""
         return list(name.split("."))
+
+    def named_signals(self, data: Mapping[str, Any], signals: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of the loop's signals that a file with these tables names itself."""
+        return signals
 
     def implied(self, elbow: ElbowParameters | None, name: str) -> float | None:
         """A parameter that the file does not give itself, but that follows from others or has a default."""

@@ -15,12 +15,14 @@ from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import LoopSection
 from eppanalysis.cases.values.dimensions import check_units
 from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.cuts import Cuts, suggestion
 from eppanalysis.models.systems.linear import StateSpace, as_state_space
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.own_states import ports
 from eppanalysis.models.systems.signals import SignalMap
+from eppanalysis.readable import count
 
 #: Matrices of a loop without states.
 _MAY_BE_EMPTY = ("A", "B", "C")
@@ -56,11 +58,15 @@ class LoopKind(Kind):
         """Any field of an element: reading it tells whether the element has it."""
         return name.partition(".")[0] in _places(data)
 
+    def implied(self, elbow: ElbowParameters | None, name: str) -> float | None:
+        """The gain of the loop, which is one where it is left out."""
+        return 1.0 if name == "loop.gain" else None
+
     def path(self, name: str, data: Mapping[str, Any]) -> list[str | int]:
         """Elements stand in a list, and are called by their names."""
-        first, _, rest = name.partition(".")
+        first, *rest = name.split(".")
         places = _places(data)
-        return ["loop", *places[first], rest] if first in places else list(name.split("."))
+        return ["loop", *places[first], *rest] if first in places else [first, *rest]
 
 
 def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, int]]:
@@ -109,8 +115,7 @@ def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Non
     elements = [b for b in blocks if b.kind]
     n = sum(part.A.shape[0] for part in ring if isinstance(part, StateSpace))
     if loop.initial_state is not None and len(loop.initial_state) != n:
-        numbers = "1 number, of the one state" if n == 1 else f"{n} numbers, one for each state"
-        raise raw.refused("loop.initial_state", numbers)
+        raise raw.refused("loop.initial_state", f"{count(n, 'number')}, one for each state")
     return LureSystem.from_blocks(
         ring,
         delay=0.0 if loop.delay is None else float(loop.delay.value),

@@ -15,15 +15,16 @@ from eppanalysis.cases.diagrams import DiagramKind
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
 from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, without_answers
-from eppanalysis.cases.from_system import input_tables, loop_tables
+from eppanalysis.cases.from_system import input_tables, tables_of
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
 from eppanalysis.cases.schema import FILES, INPUTS, find_quantity, validate
-from eppanalysis.cases.toml import write_toml
 from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.errors import CaseError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
+from eppanalysis.models.diagrams import Diagram
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -78,7 +79,7 @@ class Case:
     @checked
     def from_system(
         cls,
-        loop: LureSystem,
+        loop: LureSystem | Diagram,
         name: str = "",
         *,
         title: str = "",
@@ -88,9 +89,11 @@ class Case:
     ) -> Case:
         """A loop that was made in Python, as a case: its elements' fields are parameters, and it can be written.
 
+        Of a diagram the fields of its blocks are parameters, too.
+
         Parameters
         ----------
-        loop : LureSystem
+        loop : LureSystem or Diagram
         name, title : str, optional
             Of the case; by default the loop's name.
         input : InputSignal or mapping of str to InputSignal, optional
@@ -115,14 +118,13 @@ class Case:
         """
         name = name or loop.name
         data: dict[str, Any] = {
-            "kind": "loop",
+            **tables_of(loop),
             "title": title or name,
-            "loop": loop_tables(loop),
             "run": {"t_end": write_si(t_end, "s"), **input_tables(input)},
         }
         if signal is not None:
             data["expected"] = {"signal": signal}
-        return load(RawCase(name, name, Path(), data))
+        return load(RawCase(name, name, Path(), _plain(data)))
 
     @classmethod
     @checked
@@ -157,6 +159,19 @@ class Case:
         'harness_position = 0.0216585'
         """
         return OperatingPoint.of(self._system, self.input, self.t_end)
+
+    @property
+    def named_signals(self) -> tuple[str, ...]:
+        """The signals that tables on a console show: those that the file names, and the expected one.
+
+        Examples
+        --------
+        >>> from eppanalysis.cases import case
+        >>> case("x15_flare").named_signals
+        ('theta', 'delta')
+        """
+        named = KINDS[self.kind].named_signals(self._raw.data, self._system.signals.names)
+        return tuple(dict.fromkeys([*named, *([self.expected.signal] if self.expected.signal else [])]))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -462,8 +477,8 @@ def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, n
     for part in path[:-1]:
         if isinstance(part, str) and isinstance(here, dict):
             here = here.setdefault(part, {})
-        elif isinstance(part, int) and isinstance(here, list):
-            here = here[part]
+        elif isinstance(here, list) and str(part).isdigit() and int(part) < len(here):
+            here = here[int(part)]
         else:
             break
     last = path[-1]

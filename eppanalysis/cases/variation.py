@@ -57,13 +57,13 @@ class Variation(ABC):
     Attributes
     ----------
     case : Case
-    has_guideline : bool
-        Whether there are guidelines for such designs.
+    guided : (str, str) or None
+        The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
     example : str
         A field and a value for it, as one sets them.
     """
 
-    has_guideline: ClassVar[bool]
+    guided: ClassVar[tuple[str, str] | None] = None
     example: ClassVar[str]
 
     case: Case
@@ -88,7 +88,7 @@ class Variation(ABC):
 class ElbowVariation(Variation):
     """Of an elbow: its gain and its backlash before all else."""
 
-    has_guideline = True
+    guided = ("bands.range", "lock_pin.backlash")
     example = "lock_pin.backlash = 0.5 deg"
 
     def sliders(self) -> Iterable[Slider]:
@@ -118,36 +118,40 @@ class ElbowVariation(Variation):
 class LoopVariation(Variation):
     """Of any other loop: its gain and whatever is positive."""
 
-    has_guideline = False
     example = "loop.gain = 2"
 
     def sliders(self) -> Iterable[Slider]:
-        """Every positive parameter, from a tenth to three times of what it is."""
-        case, positive = self.case, self.over()
-        if "loop.gain" not in case.parameters and _takes(case, "loop.gain", 1.01):
-            yield Slider("loop.gain", "loop gain", "", 1.0, 0.1, 3.0, 0.01, 1.0)
-        for name, parameter in case.parameters.items():
-            value = parameter.value
-            if name not in positive or not _takes(case, name, 1.01 * value):
-                continue
-            per_unit = case.si(name, f"1 {parameter.friendly}".strip())
+        """Every positive parameter, from a tenth to three times of what it is; what is tunable comes first."""
+        first = self.over()
+        for name in [*first, *(name for name in self._positive() if name not in first)]:
+            value, unit = self.case.value(name), self.case.unit(name)[1]
+            per_unit = self.case.si(name, f"1 {unit}".strip())
             shown = value / per_unit
             step = 10.0 ** math.floor(math.log10(shown) - 1.5)
-            yield Slider(name, words(name), parameter.friendly, per_unit, shown / 10.0, 3.0 * shown, step, shown)
+            yield Slider(name, words(name), unit, per_unit, shown / 10.0, 3.0 * shown, step, shown)
 
     def over(self) -> list[str]:
-        """The gain, what is positive, and the delay last."""
-        positive = [
-            name
-            for name, parameter in self.case.parameters.items()
-            if not isinstance(parameter.value, bool) and parameter.value > 0 and name != "loop.time_step"
-        ]
-        return sorted(positive, key=lambda name: (name != "loop.gain", name == "loop.delay"))
+        """What is tunable, the gain, what else is positive, and the delay last; no half of what has two sides."""
+        given = self.case.parameters
+        names = [name for name in self._positive() if _other_side(name) not in given]
+
+        def place(name: str) -> tuple[bool, bool, bool]:
+            tunable = name in given and given[name].mark == "tunable"
+            return not tunable, name != "loop.gain", name == "loop.delay"
+
+        return sorted(names, key=place)
+
+    def _positive(self) -> list[str]:
+        """Parameters that are positive and may move a little: no counts and no sample times of discrete time."""
+        given = self.case.parameters
+        names = [*(["loop.gain"] if "loop.gain" not in given and _takes(self.case, "loop.gain", 1.01) else []), *given]
+        positive = [n for n in names if not isinstance(value := self.case.value(n), bool) and value > 0]
+        return [n for n in positive if n != "loop.time_step" and _takes(self.case, n, 1.01 * self.case.value(n))]
 
     def branch(self, name: str) -> tuple[float, float, float]:
-        """From where the parameter is to twice of it."""
+        """From where the parameter is, or from four times of it, down to a quarter."""
         value = self.case.value(name)
-        return value, value, 2.0 * value
+        return value, 4.0 * value, 0.25 * value
 
     def axes(self) -> dict[str, str]:
         """The first two parameters, around what they are."""
@@ -163,16 +167,6 @@ class DiagramVariation(LoopVariation):
     """Of a diagram: its parameters, those that are marked tunable first."""
 
     example = "controller.kp = 2"
-
-    def sliders(self) -> Iterable[Slider]:
-        """Every positive parameter, from a tenth to three times of what it is."""
-        return (slider for slider in super().sliders() if slider.name in self.case.parameters)
-
-    def over(self) -> list[str]:
-        """What is positive, in the order of the file but for what is tunable."""
-        given = self.case.parameters
-        positive = [n for n, p in given.items() if not isinstance(p.value, bool) and p.value > 0]
-        return sorted(positive, key=lambda name: given[name].mark != "tunable")
 
 
 _KINDS: dict[str, type[Variation]] = {"elbow": ElbowVariation, "loop": LoopVariation, "diagram": DiagramVariation}
@@ -198,6 +192,16 @@ def current(case: Case, name: str) -> float | None:
         if name != _MASS:
             raise
         return None
+
+
+#: The two sides of what need not be symmetric; alone, one of them makes an element that nobody builds.
+_SIDES = {"upper": "lower", "lower": "upper", "high": "low", "low": "high"}
+
+
+def _other_side(name: str) -> str:
+    """The field that holds the other side of what a field holds one of; empty where it holds all."""
+    element, _, last = name.rpartition(".")
+    return f"{element}.{_SIDES[last]}" if last in _SIDES else ""
 
 
 def _takes(case: Case, name: str, value: float) -> bool:

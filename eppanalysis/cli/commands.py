@@ -50,6 +50,7 @@ from eppanalysis.readable import count
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
     from eppanalysis.methods.comparison.ladder import Ladder
+    from eppanalysis.methods.elements.result import ElementCheck
     from eppanalysis.models.systems.measured.loop import MeasuredLoop
     from eppanalysis.models.systems.measured.response import MeasuredResponse
     from eppanalysis.results import Prediction, Trajectory
@@ -172,7 +173,8 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 @app.command(cls=_Command)
 def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> None:
-    """Check case files: every field, its unit and its range."""
+    """Check case files: fields, units, ranges, the rules of elements of one's own; all mistakes are named."""
+    from eppanalysis.cases.mistakes import sentences_of
     from eppanalysis.tables.console import parameters_table
 
     valid, texts = [], expanded(cases)
@@ -180,16 +182,31 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         try:
             valid.append(load_case(text, settings))
         except EppError as error:
-            typer.echo(str(error), err=True)
+            for sentence in sentences_of(text, error):
+                typer.echo(sentence, err=True)
     if as_json:
-        print_json("check", [(case, {"valid": True, **case.provenance()}) for case in valid], settings)
+        each = ((case, [found.to_dict() for found in _own_elements(case)]) for case in valid)
+        rows = [(case, {"valid": True, **case.provenance(), "own_elements": own}) for case, own in each]
+        print_json("check", rows, settings)
     else:
         for case in valid:
             heading(f"{case.name}: valid ({case.kind}): {case.title}", settings)
             if len(texts) == 1:
                 print_table(parameters_table(case))
+                for found in _own_elements(case):
+                    typer.echo(str(found))
     if len(valid) < len(texts):
         raise typer.Exit(2)
+
+
+def _own_elements(case: Case) -> list[ElementCheck]:
+    """The checks of the elements that a file gives by their modes and guards."""
+    from eppanalysis.methods.elements.check import check_element
+    from eppanalysis.models.elements import AutomatonElement
+
+    system = case.to_system()
+    named = zip(system.elements, system.element_names, strict=True)
+    return [check_element(element, name=name) for element, name in named if type(element) is AutomatonElement]
 
 
 @app.command(cls=_Command)
@@ -390,10 +407,10 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     for warning in prediction.warnings:
         typer.echo(f"Caution: {warning}")
     if n:
-        print_table(cycles_table(list(prediction)))
+        print_table(cycles_table(list(prediction), case.named_signals))
     for cycle in prediction:
         if isinstance(cycle, MeasuredCycle):
-            typer.echo(f"Of the data: {cycle.told()}.")
+            typer.echo(f"Of the data: {cycle.with_intervals()}.")
     if prediction.margins:
         typer.echo(f"margins of the linearised loop, cut at {prediction.margins['at']}:")
         print_table(margins_table(prediction.margins))
@@ -403,14 +420,22 @@ def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.tables.console import cycles_table, rest_table
 
     since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
-    typer.echo(f"{run.status.value}{since} {count(run.n_events, 'event')}.")
+    typer.echo(f"{run.message}{since} {count(run.n_events, 'event')}.")
     point = run.operating_point
-    if point is not None and "is a sine" in point.moving.values():
+    if point is not None and point.is_driven:
         typer.echo(f"{point}: the command response says what the loop does under it.")
     if run.limit_cycle is not None:
-        print_table(cycles_table([run.limit_cycle]))
+        print_table(cycles_table([run.limit_cycle], case.named_signals))
     elif run.settled_at:
-        print_table(rest_table(run))
+        print_table(rest_table(run, case.named_signals))
+    _tell_others(case, run)
+
+
+def _tell_others(case: Case, run: Trajectory) -> None:
+    """How many signals the tables leave out, and where they are."""
+    left = len(run.signals) - len(case.named_signals)
+    if left > 0:
+        typer.echo(f"{count(left, 'signal')} of ports that the file does not name: --json and -o have them.")
 
 
 def _show_ladder(case: Case, ladder: Ladder) -> None:
@@ -421,7 +446,8 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
-    print_table(ladder_table(ladder))
+    print_table(ladder_table(ladder, case.named_signals))
+    _tell_others(case, ladder.run)
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")
     print_table(rungs_table(ladder))

@@ -94,7 +94,9 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch) -> None:
-    typer.echo(f"{count(len(search), 'limit cycle')}. {search.message} Sought with {search.search}")
+    # The sentence of a search that found nothing says how it ended already, where it left something open.
+    said = str(search) if not len(search) else f"{count(len(search), 'limit cycle')}. {search.message}"
+    typer.echo(f"{said} Sought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"

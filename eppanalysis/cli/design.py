@@ -71,6 +71,8 @@ def design(
 
     for path in output:
         check_output(path, (".toml", ".csv", *PICTURES))
+        if path.suffix.lower() in PICTURES and len(tune) == 1 and front is None:
+            raise EppError(f"{path}: a design of one parameter has no row of values to draw; expected two, or a front.")
     found = load_case(case, settings)
     with progress(f"design {found.name}") as advance:
         result = designed(

@@ -1,4 +1,4 @@
-"""The command ``eppanalysis guide``: design guidelines on backlash, as tables, sentences and a picture."""
+"""The command ``eppanalysis guide``: how far a parameter may go, for each design of a grid, as tables and a picture."""
 
 from __future__ import annotations
 
@@ -30,14 +30,30 @@ if TYPE_CHECKING:
     from eppanalysis.cases import Case
     from eppanalysis.guides.guideline import Guide
 
-_GAINS = "1.5 lbf,2.5 lbf,3.5 lbf"
+#: Of an elbow; other cases run from half to twice their own value.
+_GAINS = ["1.5 lbf", "2.5 lbf", "3.5 lbf"]
 _END = "; repeatable."
 
 
 def guide(
     case: CaseName,
     settings: Settings = NOTHING,
-    gains: Annotated[str, typer.Option("--gains", metavar="VALUES", help="Profile ranges, at commas.")] = _GAINS,
+    over: Annotated[
+        str | None,
+        typer.Option("--over", metavar="FIELD", help="The parameter that runs; of an elbow its gain, bands.range."),
+    ] = None,
+    limit: Annotated[
+        str | None,
+        typer.Option("--limit", metavar="FIELD", help="The parameter that is bounded; of an elbow its backlash."),
+    ] = None,
+    gains: Annotated[
+        str | None,
+        typer.Option(
+            "--gains",
+            metavar="VALUES",
+            help="Values of --over, at commas; of an elbow 1.5, 2.5 and 3.5 lbf, else half, once and twice its own.",
+        ),
+    ] = None,
     vary: Annotated[
         list[str],
         typer.Option(
@@ -50,10 +66,10 @@ def guide(
     ] = NOTHING,
     margins: Annotated[
         list[str],
-        typer.Option("--margin", metavar="FIELD=FACTOR", help="On bands.range or lock_pin.backlash" + _END),
+        typer.Option("--margin", metavar="FIELD=FACTOR", help="On the limit, or bands.range" + _END),
     ] = NOTHING,
     within: Annotated[
-        str | None, typer.Option("--within", metavar="LOW..HIGH", help="Range of backlash to look in.")
+        str | None, typer.Option("--within", metavar="LOW..HIGH", help="Range of the limit to look in.")
     ] = None,
     samples: Annotated[int, typer.Option("--samples", help="Draws for the probabilities.")] = 400,
     starts: Annotated[int, typer.Option("--starts", help="Runs that test each bound.")] = 1000,
@@ -69,23 +85,28 @@ def guide(
         typer.Option("-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .xlsx, .png, .svg or .pdf" + _END),
     ] = NO_FILES,
 ) -> None:
-    """Say how much backlash an elbow may have at several gains, with tolerances and margins."""
+    """Say how far a parameter may go in each design of a grid (how much backlash an elbow may have at each gain)."""
     from eppanalysis.guides.files import FILES, check_file, title
-    from eppanalysis.guides.guideline import GAIN, LIMIT, design_guide
+    from eppanalysis.guides.guideline import design_guide, pair_of
+    from eppanalysis.guides.result import GAIN
     from eppanalysis.methods.bounds.design import cores
 
     for path in outputs:
         check_output(path, FILES)
         check_file(path)
     found = load_case(case, settings)
-    rounding = step_for_manual(found, LIMIT, manual, step)
+    over, limit = pair_of(found, over, limit)
+    rounding = step_for_manual(found, limit, manual, step)
+    values = (_GAINS if over == GAIN else None) if gains is None else _values(gains)
     chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
-    for option, values in (("--gains", {GAIN: _values(gains)}), ("--vary", chosen)):
-        _check_values(found, option, values)
+    for option, given in (("--gains", {} if values is None else {over: values}), ("--vary", chosen)):
+        _check_values(found, option, given)
     with progress(f"guide {found.name}") as advance:
         result = design_guide(
             found,
-            _values(gains),
+            values,
+            over=over,
+            limit=limit,
             variants=chosen,
             tolerances=dict(split_pair(t, "--tolerance", "FIELD=VALUE") for t in tolerances) or None,
             margins={
@@ -110,10 +131,6 @@ def guide(
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:
     """Refuse values that the case cannot take, by the name of the option that holds them."""
-    from eppanalysis.cases.variation import variation_of
-
-    if not variation_of(case).has_guideline:
-        return  # refused as such in a moment, which says more than what its fields are
     for name, texts in values.items():
         if not texts:
             raise EppError(f"{option}: holds no value of {name}; expected one or more, at commas.")
@@ -133,10 +150,26 @@ def _factor(name: str, text: str) -> float:
 
 
 def _show(result: Guide) -> None:
-    from eppanalysis.guides.files import facts
-    from eppanalysis.tables.console import frame_table
+    """The strictest limit, all limits as a grid, what they are in words, and what made them."""
+    from eppanalysis.guides.manual import limit_grid, source
+    from eppanalysis.guides.result import in_words
+    from eppanalysis.readable import with_unit
+    from eppanalysis.tables.cells import table_of
 
-    print_table(frame_table(result.rounded()))
+    typer.echo(str(result))
+    cells, heads, texts, step = limit_grid(result)
+    unit = result.case.readable(result.limit)[0]
+    what = with_unit(f"{in_words(result.limit)} at {'most' if result.side == 'below' else 'least'}", unit)
+    beside = [head or what for head in heads]
+    if len(heads) == 1:
+        beside += ["this case", "known"]
+    table = table_of(in_words(result.over), *beside)
+    for row, shown in zip(cells, texts, strict=True):
+        first = next(cell for cell in row if cell is not None)
+        more = [first.region, first.cell.known] if len(heads) == 1 else []
+        table.add_row(result.case.text(result.over, first.values[result.over], 4), *shown, *more)
+    table.caption = f"{what.capitalize()}, rounded to the safe side in steps of {step}."
+    print_table(table)
     for sentence in result.sentences():
         typer.echo(sentence)
-    typer.echo(facts(result))
+    typer.echo(source(result))

@@ -135,7 +135,7 @@ def explained(
             {"system": system.name, "record": record.source, "model_error": model_error},
             {"residual": CONVERGED},
             {"samples": len(record.time), "periods": found.n_periods, "harmonics": found.harmonics.shape[1]},
-            {} if isinstance(case, LureSystem) else facts_of(case),
+            facts_of(case),
         ),
         operating_point=candidates.at,
     )

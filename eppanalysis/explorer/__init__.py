@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import require_packages
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -40,12 +40,7 @@ def explore(case: Case, port: int = 0, ready: Callable[[str], None] | None = Non
     EppError
         If a library is missing, the port is in use, or the case cannot be run.
     """
-    from importlib.util import find_spec
-
-    missing = [name for name in _NEEDED if find_spec(name) is None]
-    if missing:
-        how = "what 'pip install \"eppanalysis[explore]\"' installs"
-        raise EppError(f"explore: the page needs {', '.join(missing)}; expected {how}.")
+    require_packages("explore: the page", "explore", *_NEEDED)
     from eppanalysis.explorer.server import serve
 
     serve(case, port, ready or _say)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from bokeh.events import Pan, PanEnd, PanStart, PointEvent, Tap
 from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.models.annotations import Span, Title
 from bokeh.plotting import figure
@@ -18,6 +19,8 @@ from eppanalysis.sweep.picture import OUTCOME_COLOURS
 
 _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360
+#: How near to the design a drag begins, relative to the axes.
+_NEAR = 0.06
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
 
 
@@ -42,6 +45,12 @@ def _figure(title: str, x: str, y: str, **options: Any) -> Any:
     return made
 
 
+def _mark_run(made: figure, source: ColumnDataSource) -> None:
+    """The cross of the own run, in ink: black by day, light by night."""
+    style: dict[str, Any] = {"marker": "x", "size": 12, "color": "black", "line_width": 2, "tags": ["ink"]}
+    made.scatter("x", "y", source=source, legend_label="run", **style)
+
+
 def _legend(made: Any) -> None:
     """Below the picture, where it hides nothing."""
     legend = made.legend[0]
@@ -56,13 +65,24 @@ class StepPicture:
     """The run in time."""
 
     def __init__(self, signal: str, unit: str) -> None:
-        self.source = ColumnDataSource(data=_NOTHING)
-        self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
-        self.figure.line("x", "y", source=self.source, color=BLUE, line_width=1.3)
+        self.source, self.ghost = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
+        made = self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
+        made.line("x", "y", source=self.source, color=BLUE, line_width=1.3, legend_label="now")
+        behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.6, "level": "underlay"}
+        made.line("x", "y", source=self.ghost, legend_label="before: none", **behind)
+        self.now, self.before = made.legend[0].items
+        _legend(made)
+        made.legend[0].ncols = 1
 
-    def show(self, quick: Quick) -> None:
-        """New data."""
+    def show(self, quick: Quick, text: str) -> None:
+        """New data, and in words of what."""
         self.source.data = {"x": quick.time.astype(np.float32), "y": quick.values.astype(np.float32)}
+        self.now.label = {"value": f"now: {text}"}
+
+    def keep(self, text: str) -> None:
+        """The run of now stays as a ghost behind those that come."""
+        self.ghost.data = dict(self.source.data)
+        self.before.label = {"value": f"before: {text}"}
 
 
 class NyquistPicture:
@@ -78,7 +98,7 @@ class NyquistPicture:
         style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
         made.line("x", "y", source=self.locus, legend_label="−1/N(A)", **style)
         made.scatter("x", "y", source=self.first, color=GREEN, size=10, legend_label="cycle of first order")
-        made.scatter("x", "y", source=self.run, marker="x", size=12, color="black", line_width=2, legend_label="run")
+        _mark_run(made, self.run)
         _legend(made)
 
     def show(self, quick: Quick) -> None:
@@ -125,7 +145,7 @@ class BranchPicture:
         marks: dict[str, Any] = {"size": 10, "line_color": GREEN, "line_width": 2}
         made.scatter("x", "y", source=self.exact_stable, fill_color=GREEN, legend_label="exact, stable", **marks)
         made.scatter("x", "y", source=self.exact_unstable, fill_color="white", legend_label="exact, unstable", **marks)
-        made.scatter("x", "y", source=self.run, marker="x", size=12, color="black", line_width=2, legend_label="run")
+        _mark_run(made, self.run)
         self.here = Span(location=0, dimension="height", line_color=GREY, line_dash="dotted", line_width=1.5)
         made.add_layout(self.here)
         made.y_range.start = 0
@@ -184,16 +204,56 @@ class MapPicture:
         self.star = ColumnDataSource(data=_NOTHING)
         colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
-        for code, word in ((1, "settles"), (2, "oscillates")):
+        for code, word in ((1, "settles"), (2, "oscillates"), (3, "diverges"), (0, "not decided")):
             made.scatter(
                 [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
             )
-        made.scatter("x", "y", source=self.star, marker="star", size=17, color="black", legend_label="the case")
+        # Black with a white edge: the map's colours are light by day and by night, and its paper is dark at night.
+        star: dict[str, Any] = {"marker": "star", "size": 19, "fill_color": "black", "line_color": "white"}
+        made.scatter("x", "y", source=self.star, legend_label="the case", **star)
         _legend(made)
 
     def show_place(self, x: float, y: float) -> None:
-        """Where the case stands."""
+        """Where the case stands, in the picture and in its legend."""
         self.star.data = {"x": [x], "y": [y]}
+        self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g} (drag or tap)"}
+
+    def on_drag(self, begin: Callable[[], None], move: Callable[[float, float], None], end: Callable[[], None]) -> None:
+        """Say what is done when the design is dragged on the map, or put to where the map is tapped."""
+        dragged = False
+
+        def begins(event: PanStart) -> None:
+            nonlocal dragged
+            dragged = self._is_near(event)
+            if dragged:
+                begin()
+
+        def moves(event: Pan) -> None:
+            if dragged and event.x is not None and event.y is not None:
+                move(event.x, event.y)
+
+        def ends(event: PanEnd) -> None:
+            nonlocal dragged
+            if dragged:
+                dragged = False
+                end()
+
+        def put(event: Tap) -> None:
+            if event.x is not None and event.y is not None:
+                begin()
+                move(event.x, event.y)
+                end()
+
+        for kind, act in ((PanStart, begins), (Pan, moves), (PanEnd, ends), (Tap, put)):
+            self.figure.on_event(kind, act)
+
+    def _is_near(self, event: PointEvent) -> bool:
+        """Whether a place is at the design, so that box zoom and pan are left what begins elsewhere."""
+        if not self.star.data["x"] or event.x is None or event.y is None:
+            return False
+        spans = (self.figure.x_range, self.figure.y_range)
+        away = (event.x - self.star.data["x"][0], event.y - self.star.data["y"][0])
+        return all(abs(d) < _NEAR * (s.end - s.start) for d, s in zip(away, spans, strict=True))
 
     def show_cells(self, facts: dict[str, Any], x_factor: float, y_factor: float) -> None:
         """The outcomes."""

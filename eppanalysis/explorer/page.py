@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from bokeh.events import DocumentReady
 from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
 
@@ -18,6 +19,8 @@ from eppanalysis.cases.variation import Slider, current, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.explorer import quick, slow
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
+from eppanalysis.explorer.looks import LOOKS, WIDGETS
+from eppanalysis.explorer.standalone import standalone
 from eppanalysis.explorer.values import (
     Values,
     moved_case,
@@ -25,7 +28,7 @@ from eppanalysis.explorer.values import (
     read_query,
     write_query,
 )
-from eppanalysis.readable import readable
+from eppanalysis.readable import readable, words
 
 if TYPE_CHECKING:
     from bokeh.document import Document
@@ -90,6 +93,7 @@ class Page:
 
     def _make_widgets(self) -> None:
         self.widgets = {name: self._slider(slider) for name, slider in self.sliders.items()}
+        self.heading = Div(text="", name="heading", render_as_text=True, sizing_mode="stretch_width")
         self.verdict = Div(text="", name="verdict", render_as_text=True, sizing_mode="stretch_width")
         self.exact = Div(text="", name="exact", render_as_text=True, sizing_mode="stretch_width")
         self.message = Div(text="", name="message", render_as_text=True, sizing_mode="stretch_width")
@@ -98,6 +102,7 @@ class Page:
             placeholder=variation_of(self.base).example,
             name="field",
             sizing_mode="stretch_width",
+            stylesheets=[WIDGETS],
         )
         self.field.on_change("value", lambda attr, old, new: self._set_field(new))
         self.over = Select(
@@ -106,6 +111,7 @@ class Page:
             value=self._first("lock_pin.backlash"),
             name="over",
             sizing_mode="stretch_width",
+            stylesheets=[WIDGETS],
         )
         self.over.on_change("value", lambda attr, old, new: self._begin_slow())
         self.address = ColumnDataSource(data={"query": [""]})
@@ -115,11 +121,13 @@ class Page:
         self.undo = self._button("Undo", "undo", self._undo)
         self.reset = self._button("Reset", "reset", self._reset)
         self.undo.tags = [self.address, self.download]  # they are of the page without being seen on it
-        self.link = Button(label="Copy link", name="link", sizing_mode="stretch_width")
+        self.link = Button(label="Copy link", name="link", sizing_mode="stretch_width", stylesheets=[WIDGETS])
         self.link.js_on_click(CustomJS(code=_COPY))
         self.save_case = self._button("Case file", "save_case", self._save_case)
         self.save_picture = self._button("Picture", "save_picture", self._save_picture)
+        self.save_page = self._button("Page", "save_page", self._save_page)
         for name in (
+            "heading",
             "verdict",
             "exact",
             "message",
@@ -130,6 +138,7 @@ class Page:
             "link",
             "save_case",
             "save_picture",
+            "save_page",
         ):
             self.doc.add_root(getattr(self, name))
 
@@ -144,6 +153,7 @@ class Page:
             name=f"slider_{len(self.doc.roots)}",
             tags=[slider.name],
             sizing_mode="stretch_width",
+            stylesheets=[WIDGETS],
         )
         widget.on_change("value", lambda attr, old, new: self._move(slider, new))
         widget.on_change("value_throttled", lambda attr, old, new: self._moved())
@@ -151,7 +161,7 @@ class Page:
         return widget
 
     def _button(self, label: str, name: str, act: Callable[[], None]) -> Button:
-        button = Button(label=label, name=name, sizing_mode="stretch_width")
+        button = Button(label=label, name=name, sizing_mode="stretch_width", stylesheets=[WIDGETS])
         button.on_click(act)
         return button
 
@@ -167,8 +177,10 @@ class Page:
             ends = [(a.low, a.high) for a in self.axes]
             self.map = MapPicture(self.axes[0].label(), self.axes[1].label(), *ends)
             self.pictures.append(self.map)
+            self.map.on_drag(self._drag_begins, self._drag, self._moved)
         for picture in self.pictures:
             self.doc.add_root(picture.figure)
+        self.doc.js_on_event(DocumentReady, CustomJS(code=LOOKS))
 
     def _first(self, liked: str) -> str:
         return liked if liked in self.sliders else next(iter(self.sliders), "")
@@ -191,8 +203,32 @@ class Page:
         self.message.text = ""
         self._begin_quick()
 
+    def _drag_begins(self) -> None:
+        self._remember()
+        self.shown["moving"] = True
+
+    def _drag(self, x: float, y: float) -> None:
+        """The design is moved on the map, to a place in the units of its axes."""
+        assert self.axes is not None
+        places = {a.name: _on_slider(a, value) for a, value in zip(self.axes, (x, y), strict=True)}
+        given = {name: value * self.sliders[name].per_unit for name, value in places.items()}
+        try:
+            moved_case(self.base, {**self.values, **given})
+        except EppError as error:
+            self.message.text = str(error)
+            return
+        self.values = {**self.values, **given}
+        self.message.text = ""
+        self.setting = True
+        try:
+            for name, value in places.items():
+                self.widgets[name].value = value
+        finally:
+            self.setting = False
+        self._begin_quick()
+
     def _moved(self) -> None:
-        """A slider has been let go."""
+        """A slider, or the design on the map, has been let go."""
         self.shown["moving"] = False
         self._write_address()
 
@@ -218,6 +254,7 @@ class Page:
             self._take({})
 
     def _remember(self) -> None:
+        self.step.keep(_in_short(self.base, self.values))
         self.history = [*self.history[1 - _MOST_STEPS_BACK :], self.values]
 
     def _take(self, values: Values, remember: bool = True) -> None:
@@ -257,6 +294,13 @@ class Page:
 
         self._ask("picture", slow.picture, (slow.Given.of(self.case, self.signal),), then)
 
+    def _save_page(self) -> None:
+        """The page as one file: what it says and shows now."""
+        said = (self.heading.text, self.verdict.text, self.exact.text)
+        names = [picture.figure.name for picture in self.pictures]
+        page = standalone(self.doc, self.base.title, said, names)
+        self._send(f"{self.base.name}.html", "text/html", page.encode())
+
     def _send(self, name: str, mime: str, content: bytes) -> None:
         """Give the browser a file, which it makes itself."""
         coded = base64.b64encode(content).decode()
@@ -293,7 +337,9 @@ class Page:
         self.doc.hold("combine")
         try:
             self.verdict.text = result.sentence
-            self.step.show(result)
+            now = _in_short(self.base, self.values)
+            self.heading.text = f"With {now}."
+            self.step.show(result, now)
             self.nyquist.show(result)
             place = self._place(self.over.value)
             self.branch.show_run(place, result.peak_to_peak)
@@ -405,6 +451,18 @@ class Page:
             act()
 
         self.later = self.doc.add_timeout_callback(begin, _CALM)
+
+
+def _on_slider(slider: Slider, value: float) -> float:
+    """The value of a slider that is nearest to one."""
+    steps = round((value - slider.low) / slider.step)
+    return min(max(slider.low + steps * slider.step, slider.low), slider.high)
+
+
+def _in_short(case: Case, values: Mapping[str, float]) -> str:
+    """What was moved, and to where."""
+    moved = [f"{words(name)} {case.text(name, value, 4)}" for name, value in values.items()]
+    return ", ".join(moved) or "the values of its file"
 
 
 def _arguments(doc: Document) -> dict[str, list[bytes]]:

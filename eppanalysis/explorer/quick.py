@@ -105,7 +105,7 @@ def _sentence(run: Trajectory, signal: str, unit: str, factor: float) -> str:
         return f"Oscillates at {cycle.frequency:.4g} Hz, {name} by {size} peak to peak."
     if run.status is Status.SETTLED:
         return f"Settles: at rest from {run.settled_since:.3g} s on."
-    return run.status.value
+    return run.message
 
 
 def _loop(case: Case, run: Trajectory) -> tuple[FrozenLoop | None, complex | None, bool]:

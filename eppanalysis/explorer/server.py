@@ -42,6 +42,13 @@ ADDRESS = "127.0.0.1"
 _LARGEST_MESSAGE = 1_000_000
 #: Random bytes of the token, and how long a line about a failed request may be.
 _TOKEN_BYTES, _LONGEST_LINE = 24, 300
+#: What the pictures are, for those who cannot see them.
+_TITLES = {
+    "step": "Picture: the run in time",
+    "nyquist": "Picture: Nyquist curve of the loop",
+    "branch": "Picture: limit cycles over a parameter",
+    "map": "Picture: map of designs",
+}
 _TEMPLATE = Path(__file__).with_name("page.html")
 
 
@@ -96,6 +103,7 @@ def serve(case: Case, port: int, ready: Callable[[str], None]) -> None:
             heading=case.title,
             sliders=[widget.name for widget in page.widgets.values()],
             pictures=[picture.figure.name for picture in page.pictures],
+            titles=_TITLES,
         )
 
     token = secrets.token_urlsafe(_TOKEN_BYTES)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
+from eppanalysis.guides.result import in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.readable import cut_text
 from eppanalysis.results.shown import png
@@ -18,7 +19,7 @@ from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, w
 if TYPE_CHECKING:
     import pandas
 
-    from eppanalysis.guides.guideline import Guide
+    from eppanalysis.guides.result import Guide
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
@@ -38,12 +39,7 @@ def check_file(path: Path) -> None:
     EppError
         If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
     """
-    from importlib.util import find_spec
-
-    check_target(path, FILES)
-    needed = _NEEDED.get(path.suffix.lower())
-    if needed is not None and find_spec(needed) is None:
-        raise EppError(f"{path}: needs the package {needed}; expected it installed: {_INSTALL}.")
+    check_target(path, FILES, _NEEDED)
 
 
 def write_guide(guide: Guide, path: Path) -> None:
@@ -68,7 +64,8 @@ def write_guide(guide: Guide, path: Path) -> None:
 
 def title(guide: Guide) -> str:
     """What the table is about."""
-    return f"Largest backlash without a limit cycle: {guide.case.title or guide.case.name}"
+    which = "Largest" if guide.side == "below" else "Smallest"
+    return f"{which} {in_words(guide.limit)} without a limit cycle: {guide.case.title or guide.case.name}"
 
 
 def facts(guide: Guide) -> str:
@@ -129,7 +126,7 @@ def _html(guide: Guide, path: Path) -> None:
     path.write_text(
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
         f"<style>{_STYLE}</style></head>"
-        f'<body><h1>{name}</h1>{table}<ul>{lines}</ul><img alt="Three regions of the design over the profile range" '
+        f'<body><h1>{name}</h1>{table}<ul>{lines}</ul><img alt="What the design does, by region" '
         f'src="data:image/png;base64,{image}"><footer>{html.escape(facts(guide))}</footer></body></html>\n',
         encoding="utf-8",
     )
@@ -169,5 +166,5 @@ _WRITERS: dict[str, Callable[[Guide, Path], None]] = {
 }
 FILES = (*_WRITERS, *PICTURES)
 #: What pandas needs for an ending besides itself.
-_NEEDED = {".md": "tabulate", ".tex": "jinja2", ".html": "jinja2", ".xlsx": "openpyxl"}
+_NEEDED = {".md": ("tabulate",), ".tex": ("jinja2",), ".html": ("jinja2",), ".xlsx": ("openpyxl",)}
 _INSTALL = "pip install 'eppanalysis[tables]'"

@@ -8,17 +8,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown
-from eppanalysis.guides.guideline import GAIN, LIMIT, Guide, GuideRow, in_words
-from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding
+from eppanalysis.guides.result import GAIN, Guide, GuideRow, in_words
+from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Known
 from eppanalysis.readable import number, with_unit, words
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.tables.manual import ManualTable, drawing_step, to_step
+from eppanalysis.tables.manual import ManualTable, Shade, drawing_step, to_step
 
 _DASH = "-"
+#: The shade of a limit, by how it is known; the words stand beside it.
+_SHADES = {
+    Known.PROVED: Shade.SURE,
+    Known.TESTED: Shade.SURE,
+    Known.EXACT: Shade.LIKELY,
+    Known.SEARCHED: Shade.LIKELY,
+    Known.BALANCED: Shade.ROUGH,
+    Known.NONE: Shade.NONE,
+}
 
 
 @checked
@@ -48,48 +58,155 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
 
 
 def _of_guide(guide: Guide, given: float | None) -> ManualTable:
-    """Backlash at the elbow, at the pulley and under tolerances (as a force, where none are given), by design."""
-    (unit, degrees), (force_unit, forces) = guide.case.readable(LIMIT), guide.case.readable(GAIN)
-    tolerant = any(row.tolerance is not None for row in guide.rows)
-    columns: tuple[list[float], ...] = ([], [], [])
-    for row in guide.rows:
-        part = _tested(row.allowed, row.cell) / row.allowed
-        force = forces * part * row.force
-        last_value = degrees * _worst(guide, row) if tolerant else force
-        values = (degrees * part * row.allowed, 1e3 * part * row.pulley, last_value)
-        for column, value in zip(columns, values, strict=True):
-            column.append(value)
-    limits, pulleys, fourth = columns
-    step = _step(limits, given, unit)
-    steps = (step, drawing_step(pulleys), step if tolerant else drawing_step(fourth))
-    rounded = [[_rounded(value, one) for value in column] for column, one in zip(columns, steps, strict=True)]
-    rows = [
-        (_design(guide, row), *values, _checked(row.cell)) for row, *values in zip(guide.rows, *rounded, strict=True)
-    ]
-    last = f"Backlash with all tolerances used up, at most [{unit}]"
+    """The limit by design, rounded; beside it an elbow's backlash at the pulley, or what happens beyond the limit."""
+    up = _holds_from_below(row.cell for row in guide.rows)
+    limits, step = _limits(guide, given, up=up)
+    unit = guide.case.readable(guide.limit)[0]
+    beside = [_under_tolerances(guide, step, up)] if any(row.tolerance is not None for row in guide.rows) else []
+    if guide.of_backlash:
+        pulley, force = _at_the_pulley(guide)
+        beside = [pulley, *(beside or [force])]
+    else:
+        beside = [*(beside or [_rests_unless_struck(guide, step, up)]), _frequencies(row.cell for row in guide.rows)]
+    name = "Backlash at the elbow" if guide.of_backlash else _capital(in_words(guide.limit))
     heads = (
         "Design",
-        f"Backlash at the elbow, at most [{unit}]",
-        "Play of the cable at the pulley, at most [mm]",
-        last if tolerant else f"Change of the cable's force, at most [{force_unit}]",
+        with_unit(f"{name}, {'at least' if up else 'at most'}", unit),
+        *(c.head for c in beside),
         "Checked",
     )
-    units = (unit, "mm", unit if tolerant else force_unit)
-    said = ", ".join(f"{one} {name}" for one, name in dict.fromkeys(zip(map(str, steps), units, strict=True)))
+    cells = zip(*(c.cells for c in beside), strict=True)
+    rows = [
+        (_design(guide, row), limit, *more, _checked(row.cell))
+        for row, limit, more in zip(guide.rows, limits, cells, strict=True)
+    ]
+    steps = dict.fromkeys([f"{step} {unit}".rstrip(), *(c.step for c in beside if c.step)])
     factors = [f"{number(value)} on {words(name)}" for name, value in guide.margins.items()]
     more = [f"Factors of safety that are taken off already: {', '.join(factors)}."] if factors else []
-    title = f"Largest backlash without a self-sustained oscillation: {guide.case.title or guide.case.name}"
-    notes = _notes([row.cell for row in guide.rows], f"Values are rounded down, in steps of {said}.")
-    return ManualTable(title, heads, tuple(rows), (*notes, *more, _source(guide.provenance, guide.case.name)))
+    what = "Largest" if not up else "Smallest"
+    named = guide.case.title or guide.case.name
+    title = f"{what} {in_words(guide.limit)} without a self-sustained oscillation: {named}"
+    notes = _notes([row.cell for row in guide.rows], f"Values are rounded {_way(up)}, in steps of {', '.join(steps)}.")
+    said = [c.note for c in beside if c.note] + ([guide.not_covered] if guide.not_covered else [])
+    made_by = source(guide)
+    return ManualTable(title, heads, tuple(rows), (*notes, *said, *more, made_by), _shades(r.cell for r in guide.rows))
+
+
+def limit_grid(guide: Guide) -> tuple[list[list[GuideRow | None]], list[str], list[list[str]], str]:
+    """The limits as a grid: values of the parameter that runs down, variants across.
+
+    Returns
+    -------
+    cells : list of list of GuideRow or None
+    heads : list of str
+        The variants in words.
+    texts : list of list of str
+        The limits, rounded to the safe side in a step of a drawing; a dash where there is none.
+    step : str
+        That step with its unit.
+    """
+    limits, step = _limits(guide, None, up=_holds_from_below(row.cell for row in guide.rows))
+    printed = {id(row): str(limit) for row, limit in zip(guide.rows, limits, strict=True)}
+    groups = guide.variants()
+    values = list(dict.fromkeys(row.values[guide.over] for row in guide.rows))
+    by_place = [{row.values[guide.over]: row for row in rows} for rows in groups.values()]
+    cells = [[rows.get(value) for rows in by_place] for value in values]
+    texts = [[_DASH if cell is None else printed[id(cell)] for cell in row] for row in cells]
+    unit = guide.case.readable(guide.limit)[0]
+    return cells, [guide.variant_in_words(variant) for variant in groups], texts, f"{step} {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column beside the limits: its heading, its cells, its step with unit, and how it is to be read."""
+
+    head: str
+    cells: list[Decimal | str]
+    step: str = ""
+    note: str = ""
+
+
+def _limits(guide: Guide, given: float | None, *, up: bool) -> tuple[list[Decimal | str], Decimal]:
+    """The limits from where the designs were tested, rounded to the safe side, and the step of it."""
+    unit, factor = guide.case.readable(guide.limit)
+    values = [factor * row.allowed * _share(row) for row in guide.rows]
+    step = _step(values, given, unit, up=up)
+    return [_rounded(value, step, up=up) for value in values], step
+
+
+def _share(row: GuideRow) -> float:
+    """How much of a limit is left where the design was tested."""
+    return _tested(row.allowed, row.cell) / row.allowed
+
+
+def _at_the_pulley(guide: Guide) -> tuple[_Column, _Column]:
+    """The limit on an elbow's backlash as a play of the cable and as a force."""
+    unit, factor = guide.case.readable(GAIN)
+    heads = ("Play of the cable at the pulley, at most", "mm"), ("Change of the cable's force, at most", unit)
+    values = [1e3 * _share(r) * r.pulley for r in guide.rows], [factor * _share(r) * r.force for r in guide.rows]
+    made = []
+    for (head, one), column in zip(heads, values, strict=True):
+        step = drawing_step(column)
+        made.append(_Column(with_unit(head, one), [_rounded(v, step) for v in column], f"{step} {one}"))
+    return made[0], made[1]
+
+
+def _under_tolerances(guide: Guide, step: Decimal, up: bool) -> _Column:
+    unit, factor = guide.case.readable(guide.limit)
+    side = "at least" if up else "at most"
+    head = with_unit(f"{_capital(in_words(guide.limit))} with all tolerances used up, {side}", unit)
+    cells = [_rounded(factor * _worst(guide, row), step, up=up) for row in guide.rows]
+    return _Column(head, cells, f"{step} {unit}".rstrip())
+
+
+def _rests_unless_struck(guide: Guide, step: Decimal, up: bool) -> _Column:
+    """Up to where beyond the limit the case's own run comes to rest."""
+    unit, factor = guide.case.readable(guide.limit)
+    cells = [
+        _rounded(factor * row.rests_to, step, up=up) if row.cell.sign * (row.rests_to - row.cell.bound) > 0 else _DASH
+        for row in guide.rows
+    ]
+    note = (
+        "Rests unless struck: beyond the limit an oscillation exists beside rest; up to this value the ordinary run of "
+        "the case came to rest wherever it was tried. A blow may start the oscillation."
+    )
+    head = with_unit(f"Rests unless struck {'down' if up else 'up'} to", unit)
+    return _Column(head, cells, note=note if any(cell != _DASH for cell in cells) else "")
+
+
+def _frequencies(cells: Iterable[BoundCell]) -> _Column:
+    return _Column("Oscillation beyond it at about [Hz]", [_about(cell.frequency, 2) for cell in cells])
+
+
+def _holds_from_below(cells: Iterable[BoundCell]) -> bool:
+    """Whether the limits are the least that a parameter may be.
+
+    Raises
+    ------
+    EppError
+        If some are and others are not.
+    """
+    found = [cell for cell in cells if cell.finding is Finding.BOUND]
+    up = bool(found) and found[0].sign < 0
+    if any((cell.sign < 0) is not up for cell in found):
+        raise EppError("manual_table: some bounds hold from below and some from above; expected one side for all.")
+    return up
+
+
+def _way(up: bool) -> str:
+    return "up" if up else "down"
+
+
+def _shades(cells: Iterable[BoundCell]) -> tuple[Shade, ...]:
+    """The shade of each row, by how its limit is known."""
+    return tuple(_SHADES[cell.known] for cell in cells)
 
 
 def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
     """The limit for each value of the other parameter, as it is rounded and as it was computed."""
     (x_unit, x), (y_unit, y) = bounds.readable[bounds.over], bounds.readable[bounds.limit]
+    up = _holds_from_below(bounds)
     found = [cell for cell in bounds if cell.finding is Finding.BOUND]
-    up = bool(found) and found[0].sign < 0
-    if any((cell.sign < 0) is not up for cell in found):
-        raise EppError("manual_table: some bounds hold from below and some from above; expected one side for all.")
     step = _step([y * _tested(cell.bound, cell) for cell in found], given, y_unit, up=up)
     rows = []
     for cell in bounds:
@@ -97,7 +214,7 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
         rows.append(
             (_printed(x * cell.value), limit, _about(y * cell.bound, 3), _about(cell.frequency, 2), _checked(cell))
         )
-    side, way = ("at least", "up") if up else ("at most", "down")
+    side = "at least" if up else "at most"
     name = words(bounds.limit)
     heads = (
         with_unit(_capital(words(bounds.over)), x_unit),
@@ -107,10 +224,10 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
         "Checked",
     )
     title = f"Limits on {name} without a self-sustained oscillation: {words(bounds.case)}"
-    said = f"The {name} is rounded {way}, in steps of {step} {y_unit}".rstrip() + "."
-    return ManualTable(
-        title, heads, tuple(rows), (*_notes(list(bounds), said), _source(bounds.provenance, bounds.case))
-    )
+    said = f"The {name} is rounded {_way(up)}, in steps of {step} {y_unit}".rstrip() + "."
+    notes = (*_notes(list(bounds), said), *([bounds.not_covered] if bounds.not_covered else []))
+    made_by = _source(bounds.provenance, bounds.case)
+    return ManualTable(title, heads, tuple(rows), (*notes, made_by), _shades(bounds))
 
 
 def _tested(limit: float, cell: BoundCell) -> float:
@@ -124,7 +241,8 @@ def _worst(guide: Guide, row: GuideRow) -> float:
     """The limit with all tolerances used up and the factors of safety taken off; never above the one without."""
     if row.tolerance is None:
         return math.nan
-    return min(guide.less_margin(row.tolerance.worst_case), row.allowed)
+    safest = min if row.cell.sign > 0 else max
+    return safest(guide.less_margin(row.tolerance.worst_case), row.allowed)
 
 
 def _step(values: Sequence[float], given: float | None, unit: str, *, up: bool = False) -> Decimal:
@@ -157,6 +275,8 @@ def _checked(cell: BoundCell) -> str:
     """Whether a limit was tested, or why there is none."""
     if cell.finding is not Finding.BOUND:
         return cell.message or cell.finding.sentence
+    if cell.known is Known.SEARCHED:
+        return "by search" if cell.verified else "no"
     if cell.verified:
         return f"yes, {cell.n_runs} simulations" if cell.n_runs else "yes"
     return "no"
@@ -166,8 +286,9 @@ def _notes(cells: Iterable[BoundCell], rounding: str) -> tuple[str, ...]:
     """How to read the table, for people who have not made it."""
     bounds = [cell for cell in cells if cell.finding is Finding.BOUND]
     unchecked = sum(not cell.verified for cell in bounds)
+    searched = any(cell.known is Known.SEARCHED for cell in bounds)
     notes = [rounding]
-    if len(bounds) > unchecked:
+    if len(bounds) > unchecked and not searched:
         notes.append(
             "Checked (second column): on the safe side of the limit all simulations came to rest and no oscillation "
             "was found; on the other side an oscillation exists."
@@ -175,6 +296,11 @@ def _notes(cells: Iterable[BoundCell], rounding: str) -> tuple[str, ...]:
     if unchecked:
         notes.append(f"{unchecked} of {len(bounds)} limits are not checked: do not use them without a test.")
     return tuple(notes)
+
+
+def source(guide: Guide) -> str:
+    """What made a guideline, in a sentence for people who do not make them."""
+    return _source(guide.provenance, guide.case.name)
 
 
 def _source(made_by: Provenance, name: str) -> str:

@@ -1,47 +1,56 @@
-"""Picture of a guideline: where a design is safe, by gain."""
+"""Picture of a guideline: the limits as a grid of designs, and what a design does over the parameter that runs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from eppanalysis.errors import EppError
-from eppanalysis.guides.guideline import Guide, GuideRow
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, root_figure, with_name
-from eppanalysis.readable import with_unit, words
+from eppanalysis.guides.manual import limit_grid
+from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, in_words
+from eppanalysis.methods.bounds.result import Known
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, put_verdict, root_figure
+from eppanalysis.readable import with_unit
 
-_GAIN, _LIMIT = "bands.range", "lock_pin.backlash"
-#: Regions of a design from below, told apart by their hatching as well as by colour.
+#: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
 _REGIONS = (
-    ("free of limit cycles", GREEN, ""),
-    ("guarded by an unstable cycle", ORANGE, "//"),
-    ("oscillates from rest", VERMILLION, "xx"),
+    (Region.FREE, GREEN, ""),
+    (Region.STRUCK, ORANGE, "//"),
+    (Region.UNKNOWN, GREY, ".."),
+    (Region.RUNS, VERMILLION, "xx"),
 )
+#: How a limit is known: the colour of its cell in the grid, and the mark of its point.
+_KNOWN: dict[Known, tuple[str, dict[str, Any]]] = {
+    Known.PROVED: (GREEN, {"marker": "*", "markersize": 9, "markerfacecolor": GREEN}),
+    Known.TESTED: (GREEN, {"marker": "o", "markersize": 5, "markerfacecolor": BLUE}),
+    Known.EXACT: (SKY, {"marker": "o", "markersize": 5, "markerfacecolor": "none"}),
+    Known.SEARCHED: (SKY, {"marker": "s", "markersize": 5, "markerfacecolor": "none"}),
+    Known.BALANCED: (ORANGE, {"marker": "^", "markersize": 5, "markerfacecolor": "none"}),
+    Known.NONE: (GREY, {"marker": "x", "markersize": 5}),
+}
 
 
-def plot_regions(guide: Guide, given: Axes | None = None) -> Figure:
-    """Backlash over the gain in three regions: free of cycles, guarded by an unstable cycle, oscillating from rest.
-
-    One panel a variant; filled circles are bounds that were verified.
+def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
+    """What a design does, by region, over the parameter that runs: a panel a variant, above several of them their grid.
 
     Parameters
     ----------
     guide : Guide
     given : matplotlib.axes.Axes, optional
-        Where to draw the first variant alone; all of them on a figure of its own by default.
+        Where to draw the regions of the first variant alone; all on a figure of its own by default.
 
     Raises
     ------
     EppError
         If no row has a bound.
     """
-    groups: dict[tuple[float, ...], list[GuideRow]] = {}
-    for row in guide.rows:
-        groups.setdefault(tuple(row.values[name] for name in guide.varied), []).append(row)
+    groups = guide.variants()
     if not any(np.isfinite(row.cell.bound) for row in guide.rows):
         raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
     if given is not None:
@@ -50,48 +59,98 @@ def plot_regions(guide: Guide, given: Axes | None = None) -> Figure:
         return root_figure(given)
     columns = min(len(groups), 3)
     count = -(-len(groups) // columns)
-    figure = Figure(figsize=(1.6 + 3.6 * columns, 0.6 + 3.2 * count), layout="constrained")
-    axes = figure.subplots(count, columns, squeeze=False, sharex=True, sharey=True)
-    for ax, (variant, rows) in zip(axes.flat, groups.items(), strict=False):
+    # The first row is the grid; a single variant needs none.
+    above = 0.6 + 0.4 * len(guide.rows) / len(groups) if len(groups) > 1 else 0.0
+    figure = Figure(figsize=(max(6.4, 1.6 + 3.2 * columns), 1.4 + 2.9 * count + above), layout="constrained")
+    heights = [above] * (above > 0) + [2.9] * count
+    places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+    first: Axes | None = None
+    named: dict[str, Any] = {}
+    for k, (variant, rows) in enumerate(groups.items()):
+        ax = figure.add_subplot(places[k // columns + (above > 0), k % columns], sharex=first, sharey=first)
+        first = first or ax
         _draw_regions(ax, guide, rows)
-        parts = [f"{words(n)} {guide.case.text(n, v, 4)}" for n, v in zip(guide.varied, variant, strict=True)]
-        ax.set_title(", ".join(parts), fontsize=8)
-    for ax in list(axes.flat)[len(groups) :]:
-        ax.set_axis_off()
-    figure.suptitle(with_name("backlash over gain", guide.case.name), fontsize=10)
-    handles, texts = axes.flat[0].get_legend_handles_labels()
-    # Three columns are wider than a single panel.
-    wide = 2 if columns == 1 else 3
-    figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=wide, frameon=False)
+        ax.set_title(guide.variant_in_words(variant), fontsize=8)
+        handles, texts = ax.get_legend_handles_labels()
+        named |= dict(zip(texts, handles, strict=True))
+    if above:
+        _draw_grid(figure.add_subplot(places[0, :]), guide)
+    put_verdict(figure, guide, guide.case.name)
+    figure.legend(named.values(), named, fontsize=8, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
+def _draw_grid(ax: Axes, guide: Guide) -> None:
+    """The limits, rounded to the safe side: values of the parameter that runs down, variants across."""
+    cells, heads, texts, step = limit_grid(guide)
+    unit = guide.case.readable(guide.limit)[0]
+    for i, row in enumerate(cells):
+        for j, cell in enumerate(row):
+            colour = GREY if cell is None else _KNOWN[cell.cell.known][0]
+            ax.add_patch(Rectangle((j - 0.48, i - 0.46), 0.96, 0.92, facecolor=colour, alpha=0.35, linewidth=0))
+            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=9, fontweight="bold")
+    ax.set_xlim(-0.5, len(cells[0]) - 0.5)
+    ax.set_ylim(len(cells) - 0.5, -0.5)
+    ax.set_xticks(range(len(heads)), heads, fontsize=8)
+    ax.xaxis.tick_top()
+    over = guide.over
+    values = [next(c for c in row if c is not None).values[over] for row in cells]
+    ax.set_yticks(range(len(cells)), [guide.case.text(over, v, 4) for v in values], fontsize=8)
+    ax.set_ylabel(in_words(over), fontsize=8)
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    side = "at most" if guide.side == "below" else "at least"
+    ax.set_xlabel(f"{with_unit(in_words(guide.limit), unit)}, {side}, in steps of {step}", fontsize=8)
+    known = [k for k in Known if any(row.cell.known is k for row in guide.rows)]
+    handles = [Patch(facecolor=_KNOWN[k][0], alpha=0.35, label=str(k)) for k in known]
+    ax.legend(handles=handles, fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+
+
 def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
-    gain_unit, gain = guide.case.readable(_GAIN)
-    unit, factor = guide.case.readable(_LIMIT)
-    rows = sorted(rows, key=lambda row: row.values[_GAIN])
-    x = gain * np.array([row.values[_GAIN] for row in rows])
+    (x_unit, x_factor), (unit, factor) = guide.case.readable(guide.over), guide.case.readable(guide.limit)
+    rows = sorted(rows, key=lambda row: row.values[guide.over])
+    x = x_factor * np.array([row.values[guide.over] for row in rows])
     bound = factor * np.array([row.allowed for row in rows])
-    start = factor * np.array([row.from_rest for row in rows])
     own = factor * rows[0].own
-    top = 1.15 * np.nanmax([own, *bound, *start[np.isfinite(start)]])
-    middle = np.where(np.isfinite(start), np.maximum(start, bound), top)
-    # A single gain has no width: its regions are drawn as a strip around it.
-    over, (free, rest) = x, (bound, middle)
-    if x.size == 1:
-        over, (free, rest) = x * np.array([0.96, 1.04]), (np.repeat(y, 2) for y in (bound, middle))
-    edges = (np.zeros(over.size), free, rest, np.full(over.size, top))
-    for i, (text, colour, hatch) in enumerate(_REGIONS):
-        style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
-        ax.fill_between(over, edges[i], edges[i + 1], **style, linewidth=0, label=text)
+    sign = 1.0 if guide.side == "below" else -1.0
+    edges, ends = _edges(factor, rows, bound, own, sign)
+    # A single value has no width: its regions are drawn as a strip around it.
+    strip = x.size == 1
+    over = x * np.array([0.96, 1.04]) if strip else x
+    for i, (region, colour, hatch) in enumerate(_REGIONS):
+        low, high = ((np.repeat(e, 2) if strip else e) for e in (edges[i], edges[i + 1]))
+        if np.nanmax(np.abs(high - low), initial=0.0) > 0.0:
+            style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
+            ax.fill_between(over, low, high, **style, linewidth=0, label=str(region))
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
-    done = np.array([row.cell.verified for row in rows])
-    circle: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "markeredgecolor": BLUE}
-    ax.plot(x[done], bound[done], **circle, markerfacecolor=BLUE, label="bound, verified")
-    if not np.all(done):
-        ax.plot(x[~done], bound[~done], **circle, markerfacecolor="none", label="bound, not verified")
-    ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label="this elbow")
-    ax.set_ylim(0.0, top)
-    ax.set_xlabel(f"profile range [{gain_unit}] (small: high gain)", fontsize=8)
-    ax.set_ylabel(with_unit(words(_LIMIT), unit), fontsize=8)
+    for known, (_, mark) in _KNOWN.items():
+        these = np.array([row.cell.known is known for row in rows]) & np.isfinite(bound)
+        if np.any(these):
+            ax.plot(x[these], bound[these], linestyle="none", markeredgecolor=BLUE, **mark, label=f"limit, {known}")
+    if math.isfinite(own):
+        whose = "this elbow" if guide.case.kind == "elbow" else "this case"
+        ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label=whose)
+    ax.set_ylim(*ends)
+    remark = " (small: high gain)" if guide.over == GAIN else ""
+    ax.set_xlabel(f"{with_unit(in_words(guide.over), x_unit)}{remark}", fontsize=8)
+    ax.set_ylabel(with_unit(in_words(guide.limit), unit), fontsize=8)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def _edges(
+    factor: float, rows: Sequence[GuideRow], bound: np.ndarray, own: float, sign: float
+) -> tuple[list[np.ndarray], tuple[float, float]]:
+    """Where the regions begin and end, from the safe side on, and the ends of the axis."""
+    rests, runs = (factor * np.array([getattr(row, name) for row in rows]) for name in ("rests_to", "from_rest"))
+    known = np.concatenate([[own], bound, rests, runs])
+    known = known[np.isfinite(known)]
+    top = 1.15 * float(np.max(known))
+    safe, far = (0.0, top) if sign > 0 else (top, 0.0)
+    beyond = np.maximum if sign > 0 else np.minimum
+    begun = np.where(np.isfinite(runs), beyond(runs, bound), far)
+    # A run that rests up to the last value tried before the one that oscillates rests up to that one, as drawn.
+    struck = np.where(np.isfinite(rests), beyond(rests, bound), bound)
+    near = np.isfinite(runs) & (np.abs(begun - struck) < 0.02 * np.abs(begun))
+    struck = np.where(near, begun, struck)
+    edge = np.full(bound.size, safe), bound, struck, begun, np.full(bound.size, far)
+    return [np.where(np.isfinite(bound), e, np.nan) for e in edge], (0.0, top)

@@ -114,7 +114,8 @@ def identify(
     case : Case
         The elbow with what is known of it; what the tests do not identify stays as it is there.
     tray : path, optional
-        Weight-tray test: columns force, voltage and, where there is one, time.
+        Weight-tray test: columns force, voltage and, where there is one, time. A file that the working folder does not
+        have is looked for in that of the case.
     backlash : path, optional
         Backlash cycling: columns angle, force and, where there are any, time and torque (of the hand).
     step : path, optional
@@ -149,6 +150,7 @@ def identify(
     'measured'
     """
     case.elbow_parameters  # noqa: B018  (refuses generic loops)
+    tray, backlash, step = (_beside(case, path) for path in (tray, backlash, step))
     if tray is None and backlash is None and step is None:
         raise EppError(
             "identify: no measured file is given; expected a weight tray, backlash cycling or step response."
@@ -174,6 +176,14 @@ def identify(
         fits.append(fit_step(recording, found, fit, seed=seed, progress=progress))
         found = with_estimates(found, fits[-1])
     return Identification(_titled(found, fits), tuple(fits), provenance=fits[-1].provenance)
+
+
+def _beside(case: Case, path: str | Path | None) -> str | Path | None:
+    """A file of the working folder; where that has none of this name, the one in the case's own folder."""
+    if path is None or Path(path).exists():
+        return path
+    own = case.folder / path
+    return own if own.exists() else path
 
 
 def with_estimates(case: Case, fit: BenchFit) -> Case:

@@ -14,9 +14,8 @@ from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.engine.run import run
 from eppanalysis.kernels.engine.workspace import PAUSED
 from eppanalysis.kernels.filling import fill
-from eppanalysis.kernels.growth import acts_late, grows
 from eppanalysis.kernels.simd.tuples import by_address, rows
-from eppanalysis.kernels.verdict import CYCLE, GROWS, SETTLED, UNDECIDED, verdict
+from eppanalysis.kernels.verdict import CYCLE, SETTLED, verdict_of_run
 
 SAMPLES = 512
 
@@ -66,25 +65,10 @@ def run_cells(
         out.since[c] = buffer.t[(count - 1) % keep] if count > 0 else 0.0
         if code != 0:
             continue
-        low, high = workspace.low, workspace.high
-        kind = verdict(
-            buffer.t,
-            buffer.guard,
-            buffer.x,
-            buffer.v,
-            count,
-            t_end,
-            low,
-            high,
-            workspace.rate,
-            compared,
-            acts_late(model),
-            found,
-        )
-        if kind == UNDECIDED and grows(
-            model, buffer.t, buffer.guard, buffer.x, buffer.v, count, t_end, x, workspace.rate, compared
-        ):
-            kind = GROWS
+        kind = verdict_of_run(
+            model, buffer.t, buffer.guard, buffer.x, buffer.v, count, t_end, workspace.low, workspace.high, x,
+            workspace.rate, compared, found,
+        )  # fmt: skip
         out.verdict[c] = kind
         if kind == CYCLE:
             p, period = int(found[0]), found[1]

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.compiling import PART, njit
 from eppanalysis.kernels.engine.series import DELAY_LINE
-from eppanalysis.kernels.verdict import repeats
 
 #: How far a motion is beyond levels and constants that count no more, and the share of it to which it grows evenly.
 #: (A gap that a motion crosses where it turns delays it by the root of their ratio.)
@@ -19,7 +18,7 @@ FAR, EVENLY = 1e6, 1e-4
 LEAST, LASTED = 1e-2, 20.0
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, compared):
     """Whether the motion grows without end: by one factor from period to period, or without a switch along a ray.
 
@@ -59,13 +58,13 @@ def grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, comp
     return False
 
 
-@njit(**KERNEL)
-def acts_late(model):
-    """Whether an output acts behind a dead time."""
-    for j in range(model.smooth_kind.size):
-        if model.smooth_kind[j] == DELAY_LINE:
-            return True
-    return False
+@njit(**PART)
+def repeats(ev_guard, count, keep, p):
+    """Whether the last three stretches of p events are the same."""
+    for k in range(2 * p):
+        if ev_guard[(count - 1 - k) % keep] != ev_guard[(count - 1 - k - p) % keep]:
+            return False
+    return True
 
 
 @njit(**PART)

@@ -1,14 +1,18 @@
-"""Compiled: what a run came to, read from its last events: at rest, on a cycle, or neither."""
+"""Compiled: what a run came to, read from its last events: at rest, on a cycle, growing without end, or neither."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.engine.series import DELAY_LINE
+from eppanalysis.kernels.growth import grows, repeats
 
 UNDECIDED, SETTLED, CYCLE, GROWS = 0, 1, 2, 3
 #: A cycle is accepted when its extrapolated limit is this close, relative to its own size.
 CYCLE_TOLERANCE = 1e-3
+#: And when it has changed no more than this in the last period.
+MOST_CHANGE = 0.02
 #: A state is at rest when its rate moves it by less than this in the time since the last switch, relative to its
 #: movement before.
 REST_TOLERANCE = 1e-6
@@ -22,6 +26,16 @@ GROWING = 1.5
 STEEP = 0.5
 #: The changes of parts of a period add up to that of the whole where it is more than this share of their sum.
 ADD_UP = 0.5
+
+
+@njit(**KERNEL)
+def verdict_of_run(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, x_end, rate_end, compared, found):
+    """UNDECIDED, SETTLED, CYCLE or GROWS for a run of a model; the arguments are those of `verdict` and `grows`."""
+    late = np.any(model.smooth_kind == DELAY_LINE)
+    code = verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, late, found)
+    if code == UNDECIDED and grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, compared):
+        return GROWS
+    return code
 
 
 @njit(**KERNEL)
@@ -62,26 +76,30 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         # Of the time of an event, too.
         rounding[i] += 1e-15 * abs(ev_v[(count - 1) % keep, i]) * t_end if count > 0 else 0.0
     last = ev_t[(count - 1) % keep] if count > 0 else 0.0
+    low_p, high_p, reach, local = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n)
+    may_vanish = True
     for p in range(1, kept // 3 + 1):
+        _widen(ev_t, ev_x, ev_v, count, keep, p, low_p, high_p, reach, local)
+        since = max(quiet, last - ev_t[(count - 1 - p) % keep])
+        # What moves too far in some events does so in more of them, and in a longer time.
+        for i in range(n):
+            if compared[i] and (local[i] > REST_TOLERANCE * size[i] or abs(rate_end[i]) * since > GONE * size[i]):
+                may_vanish = False
+        d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
+        # Of ten thousands of switches that pile up any number may repeat itself: the change is cheaper to tell.
+        if not (may_vanish or d1 < MOST_CHANGE):
+            continue
         # Rounding may move a large state across a switch and back: switches that repeat at one instant are no period.
         if repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
-            local = np.zeros(n)
-            _range(ev_t, ev_x, ev_v, count, keep, p, local)
-            since = max(quiet, ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep])
-            vanished = True
-            for i in range(n):
-                if compared[i] and (local[i] > REST_TOLERANCE * size[i] or abs(rate_end[i]) * since > GONE * size[i]):
-                    vanished = False
-            if vanished:
+            if may_vanish:
                 return SETTLED
             if late and _rates_to_change(ev_v, count, keep, p, compared) > CYCLE_TOLERANCE:
                 continue
-            d1 = _change(ev_t, ev_x, count, 0, keep, p, local, size, compared)
             rest_change = _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding)
             if rest_change > STANDING:
                 drift = _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
                 rest_change = max(rest_change, d1 * drift / (1.0 - drift) if drift < 1.0 else 1e300)
-            if d1 < 0.02 and rest_change < CYCLE_TOLERANCE:
+            if d1 < MOST_CHANGE and rest_change < CYCLE_TOLERANCE:
                 once = _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared)
                 found[0], found[3] = once, rest_change
                 found[2] = _change(ev_t, ev_x, count, 0, keep, once, local, size, compared)
@@ -180,26 +198,16 @@ def _rates_change(ev_v, last, keep, p, compared):
 
 
 @njit(**PART)
-def repeats(ev_guard, count, keep, p):
-    """Whether the last three stretches of p events are the same."""
-    for k in range(2 * p):
-        if ev_guard[(count - 1 - k) % keep] != ev_guard[(count - 1 - k - p) % keep]:
-            return False
-    return True
+def _widen(ev_t, ev_x, ev_v, count, keep, p, low, high, reach, out):
+    """How far each state moves over the last p events, from its values there and its rates on the way.
 
-
-@njit(**PART)
-def _range(ev_t, ev_x, ev_v, count, keep, p, out):
-    """How far each state moves over the last p events, from its values there and its rates on the way."""
+    `low`, `high` and `reach` hold what the last p - 1 events tell.
+    """
+    here, before = (count - p) % keep, (count - 1 - p) % keep
     for i in range(out.size):
-        low = high = ev_x[(count - 1) % keep, i]
-        run = 0.0
-        for k in range(p + 1):
-            r = (count - 1 - k) % keep
-            low, high = min(low, ev_x[r, i]), max(high, ev_x[r, i])
-            if k < p:
-                run = max(run, 0.1 * abs(ev_v[r, i]) * (ev_t[r] - ev_t[(count - 2 - k) % keep]))
-        out[i] = max(high - low, run)
+        low[i], high[i] = min(low[i], ev_x[here, i], ev_x[before, i]), max(high[i], ev_x[here, i], ev_x[before, i])
+        reach[i] = max(reach[i], 0.1 * abs(ev_v[here, i]) * (ev_t[here] - ev_t[before]))
+        out[i] = max(high[i] - low[i], reach[i])
 
 
 @njit(**PART)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.cases import as_case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, require_packages
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.progress import Progress
 
@@ -33,16 +33,11 @@ def check(path: Path) -> None:
         If the suffix is not one of a report, the folder does not exist, a library is missing, or a PDF is asked for and
         there is no browser that prints it.
     """
-    from importlib.util import find_spec
-
     from eppanalysis.report.page import find_browser
     from eppanalysis.tables.files import check_target
 
     check_target(path, SUFFIXES)
-    missing = [name for name in _NEEDED if find_spec(name) is None]
-    if missing:
-        how = "what 'pip install \"eppanalysis[report]\"' installs"
-        raise EppError(f"{path}: a report needs {', '.join(missing)}; expected {how}.")
+    require_packages(f"{path}: a report", "report", *_NEEDED)
     if path.suffix.lower() == ".pdf":
         find_browser(path)
 

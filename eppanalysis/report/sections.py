@@ -1,16 +1,19 @@
 """The template of a report: for each section its heading, a sentence or two, and the code that fills it.
 
 A new section is one more entry in `SECTIONS`. In its code ``case`` is there, and whatever the sections before it
-left (``prediction``, ``ladder``, ``cycles``); each catches what a method refuses and prints the sentence.
+left (``run``, ``ladder``, ``cycles``, ``branch``, ``prediction``); each
+catches what a method refuses and prints the sentence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from eppanalysis.cases.variation import variation_of
+from eppanalysis.methods.bounds.searched import is_by_search
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -56,6 +59,23 @@ OVERVIEW = """\
 ladders = [epp.ladder(case) for case in cases]
 epp.table(list(zip(cases, ladders)))"""
 
+_FIRST = """\
+ladder = cycles = branch = None
+try:
+    ladder = epp.ladder(case)
+    run, cycles = ladder.run, ladder.search
+except epp.EppError:
+    run = epp.simulate(case)
+{search}{branch}epp.first_page(case, run, ladder, cycles, branch)"""
+
+_SEARCH = """\
+if cycles is None:
+    try:
+        cycles = epp.find_limit_cycles(case)
+    except epp.EppError:
+        pass
+"""
+
 _START = """\
 epp.table(case)"""
 
@@ -81,29 +101,23 @@ except epp.EppError as reason:
     print(reason)"""
 
 _LADDER = """\
-ladder = None
-try:
-    ladder = epp.ladder(case)
+if ladder is not None:
     display(epp.table(ladder), ladder.plot().figure)
     print(ladder.verdict)
-except epp.EppError as reason:
-    print(reason)
-    run = epp.simulate(case)
+else:
     if run.status is not epp.Status.UNDECIDED:
         display(epp.table(run))
     display(run.plot().figure)
-    print(run.status.value)"""
+    print(run.message)"""
 
 _CYCLES = """\
-try:
-    cycles = ladder.search if ladder is not None and ladder.search is not None else epp.find_limit_cycles(case)
+if cycles is None:
+    print("Exact limit cycles were not sought here: eppanalysis cycles does, and eppanalysis report --full (minutes).")
+else:
     display(epp.table(cycles))
     print(cycles.message, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
-        display(cycle.plot().figure)
-except epp.EppError as reason:
-    cycles = None
-    print(reason)"""
+        display(cycle.plot().figure)"""
 
 _TRIGGER = """\
 if cycles:
@@ -111,21 +125,28 @@ if cycles:
         display(epp.table(epp.trigger(case, cycles=cycles)))
     except epp.EppError as reason:
         print(reason)
+elif cycles is None:
+    print("Exact limit cycles were not sought here, so none is known that a disturbance could start.")
 else:
-    print("No exact limit cycle is known, so there is none that a disturbance could start.")"""
+    print("No exact limit cycle was found, so there is none that a disturbance could start.")"""
 
-_BRANCH = """\
-branch = None
+_FOLLOW = """\
 try:
     start = "{near}" if cycles and cycles.stable else "{far}"
     branch = epp.continue_branch(case, "{name}", start=start, stop="{stop}")
+except epp.EppError as reason:
+    no_branch = reason
+"""
+
+_BRANCH = """\
+if branch is None:
+    print(no_branch)
+else:
     display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
         print(special.kind, "at", case.text("{name}", special.value) + ":", special.note)
-    print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)
-except epp.EppError as reason:
-    print(reason)"""
+    print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)"""
 
 _MAP = """\
 try:
@@ -176,16 +197,37 @@ def _margins(case: Case) -> str:
     return _MARGINS
 
 
-def _branch(case: Case) -> str:
-    """Over the backlash of an elbow, over the gain or the first positive parameter of another loop."""
-    variation = variation_of(case)
-    names = variation.over()
-    if not names or case.to_system().time_step:
-        return ""
-    name = names[0]
-    places = {key: case.text(name, at) for key, at in zip(("near", "far", "stop"), variation.branch(name), strict=True)}
+def _first(case: Case) -> str:
+    """All that the first page needs, but of a sampled loop what takes minutes."""
+    return _first_of(case, _followed(case), search="" if is_by_search(case.to_system()) else _SEARCH)
+
+
+def _full_first(case: Case) -> str:
+    """All that the first page needs."""
+    return _first_of(case, _followed(case, full=True), search=_SEARCH)
+
+
+def _first_of(case: Case, name: str, search: str) -> str:
+    """The ladder, the exact cycles, and the branch over a parameter where there is one to follow."""
+    if not name:
+        return _FIRST.format(search=search, branch="")
+    places = zip(("near", "far", "stop"), variation_of(case).branch(name), strict=True)
+    branch = _FOLLOW.format(name=name, **{key: case.text(name, at) for key, at in places})
+    return _FIRST.format(search=search, branch=branch)
+
+
+def _branch(case: Case, *, full: bool = False) -> str:
+    """Over the backlash of an elbow, over what is tunable, the gain or the first positive parameter of another loop."""
+    name = _followed(case, full=full)
     signal = f"signal={case.expected.signal!r}, " if case.expected.signal else ""
-    return _BRANCH.format(name=name, signal=signal, **places)
+    return _BRANCH.format(name=name, signal=signal) if name else ""
+
+
+def _followed(case: Case, *, full: bool = False) -> str:
+    """The parameter over which a cycle is followed; none in discrete time, and in short reports of sampled loops."""
+    names, system = variation_of(case).over(), case.to_system()
+    followed = not system.time_step if full else not is_by_search(system)
+    return names[0] if names and followed else ""
 
 
 def _map(case: Case) -> str:
@@ -206,11 +248,7 @@ def _full_guideline(case: Case) -> str:
 
 
 SECTIONS: tuple[Section, ...] = (
-    Section(
-        "Case",
-        "Every value, with where it comes from: the paper, derived from its numbers, assumed, or measured.",
-        _always(_START),
-    ),
+    Section("In short", "", _first, _full_first),
     Section(
         "Prediction",
         "All limit cycles that describing functions predict, stable and unstable. In the picture a cycle is where the "
@@ -243,6 +281,7 @@ SECTIONS: tuple[Section, ...] = (
         "Branch",
         "How a limit cycle changes with a parameter; the dotted line is the case. Stable is solid, unstable dashed.",
         _branch,
+        partial(_branch, full=True),
     ),
     Section("Design map", "Where the design settles and where it oscillates; the star is the case.", _map),
     Section(
@@ -250,8 +289,13 @@ SECTIONS: tuple[Section, ...] = (
         "How much backlash a gain bears before any limit cycle exists, put to the test on both sides. The commands "
         "eppanalysis bounds and eppanalysis guide give whole curves and tables, eppanalysis report --full this table "
         "at several gains.",
-        lambda case: _GUIDELINE if variation_of(case).has_guideline else "",
-        lambda case: _full_guideline(case) if variation_of(case).has_guideline else "",
+        lambda case: _GUIDELINE if variation_of(case).guided else "",
+        lambda case: _full_guideline(case) if variation_of(case).guided else "",
+    ),
+    Section(
+        "Case",
+        "Every value, with where it comes from: the paper, derived from its numbers, assumed, or measured.",
+        _always(_START),
     ),
     Section("Provenance", "What made these numbers.", _always(_PROVENANCE)),
 )

@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+#: What a limit cycle says of how it is known; a balance says its order behind.
+DESCRIBING_FUNCTION, HARMONIC_BALANCE = "describing function", "harmonic balance"
+EXACT_ORBIT, SIMULATION = "exact orbit", "simulation"
+
+
 class Outcome(StrEnum):
     """What a run does in the end, in the word that case files have for it."""
 
@@ -244,6 +249,8 @@ class Trajectory(Result):
         Since when the run is at rest or on the cycle [s]; nan when it is neither.
     n_events : int
         Switches in all, those included that `events` no longer holds.
+    note : str
+        Why an undecided run is one, where a longer run would not decide it.
     """
 
     t: Array
@@ -255,10 +262,14 @@ class Trajectory(Result):
     settled_since: float = float("nan")
     units: dict[str, str] = field(default_factory=dict)
     n_events: int = 0
+    note: str = ""
 
-    in_json = (
-        "status message=status.value settled_at settled_since limit_cycle n_events operating_point end_time provenance"
-    )
+    in_json = "status message settled_at settled_since limit_cycle n_events operating_point end_time provenance"
+
+    @property
+    def message(self) -> str:
+        """How the run ended, in a sentence."""
+        return self.note or self.status.value
 
     @property
     def end_time(self) -> float:
@@ -299,7 +310,7 @@ class Trajectory(Result):
                 else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
             )
             return f"Settles at rest{at}, {since}."
-        return f"{f'After {number(self.end_time)} s' if self.t.size else 'Without samples'}: {self.status.value}"
+        return f"{f'After {number(self.end_time)} s' if self.t.size else 'Without samples'}: {self.message}"
 
     @checked
     def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:

@@ -33,7 +33,7 @@ class MeasuredCycle(LimitCycle):
 
     in_json = f"{LimitCycle.in_json} intervals interpolation_error highest_harmonic beyond"
 
-    def told(self) -> str:
+    def with_intervals(self) -> str:
         """Amplitude and frequency with their intervals, and how far the data reach, in a sentence."""
         amplitude = float(next(iter(self.elements.values()))["amplitude"])
         values = {"amplitude": (amplitude, ""), "frequency": (self.frequency, " Hz")}

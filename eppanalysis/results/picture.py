@@ -23,6 +23,7 @@ from eppanalysis.plotting import (
     label_time,
     legend_below,
     mark_events,
+    note_below,
     place_of,
     places_of,
     put_verdict,
@@ -35,6 +36,8 @@ from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 Array = NDArray[np.float64]
 
 
+#: Signals that are drawn of a run where none are named; more are too small to be read.
+_MOST_PANELS = 12
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -48,7 +51,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     ----------
     trajectory : Trajectory
     signals : sequence of str, optional
-        Which signals, in this order; all by default.
+        Which signals, in this order; by default all, of many those that come first.
     given : matplotlib.axes.Axes, optional
         Where to draw the first of them; a figure of its own by default.
 
@@ -58,6 +61,8 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         If the trajectory has no such signal.
     """
     names = chosen(trajectory.signals, signals)
+    left_out = names[_MOST_PANELS:] if signals is None else []
+    names = names[: len(names) - len(left_out)]
     figure, panels = places_of(given, len(names))
     times = np.array([event.time for event in trajectory.events])
     for name, ax in zip(names, panels, strict=False):
@@ -75,6 +80,8 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     if given is None:
         legend_below(figure, panels[0])
         put_verdict(figure, trajectory, trajectory.provenance.subject)
+        if left_out:
+            note_below(panels[len(names) - 1], f"Not drawn: {', '.join(map(words, left_out))}.")
     return figure
 
 
@@ -166,7 +173,7 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if not curves.get("branches"):
-        ax.text(0.5, 0.5, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
+        ax.text(0.5, 0.6, "the phase closes at no amplitude", transform=ax.transAxes, ha="center", color=GREY)
     _mark_cycles(ax, points, prediction.cycles)
     ax.set_xlabel(with_unit(f"amplitude at the input of {element}", unit))
     ax.set_ylabel("loop gain (one at a cycle)")

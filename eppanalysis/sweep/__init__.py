@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.cases import Case, as_case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, require_packages
 from eppanalysis.progress import progress_bar, steps
 from eppanalysis.sweep.axes import Axes, LatinHypercube, Sobol, Tolerances, Zipped, make_design
 
@@ -109,7 +109,7 @@ def sweep(
     [nan, 8.97]
     """
     case = as_case(case)
-    _require("dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "zarr")
     from eppanalysis.sweep.analyses import make_task
     from eppanalysis.sweep.schedule import run_blocks
     from eppanalysis.sweep.store import cells_in
@@ -167,7 +167,7 @@ def sweep_cost(
     (1000, True)
     """
     case = as_case(case)
-    _require("dask", "zarr")
+    require_packages("sweep", "sweep", "dask", "zarr")
     from eppanalysis.sweep.analyses import make_task
 
     return _cost(make_task(case, axes, run, signals), make_design(case, axes).n_cells)
@@ -247,22 +247,10 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     EppError
         If there is no store of a sweep, or it is damaged; what is damaged of its numbers is refused when it is read.
     """
-    _require("zarr")
+    require_packages("sweep", "sweep", "zarr")
     from eppanalysis.sweep import store
 
     return store.open_sweep(path)
-
-
-def _require(*packages: str) -> None:
-    """Refuse in one sentence where what schedules and stores is not installed."""
-    from importlib.util import find_spec
-
-    missing = [name for name in packages if find_spec(name) is None]
-    if missing:
-        raise EppError(
-            f"sweep: {' and '.join(missing)} cannot be imported; expected an installation with the extra for sweeps "
-            "(pip install -e '.[sweep]')."
-        )
 
 
 def _chunk(design: Design, task: Task, chunk: int | None) -> int:

@@ -241,7 +241,7 @@ def _limits(case: Case, name: str, limits: Limits) -> tuple[float, float]:
     return low, high
 
 
-def _points(kind: str, dimensions: int, n: int, seed: int) -> Array:
+def _points(kind: type, dimensions: int, n: int, seed: int) -> Array:
     """Points of the unit cube, shape (n, dimensions)."""
     from scipy.stats import qmc
 
@@ -251,7 +251,7 @@ def _points(kind: str, dimensions: int, n: int, seed: int) -> Array:
         raise EppError(f"sweep: seed is {seed}; expected zero or a positive number.")
     if dimensions == 0:
         raise EppError("sweep: the sample has no parameter; expected at least one.")
-    if kind == "latin":
+    if kind is LatinHypercube:
         return qmc.LatinHypercube(d=dimensions, rng=np.random.default_rng(seed)).random(n)
     if n & (n - 1):
         near = 1 << n.bit_length()
@@ -261,17 +261,15 @@ def _points(kind: str, dimensions: int, n: int, seed: int) -> Array:
 
 def _sampled(case: Case, axes: LatinHypercube | Sobol) -> Design:
     limits = np.array([_limits(case, name, r) for name, r in axes.ranges.items()]).reshape(-1, 2)
-    kind = "sobol" if isinstance(axes, Sobol) else "latin"
-    points = _points(kind, len(limits), axes.n, axes.seed)
+    points = _points(type(axes), len(limits), axes.n, axes.seed)
     values = limits[:, 0] + points * (limits[:, 1] - limits[:, 0])
     return _sample(list(axes.ranges), values)
 
 
 def _tolerances(case: Case, axes: Tolerances) -> Design:
-    from scipy.stats import truncnorm
+    from eppanalysis.methods.bounds.tolerances.distribution import Distribution
 
-    if axes.distribution not in ("uniform", "normal"):
-        raise EppError(f"sweep: the distribution is {_shown(axes.distribution)}; expected 'uniform' or 'normal'.")
+    distribution = Distribution.called(axes.distribution, "sweep")
     found = {k: p for k, p in case.parameters.items() if p.tolerance}
     names = list(found) if axes.names is None else list(axes.names)
     for name in names:
@@ -280,8 +278,8 @@ def _tolerances(case: Case, axes: Tolerances) -> Design:
             raise EppError(f"sweep: {name} has no tolerance in {case.source}; expected a parameter that has one.")
     if not names:
         raise EppError(f"sweep: no parameter of {case.source} has a tolerance; expected at least one.")
-    share = _points("latin", len(names), axes.n, axes.seed)
-    spread = 2.0 * share - 1.0 if axes.distribution == "uniform" else truncnorm(-3.0, 3.0).ppf(share) / 3.0
+    share = _points(LatinHypercube, len(names), axes.n, axes.seed)
+    spread = distribution.within(share)
     centre = np.array([float(found[k].value) for k in names])
     half = np.array([float(found[k].tolerance or 0.0) for k in names])
     return _sample(names, centre + spread * half)

@@ -55,6 +55,8 @@ class Boundary(Result):
         How it was found.
     units : dict of str to str
         SI units of both parameters.
+    readable : dict of str to (str, float)
+        The units that people use for them, and the factors from SI to these.
     """
 
     axes: tuple[str, str]
@@ -64,13 +66,17 @@ class Boundary(Result):
     message: str
 
     units: dict[str, str] = field(default_factory=dict)
+    readable: dict[str, tuple[str, float]] = field(default_factory=dict)
 
     in_json = "axes points label status message provenance"
 
     def __str__(self) -> str:
         """Over which values the boundary is known, and how it was found."""
         known = self.points[np.all(np.isfinite(self.points), axis=1)]
-        places = [f"{words(name)} {span(known[:, i], self.units.get(name, ''))}" for i, name in enumerate(self.axes)]
+        places = [
+            f"{words(name)} {span(known[:, i], self.units.get(name, ''), self.readable.get(name))}"
+            for i, name in enumerate(self.axes)
+        ]
         where = f"{count(len(known), 'point')}, {listed(places)}" if len(known) else "no point"
         ended = "" if self.status.ok else f" {self.status.value}"
         return f"Boundary ({self.label}): {where}. {self.message}{ended}"
@@ -78,7 +84,7 @@ class Boundary(Result):
     def to_frame(self) -> pandas.DataFrame:
         """The points, one a row [SI]; rows without numbers part the pieces of the curve."""
         rows = [dict(zip(self.axes, point, strict=True)) for point in self.points.tolist()]
-        return frame_of(rows, self.units)
+        return frame_of(rows, self.units, self.readable)
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -172,6 +178,7 @@ def outcome_boundary(
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
         units={name: case.unit(name)[0] for name in (x, y)},
+        readable={name: case.readable(name) for name in (x, y)},
         provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),
     )
 
@@ -214,6 +221,7 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
         status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
         message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
         units={name: case.unit(name)[0] for name in (x, y)},
+        readable={name: case.readable(name) for name in (x, y)},
         provenance=Provenance("fold boundary", {"limits": limits}, case=case.provenance()),
     )
 

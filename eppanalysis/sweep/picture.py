@@ -460,7 +460,7 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
 def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     """A boundary in the plane of its two parameters."""
     figure, ax = place_of(ax, (5.2, 3.6))
-    (x_label, x), (y_label, y) = (label_of(name, boundary.units) for name in boundary.axes)
+    (x_label, x), (y_label, y) = (label_of(name, boundary.units, boundary.readable) for name in boundary.axes)
     few: dict[str, Any] = {"marker": "."} if len(boundary.points) < _FEW else {}
     ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)
     ax.set_xlabel(x_label)

@@ -137,7 +137,7 @@ def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
                 n_workers=workers or _cores(),
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                dashboard_address="localhost:0",  # with None, a server of its own warns where its fixed port is taken
                 silence_logs=50,
             )
         with local as cluster, Client(cluster) as client:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from eppanalysis.readable import ROUNDING, at_rest, percent, readable, signed_percent, with_unit
+from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
@@ -41,10 +42,15 @@ def parameters_table(case: Case) -> Table:
     return table
 
 
-def rest_table(run: Trajectory) -> Table:
-    """Where each signal rests."""
+def _these(known: Mapping[str, Any], signals: Sequence[str] | None) -> Mapping[str, Any]:
+    """What is known of these signals, in their own order; of all where none are chosen."""
+    return known if signals is None else {name: known[name] for name in known if name in signals}
+
+
+def rest_table(run: Trajectory, signals: Sequence[str] | None = None) -> Table:
+    """Where each of these signals rests; all by default."""
     table = table_of("signal", "rests at")
-    for name, value in run.settled_at.items():
+    for name, value in _these(run.settled_at, signals).items():
         unit, factor = readable(run.units.get(name, ""))
         table.add_row(with_unit(name, unit), cell(at_rest(value) * factor))
     return table
@@ -222,8 +228,8 @@ def cases_table(cases: Sequence[Case]) -> Table:
     return table
 
 
-def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
-    """Signals down, cycles across: mean and peak-to-peak of each."""
+def cycles_table(cycles: Sequence[LimitCycle], signals: Sequence[str] | None = None) -> Table:
+    """Signals down (all by default), cycles across: mean and peak-to-peak of each."""
     table = table_of("", *(column for i in range(len(cycles)) for column in (f"cycle {i + 1}", "")))
     stability = {True: "stable", False: "unstable", None: "stability unknown"}
     for label, values in (
@@ -235,7 +241,7 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
         table.add_row(label, *(cell for value in values for cell in (value, "")))
     table.add_section()
     table.add_row("signal", *(cell for _ in cycles for cell in ("peak to peak", "mean")))
-    for name in dict.fromkeys(name for c in cycles for name in c.mean):
+    for name in _these(dict.fromkeys(name for c in cycles for name in c.mean), signals):
         unit, factor = readable(next((c.units[name] for c in cycles if name in c.units), ""))
         cells = []
         for c in cycles:
@@ -246,12 +252,12 @@ def cycles_table(cycles: Sequence[LimitCycle]) -> Table:
     return table
 
 
-def ladder_table(ladder: Ladder) -> Table:
-    """Frequency, and peak-to-peak and mean of each signal, down; predicted and simulated cycles and errors across."""
-    shown = ("describing function", "simulation")
+def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
+    """Frequency, and size and mean of these signals, down; predicted and simulated cycles and errors across."""
+    shown = (DESCRIBING_FUNCTION, SIMULATION)
     rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
     rests = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
-    heads = [row.method.replace("describing function", "predicted").replace("simulation", "simulated") for row in rungs]
+    heads = [row.method.replace(DESCRIBING_FUNCTION, "predicted").replace(SIMULATION, "simulated") for row in rungs]
     table = table_of("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
 
     def add(label: str, cells: list[str], rest: str, error: float | None) -> None:
@@ -260,7 +266,7 @@ def ladder_table(ladder: Ladder) -> Table:
 
     paces = [cell(row.quantities["frequency"]) for row in rungs]
     add("frequency [Hz]", paces, "-", ladder.errors.get("frequency", {}).get("frequency"))
-    for name in ladder.run.signals:
+    for name in _these(ladder.run.signals, signals):
         unit, factor = readable(ladder.run.units.get(name, ""))
         cycles = [row.cycle for row in rungs if row.cycle is not None]
         errors = ladder.errors.get(name, {})
@@ -283,7 +289,7 @@ def rungs_table(ladder: Ladder) -> Table:
     for i in [*sorted(numbers), None]:
         for row in (row for row in ladder.rows if row.exact == i):
             frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
-            own = row.method.startswith("exact")
+            own = row.method.startswith(EXACT_ORBIT)
             errors = ["exact"] * 2 if own else [_error(row.errors.get(k)) for k in ("period", "peak-to-peak")]
             period = f"{1.0 / frequency:.6g}" if frequency else "-"
             cells = [period, f"{span * factor:.6g}" if span is not None else "-", *errors, f"{row.seconds:.2g}"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, require_packages
 from eppanalysis.methods.driven.result import FrequencyResponse
 from eppanalysis.readable import with_unit
 
@@ -156,14 +156,16 @@ def ladder_table(ladder: Ladder) -> Table:
     return Table.from_rows(rows, {**ladder.units, "seconds": "s"})
 
 
-def check_target(path: Path, suffixes: Sequence[str] = PICTURES + TABLES) -> None:
+def check_target(
+    path: Path, suffixes: Sequence[str] = PICTURES + TABLES, needed: Mapping[str, tuple[str, ...]] | None = None
+) -> None:
     """Refuse a file that cannot be written, before anything is computed for it.
 
     Raises
     ------
     EppError
-        If the suffix is not one of `suffixes`, the folder does not exist, the path is a folder itself, or its name is
-        too long for a file.
+        If the suffix is not one of `suffixes`, the folder does not exist, the path is a folder itself, its name is too
+        long for a file, or modules that `needed` lists for the suffix are not installed.
     """
     if len(os.fsencode(path.name)) > _LONGEST_NAME:
         raise EppError(f"{path.name[:40]}...: is a name of {len(path.name)} letters; expected at most {_LONGEST_NAME}.")
@@ -175,6 +177,7 @@ def check_target(path: Path, suffixes: Sequence[str] = PICTURES + TABLES) -> Non
         raise EppError(f"{path}: the folder {str(path.parent)!r} does not exist; expected an existing one.")
     if os.path.isdir(path):
         raise EppError(f"{path}: is a folder; expected the name of a file.")
+    require_packages(f"{path}: the file", "tables", *(needed or {}).get(path.suffix.lower(), ()))
 
 
 def write_result(result: Any, to_table: Callable[[Any], Table], path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, shown
 from eppanalysis.methods.bounds.result import DesignBounds
+from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
 from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.design.result import Design
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 
 _SHORT = 28
 _LIKED = (
-    "a case, a ladder, a run, bounds, a design, margins, provenance, limit cycles, disturbances, or cases with their "
-    "ladders"
+    "a case, a ladder, a run, bounds, a design, margins, provenance, a certificate, a certified orbit, limit cycles, "
+    "disturbances, or cases with their ladders"
 )
 
 
@@ -152,6 +153,7 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (Provenance, _made_by),
     (Margins, lambda found: console.all_margins_table([found])),
     (Certificate, console.certificate_table),
+    (CertifiedOrbit, console.certified_orbit_table),
     (Mapping, _mapping),
 )
 _OF_SEQUENCES: tuple[tuple[type, Any], ...] = (

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from enum import StrEnum
 from pathlib import Path
 
 from eppanalysis.errors import EppError
@@ -34,6 +35,15 @@ th { background: #f0f0f0; } td.number { text-align: right; white-space: nowrap; 
 """
 
 
+class Shade(StrEnum):
+    """How sure a row is, as the colour of its second cell (red, green and blue in hexadecimal)."""
+
+    SURE = "D5EFE3"
+    LIKELY = "DCEBF7"
+    ROUGH = "FCEBD0"
+    NONE = ""
+
+
 @dataclass(frozen=True)
 class ManualTable:
     """A table that goes into a manual as it is.
@@ -47,20 +57,29 @@ class ManualTable:
         Numbers have as many decimals as are to be printed.
     notes : tuple of str
         How to read it, a sentence each.
+    shades : tuple of Shade
+        How sure the second cell of each row is, which the rows say in words as well; empty for a table without colours.
     """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Decimal | str, ...], ...]
     notes: tuple[str, ...]
+    shades: tuple[Shade, ...] = ()
 
     def __post_init__(self) -> None:
+        if len(self.shades) not in (0, len(self.rows)):
+            raise EppError(f"{self.title}: has {len(self.shades)} shades; expected one a row, or none.")
         if any(len(row) != len(self.columns) for row in self.rows):
             raise EppError(f"{self.title}: a row has other cells than headings; expected {len(self.columns)} a row.")
 
     def texts(self) -> tuple[tuple[str, ...], ...]:
         """The rows as they are printed."""
         return tuple(tuple(_printed(cell) for cell in row) for row in self.rows)
+
+    def shaded(self) -> Iterator[tuple[tuple[str, ...], Shade]]:
+        """The rows as they are printed, each with its shade."""
+        return zip(self.texts(), self.shades or [Shade.NONE] * len(self.rows), strict=True)
 
     def is_number(self, column: int) -> bool:
         """Whether a column holds numbers (and dashes where there is none)."""
@@ -95,14 +114,7 @@ def check_manual(path: Path) -> None:
     EppError
         If the ending is not known, the folder does not exist, or a library that the ending needs is not there.
     """
-    from importlib.util import find_spec
-
-    check_target(path, MANUALS)
-    package, module = _NEEDED.get(path.suffix.lower(), ("", ""))
-    if module and find_spec(module) is None:
-        raise EppError(
-            f"{path}: needs the package {package}; expected it installed: pip install 'eppanalysis[tables]'."
-        )
+    check_target(path, MANUALS, _NEEDED)
 
 
 def drawing_step(values: Sequence[float]) -> Decimal:
@@ -162,12 +174,13 @@ def _latex(table: ManualTable) -> str:
     width = f"\\dimexpr{1 / n:.4f}\\linewidth-2\\tabcolsep"
     kinds = ["\\raggedleft" if table.is_number(i) else "\\raggedright" for i in range(n)]
     columns = "".join(f">{{{kind}\\arraybackslash}}p{{{width}}}" for kind in kinds)
-    lines = [" & ".join(map(_latex_text, row)) + " \\\\" for row in table.texts()]
+    lines = [_latex_line(row, shade) for row, shade in table.shaded()]
     head = " & ".join(f"\\textbf{{{_latex_text(name)}}}" for name in table.columns) + " \\\\"
     notes = "\n".join(f"  \\item {_latex_text(note)}" for note in table.notes)
     return "\n".join(
         [
-            "% Needs the packages array, booktabs and longtable.",
+            "% Needs the packages array, booktabs, longtable"
+            + (" and xcolor with its option table." if table.shades else "."),
             f"\\begin{{longtable}}{{{columns}}}",
             f"\\caption{{{_latex_text(table.title)}}} \\\\",
             f"\\toprule\n{head}\n\\midrule\n\\endhead",
@@ -178,12 +191,23 @@ def _latex(table: ManualTable) -> str:
     )
 
 
+def _latex_line(row: Sequence[str], shade: Shade) -> str:
+    cells = [_latex_text(cell) for cell in row]
+    if shade:
+        cells[1] = f"\\cellcolor[HTML]{{{shade}}}{cells[1]}"
+    return " & ".join(cells) + " \\\\"
+
+
 def _html_table(table: ManualTable) -> str:
     head = "".join(f"<th>{html.escape(name)}</th>" for name in table.columns)
-    kinds = ['<td class="number">' if table.is_number(i) else "<td>" for i in range(len(table.columns))]
+    kinds = [' class="number"' if table.is_number(i) else "" for i in range(len(table.columns))]
+
+    def cell(i: int, text: str, shade: Shade) -> str:
+        fill = f' style="background: #{shade}"' if shade and i == 1 else ""
+        return f"<td{kinds[i]}{fill}>{html.escape(text)}</td>"
+
     rows = "\n".join(
-        f"<tr>{''.join(f'{kind}{html.escape(cell)}</td>' for kind, cell in zip(kinds, row, strict=True))}</tr>"
-        for row in table.texts()
+        f"<tr>{''.join(cell(i, text, shade) for i, text in enumerate(row))}</tr>" for row, shade in table.shaded()
     )
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in table.notes)
     caption = html.escape(_one_line(table.title))
@@ -204,6 +228,7 @@ def _word(table: ManualTable, path: Path) -> None:
     from docx import Document
     from docx.enum.text import WD_ALIGN_PARAGRAPH
     from docx.oxml import OxmlElement
+    from docx.oxml.ns import qn
 
     document = Document()
     document.add_heading(_one_line(table.title), level=2)
@@ -212,9 +237,14 @@ def _word(table: ManualTable, path: Path) -> None:
         cell.paragraphs[0].add_run(name).bold = True
     # The headings stand again on every page.
     grid.rows[0]._tr.get_or_add_trPr().append(OxmlElement("w:tblHeader"))
-    for texts in table.texts():
+    for texts, shade in table.shaded():
         for i, (cell, text) in enumerate(zip(grid.add_row().cells, texts, strict=True)):
             cell.text = text
+            if shade and i == 1:
+                fill = OxmlElement("w:shd")
+                fill.set(qn("w:val"), "clear")
+                fill.set(qn("w:fill"), shade)
+                cell._tc.get_or_add_tcPr().append(fill)
             if table.is_number(i):
                 cell.paragraphs[0].alignment = WD_ALIGN_PARAGRAPH.RIGHT
     document.add_paragraph()
@@ -236,12 +266,15 @@ def _excel(table: ManualTable, path: Path) -> None:
     sheet.append([csv_cell(name) for name in table.columns])
     line = Side(style="thin", color="999999")
     wrapped = Alignment(wrap_text=True, vertical="top")
-    for row in table.rows:
+    shades = [shade for _, shade in table.shaded()]
+    for row, shade in zip(table.rows, shades, strict=True):
         sheet.append([float(cell) if isinstance(cell, Decimal) else csv_cell(_one_line(cell)) for cell in row])
         for cell, value in zip(sheet[sheet.max_row], row, strict=True):
             if isinstance(value, Decimal):
                 places = max(0, -int(value.as_tuple().exponent))
                 cell.number_format = "0." + "0" * places if places else "0"
+        if shade:
+            sheet.cell(sheet.max_row, 2).fill = PatternFill("solid", start_color=shade)
     for cells in sheet.iter_rows(min_row=2):
         for cell in cells:
             cell.alignment, cell.border = wrapped, Border(line, line, line, line)
@@ -278,4 +311,4 @@ _WRITERS: dict[str, Callable[[ManualTable, Path], None]] = {
 #: Endings of the files that manuals take their tables from.
 MANUALS = tuple(_WRITERS)
 #: The package to be installed for an ending, and the module that it brings.
-_NEEDED = {".docx": ("python-docx", "docx"), ".xlsx": ("openpyxl", "openpyxl")}
+_NEEDED = {".docx": ("docx",), ".xlsx": ("openpyxl",)}

@@ -1,4 +1,4 @@
-"""Pictures of driven loops: a jump resonance, and the waveforms of three responses to one sine."""
+"""Pictures of driven loops: a jump resonance, the waveforms of three responses to one sine, a dithered relay."""
 
 from __future__ import annotations
 
@@ -32,3 +32,9 @@ def three_responses() -> Figure:
     return (
         epp.forced_response(yielding_spring(), amplitude=0.5, frequency=0.127).plot(signals=["mass", "spring"]).figure
     )
+
+
+def dithered_relay() -> Figure:
+    """What a fast sine leaves of a relay's limit cycle over its amplitude, and of the relay."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    return epp.dither(loop, frequency=4.0).plot().figure

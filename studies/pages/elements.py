@@ -1,6 +1,7 @@
 """The page on the elements of a case file, made from their signatures: ``python -m studies.pages.elements``.
 
-It is under version control, for it is read where nothing is built; a test compares it with the code.
+It is under version control, for it is read where nothing is built; a test compares it with the code. The command also
+lists new elements on the page of the Python interface.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from eppanalysis.cases.blocks import element_class
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
 
-PAGE = DOCS / "reference" / "elements.md"
+PAGE, API = DOCS / "reference" / "elements.md", DOCS / "reference" / "api.md"
+#: Behind the elements of case files stand what elements of one's own are made from.
+_BEHIND = "   AutomatonElement\n"
 
 _INTRODUCTION = """\
 # Elements of a case file
@@ -32,6 +35,8 @@ Besides its own fields every element takes
 | --- | --- | --- |
 | `name` | the element's kind | what `--set`, sweeps and signals call it (`play.gap`); its own in a loop |
 | `memory` | the element's own | value that an element with memory holds at the start |
+
+An element of your own is `automaton`, with its modes, guards and resets as fields: {doc}`../howto/own_element`.
 """
 
 #: Fields of elements whose docstring says in its first sentence what they do; here their meaning with its unit.
@@ -92,6 +97,13 @@ def page() -> str:
     return _INTRODUCTION + "".join(f"\n{_section(kind)}" for kind in ELEMENTS)
 
 
+def interface(text: str) -> str:
+    """The page of the Python interface with every element of a case file on it."""
+    listed = text.split()
+    new = [f"   {made.__name__}\n" for made in ELEMENTS.values() if made.__name__ not in listed]
+    return text.replace(_BEHIND, "".join([*new, _BEHIND]))
+
+
 def meanings(kind: str) -> dict[str, str]:
     """What each field of an element means, from its docstring where that lists them."""
     section = _PARAMETERS.search((inspect.getdoc(element_class(kind)) or "") + "\n")
@@ -135,3 +147,4 @@ def _markdown(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    API.write_text(interface(API.read_text(encoding="utf-8")), encoding="utf-8")

@@ -17,7 +17,7 @@ from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
 from studies import GENERATED, STORED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
-from studies.pages.driven import jump_resonance, three_responses
+from studies.pages.driven import dithered_relay, jump_resonance, three_responses
 from studies.pages.harmonic import harmonic_convergence
 
 Array = NDArray[np.float64]
@@ -280,6 +280,7 @@ def make_all(folder: Path) -> None:
         elbow_branch,
         jump_resonance,
         three_responses,
+        dithered_relay,
     )
     for make in pictures:
         save(make(), folder / f"{make.__name__}.png")

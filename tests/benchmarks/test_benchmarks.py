@@ -13,6 +13,8 @@ from benchmarks import fixed_step, growth, job_a, job_c, job_orbit, job_sweep, l
 from benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
+pytestmark = pytest.mark.slow
+
 
 def test_contenders_take_turns_and_failures_are_kept() -> None:
     """Each turn of a contender follows one of the base."""

@@ -137,7 +137,7 @@ MISTAKES = [
     ),
     ("start =", "starts =", "blocks.plant.starts", "did you mean 'start'"),
     ('num = ["K"], ', "", "blocks.plant.num", "a value: transfer_function needs it"),
-    ('num = ["K"]', "num = [1, 2, 3, 4, 5]", "blocks.plant.num", "at most the same degree"),
+    ('num = ["K"]', "num = [1, 2, 3, 4, 5]", "blocks.plant.num", "at most the degree of the denominator"),
     ("start = [0.1, 0, 0]", 'delay = "3 m"', "blocks.plant.delay", "a time such as"),
     ("start = [0.1, 0, 0]", 'computation_delay = "1 ms"', "blocks.plant.computation_delay", "no sample_time"),
     ("start = [0.1, 0, 0]", 'sample_time = "0 ms"', "blocks.plant.sample_time", "a positive number"),
@@ -316,6 +316,12 @@ def test_a_sampled_drive_whose_angles_drift_together_has_predictions_and_margins
     assert len(found) == 0 and found.margins["at"] == "speed.out" and found.margins["stable"]
     border = case.with_values({"speed.kp": 0.4 * found.margins["gain_margin"]})
     assert epp.margins(border).gain_margin == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("typed", "twice"), [("25 rad/s", "50 rad/s"), ("25 deg/s", "50 deg/s")])
+def test_an_expression_is_shown_in_the_unit_that_its_parameter_was_typed_in(typed, twice):
+    case = epp.case_from_text(RING.replace('T = "500 ms"', f'T = "500 ms"\nw = "{typed}"\nfast = "w + w"'))
+    assert str(case.parameters["w"]) == typed and str(case.parameters["fast"]) == twice
 
 
 def test_a_part_is_set_as_a_whole():

@@ -169,3 +169,47 @@ def test_a_report_of_a_loop(tmp_path: Path) -> None:
     exec(next(c for c in cells if "case = " in c).split("import eppanalysis as epp")[1], place)
     assert_same(epp.Case.from_system(place["case"].to_system(), "relay_deadzone").to_system(), loop_of_a_relay())
     assert any("continue_branch" in c for c in cells)
+
+
+def servo(**options) -> epp.Diagram:
+    """A sampled servo with a play, drawn in Python."""
+    return epp.Diagram(
+        parts={
+            "law": epp.blocks.PI(kp=40.0, ti=0.4, sample_time=1e-3),
+            "plant": epp.blocks.TransferFunction(num=[1.25], den=[0.1, 3.125, 0.0], start=[0.0, 0.01]),
+            "modes": epp.blocks.ZeroPoleGain(poles=[[-2.0, 3.0], [-2.0, -3.0]], gain=13.0),
+            "play": epp.Play(gap=0.0035),
+        },
+        connect=["aim - play -> law", "law -> plant", "plant -> modes", "modes -> play"],
+        inputs={"aim": 0.1},
+        signals={"load": "play", "error": "aim - play"},
+        units={"load": "rad", "aim": "rad"},
+        memory={"play": 0.001},
+        margins_at="plant",
+        name="servo",
+        **options,
+    )
+
+
+def test_a_diagram_becomes_a_case_of_a_diagram_and_a_file():
+    drawn = servo()
+    case = epp.Case.from_system(drawn, t_end=2.0)
+    again = epp.case_from_text(case.to_toml())
+    assert case.kind == "diagram" and again.parameters == case.parameters
+    one = drawn.to_system()
+    for other in (case.to_system(), again.to_system()):
+        for name in ("A", "B", "C", "D", "B_input", "D_input", "x0", "v0", "delays"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert other.signals.names == one.signals.names and other.signals.units == one.signals.units
+        assert other.memory == one.memory and other.margins_at == one.margins_at
+    gain_margin = epp.margins(drawn).gain_margin
+    assert epp.margins(case).gain_margin == gain_margin
+    assert epp.margins(case.with_values({"law.kp": 50.0})).gain_margin == pytest.approx(0.8 * gain_margin, rel=1e-9)
+
+
+def test_a_diagram_that_no_file_has_a_place_for_becomes_a_case_of_its_loop():
+    parts = {"plant": epp.blocks.Integrator(), "lag": epp.blocks.LowPass(bandwidth=2.0), "relay": epp.Relay()}
+    wires = ["-plant -> relay", "relay -> lag", "lag -> plant"]
+    drawn = epp.Diagram(parts=parts, connect=wires, signals={"y": "plant"}, ports_as_signals=False)
+    case = epp.Case.from_system(drawn)
+    assert case.kind == "loop" and np.array_equal(case.to_system().A, drawn.to_system().A)

@@ -212,7 +212,7 @@ def test_error_in_a_base_names_the_base(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "field", "expected"),
     [
-        (("num = [5.0]", "num = [1, 2, 3, 4, 5.0]"), "loop.num", "at most the same degree"),
+        (("num = [5.0]", "num = [1, 2, 3, 4, 5.0]"), "loop.num", "at most the degree of the denominator"),
         (("num = [5.0]", "num = [nan]"), "loop.num.0", "a finite number"),
         (("num = [5.0]", 'num = ["x"]'), "loop.num.0", "a number"),
         (("den = [1, 1, 0]", ""), "loop.den", "a value"),

@@ -38,6 +38,7 @@ def test_the_branch_over_the_gain_turns_at_the_fold():
     assert fold.value == pytest.approx(FOLD, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("over", "at"), [("bandwidth", "25 rad/s"), ("rate", "15 deg/s")])
 def test_bounds_on_the_gain_find_the_fold_by_themselves(over, at):
     """Amplitudes scale with the rate limit, so the fold is the same at any."""
@@ -45,6 +46,7 @@ def test_bounds_on_the_gain_find_the_fold_by_themselves(over, at):
     assert cell.exact == pytest.approx(FOLD, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.04, 1.06])
 def test_either_side_of_the_fold_is_as_it_says(gain):
     search = epp.find_limit_cycles(epp.case(CASE).with_values({"Kp": gain}))

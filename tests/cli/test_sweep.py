@@ -137,6 +137,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch, arguments, words) 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("scheduler", ["threads", "processes"])
 def test_an_interrupt_ends_in_one_sentence_and_at_once(tmp_path, scheduler) -> None:

@@ -20,6 +20,7 @@ from tests.explorer.browser import find_chromium, open_page, press, running_brow
 from tests.explorer.latency import measure
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(find_chromium() is None, reason="no Chromium or Chrome is installed"),
     # What the browser's driver leaves open when its loop ends is not ours.
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
@@ -191,6 +192,86 @@ def test_a_phone_shows_all_of_it(browser, address, width):
         assert 0 <= left < right <= width
         assert right - left > 0.8 * width
     page.close()
+
+
+def test_heading_legend_and_ghost_follow_the_values(page):
+    now, ghost = (f"model('step').renderers[{i}].data_source.data.y" for i in (0, 1))
+    before = page.evaluate(f"Array.from({now})")
+    assert page.evaluate("model('heading').text") == "With the values of its file."
+    set_field(page, "lock_pin.backlash = 1.5 deg")
+    wait(page, "model('heading').text === 'With lock pin backlash 1.5 deg.'")
+    labels = page.evaluate("model('step').below.find((p) => p.type === 'Legend').items.map((i) => i.label.value)")
+    assert labels == ["now: lock pin backlash 1.5 deg", "before: the values of its file"]
+    assert page.evaluate(f"Array.from({ghost})") == before != page.evaluate(f"Array.from({now})")
+    star = page.evaluate("model('map').below.find((p) => p.type === 'Legend').items.at(-1).label.value")
+    assert star.startswith("the design: 2.5, 1.5")
+
+
+#: Where the design stands on the screen, and where another place of the map does.
+PLACES = """(x, y) => {
+  const view = [...Bokeh.index].find((one) => one.model === model('map'));
+  const canvas = deep(root('map'), 'canvas')[0].getBoundingClientRect();
+  const star = model('map').renderers.find((one) => one.glyph.marker?.value === 'star').data_source.data;
+  const at = (x, y) => [canvas.left + view.frame.x_scale.compute(x), canvas.top + view.frame.y_scale.compute(y)];
+  return [at(star.x[0], star.y[0]), at(x, y)];
+}"""
+
+
+def test_the_design_is_dragged_on_the_map(page):
+    page.evaluate("root('map').scrollIntoView()")
+    start, end = page.evaluate(f"({PLACES})(4.0, 1.0)")
+    page.mouse.move(*start)
+    page.mouse.down()
+    for share in (0.1, 0.4, 0.7, 1.0):
+        page.mouse.move(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
+    page.mouse.up()
+    wait(page, "location.search.includes('backlash=') && location.search.includes('bands.range=')")
+    assert field(page, "bands.range") == pytest.approx(4.0, abs=0.05)
+    assert field(page, "lock_pin.backlash") == pytest.approx(1.0, abs=0.05)
+    wait(page, "model('verdict').text.startsWith('Settles')")
+    page.get_by_role("button", name="Undo").click()
+    wait(page, "slider('bands.range').value === 2.5 && slider('lock_pin.backlash').value === 2.5")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (420, 900)])
+def test_sliders_stay_in_view_and_have_names(browser, address, width, height):
+    page = open_page(browser, address, width, height)
+    page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+    top, bottom, name = page.evaluate(
+        "(() => { const handle = deep(document.body, '.noUi-handle')[0], box = handle.getBoundingClientRect();"
+        " return [box.top, box.bottom, handle.getAttribute('aria-label')]; })()"
+    )
+    assert 0 <= top < bottom <= height and name == "Gain: profile range [lbf]"
+    page.close()
+
+
+def test_at_night_the_page_is_dark(browser, address):
+    page = open_page(browser, address)
+    assert (
+        page.evaluate("model('step').background_fill_color.value ?? model('step').background_fill_color") == "#ffffff"
+    )
+    page.emulate_media(color_scheme="dark")
+    wait(page, "(model('step').background_fill_color.value ?? model('step').background_fill_color) === '#16181c'")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 24, 28)"
+    page.close()
+
+
+def test_the_page_is_kept_as_a_file_that_needs_no_server(browser, page, tmp_path):
+    set_field(page, "lock_pin.backlash = 1.5 deg")
+    wait(page, "model('heading').text.includes('1.5 deg')")
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="Page", exact=True).click()
+    kept = save(tmp_path, waiting.value)
+    (tmp_path / "kept.html").write_bytes(kept)
+    alone = browser.new_page()
+    asked = []
+    alone.on("request", lambda request: asked.append(request.url))
+    alone.goto((tmp_path / "kept.html").as_uri())
+    alone.wait_for_function("Bokeh.documents.length && Bokeh.documents[0].is_idle")
+    assert alone.evaluate("Bokeh.documents[0].get_model_by_name('step').renderers[0].data_source.data.x.length") > 100
+    assert "1.5 deg" in alone.evaluate("Bokeh.documents[0].roots()[0].text")
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+    alone.close()
 
 
 def test_case_and_picture_are_given_to_the_browser(page, tmp_path):

@@ -19,13 +19,16 @@ import eppanalysis as epp
 from eppanalysis.cli import app
 from eppanalysis.cli.bounds import sentences as bounds_sentences
 from eppanalysis.guides.files import FILES
-from eppanalysis.guides.guideline import Guide, GuideRow
+from eppanalysis.guides.manual import limit_grid
+from eppanalysis.guides.result import Guide, GuideRow, Region
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
 from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.regions import OwnRuns
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.readable import cut
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.tables.manual import Shade
 from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
 
@@ -53,7 +56,7 @@ def guide() -> Guide:
             )
         )  # fmt: skip
     facts = Provenance("design guide", {"gains": [1.5, 2.5]}, case=case.provenance())
-    return Guide(case, (), tuple(rows), {}, provenance=facts)
+    return Guide(case, "bands.range", "lock_pin.backlash", (), tuple(rows), {}, provenance=facts)
 
 
 def test_equations_one_and_two_of_the_paper() -> None:
@@ -100,7 +103,7 @@ def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
 def test_regions_are_told_apart_without_colour_and_named(guide: Guide) -> None:
     figure = guide.plot().figure
     assert len({area.get_hatch() for area in figure.axes[0].collections}) == 3
-    assert figure.get_suptitle() == "fig8a_original: backlash over gain"
+    assert figure.get_suptitle().startswith("fig8a_original: Keep backlash under 0.6 deg, the strictest of 2 bounds")
     figure.draw_without_rendering()
     legend = figure.legends[0].get_window_extent()
     assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
@@ -165,9 +168,16 @@ def test_markdown_and_latex_keep_their_columns(guide: Guide, tmp_path: Path) -> 
     assert text.count("{") - text.count("\\{") == text.count("}") - text.count("\\}")
 
 
-def test_only_elbows_have_guidelines() -> None:
-    with pytest.raises(epp.EppError, match="expected a case of the elbow"):
-        epp.design_guide(epp.case("backlash_servo"), ["2 lbf"])
+def test_what_guidelines_are_of_is_to_be_said_where_it_is_not_usual() -> None:
+    servo = epp.case("backlash_servo")
+    with pytest.raises(epp.EppError, match=r"expected over and limit, such as loop.gain and play.gap"):
+        epp.design_guide(servo, ["2"])
+    with pytest.raises(epp.EppError, match=r"play.gap is to run and to be bounded"):
+        epp.design_guide(servo, ["2"], over="play.gap", limit="play.gap")
+    with pytest.raises(epp.EppError, match=r"play.gap makes variants"):
+        epp.design_guide(servo, ["2"], over="play.gap", limit="loop.gain", variants={"play.gap": [1.0]})
+    with pytest.raises(epp.EppError, match=r"margin of play.gap is 2.0; expected a factor of 1 or more on loop.gain"):
+        epp.design_guide(servo, ["2"], over="play.gap", limit="loop.gain", margins={"play.gap": 2.0})
     with pytest.raises(epp.EppError, match="the margin of bands.range is 0.5"):
         epp.design_guide(epp.case("fig8a_original"), ["2 lbf"], margins={"bands.range": 0.5})
 
@@ -175,7 +185,7 @@ def test_only_elbows_have_guidelines() -> None:
 def test_the_end_of_a_known_branch_is_the_bound() -> None:
     """0.9785869 deg is what harmonic balance, corrected, leads to; the tests of both sides are made all the same."""
     case = epp.case("fig8a_original")
-    branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg")
+    branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg", n_others=0)
     row = epp.design_guide(case, [case.value("bands.range")], starts=20, branch=branch).rows[0]
     assert row.cell.exact / DEGREE == pytest.approx(0.9785869, abs=1e-7)
     assert row.cell.verified and row.cell.n_settled == row.cell.n_runs == 20 and row.cell.n_cycles == 0
@@ -196,7 +206,7 @@ def test_the_end_of_a_known_branch_is_the_bound() -> None:
          "expected LOW..HIGH"),
         (["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash", "-o", "x.doc"],
          "cannot write"),
-        (["guide", "backlash_servo"], "expected a case of the elbow"),
+        (["guide", "backlash_servo"], "expected over and limit, such as loop.gain and play.gap"),
         (["guide", "fig8a_original", "--margin", "bands.range=big"], "is no factor"),
         (["guide", "fig8a_original", "-o", "guide.doc"], "cannot write"),
         (["guide", "fig8a_original", "--tolerance", "foo.bar=10 %"], "tolerance of foo.bar: "),
@@ -249,7 +259,7 @@ def test_a_package_that_an_ending_needs_is_missed_before_anything_is_computed(
     path = tmp_path / f"guide{suffix}"
     result = CliRunner().invoke(app, ["guide", "fig8a_original", "--gains", "2.5 lbf", "-o", str(path)])
     assert result.exit_code == 2, result.output
-    assert f"needs the package {package}; expected it installed: pip install 'eppanalysis[tables]'." in result.stderr
+    assert f"needs {package}; expected what \"pip install 'eppanalysis[tables]'\" installs." in result.stderr
     with pytest.raises(epp.EppError, match="pip install"):
         guide.write(path)
     assert not list(tmp_path.iterdir())
@@ -278,6 +288,57 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     assert "exact [rad]" in (tmp_path / "b.csv").read_text()
     written = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.nc")])
     assert written.exit_code == 0, written.output
+
+
+def generic_guide(sign: float = 1.0) -> Guide:
+    """Made limits on the gain of the wheelchair for two variants; its own gain of one is beyond all of them."""
+    case, rows = epp.case("wheelchair"), []
+    for threshold in (1.6, 2.0):
+        for gap, bound, rests in ((0.009, 0.9251, 0.95), (0.012, 0.8463, math.nan)):
+            bound = bound * threshold / 2.0 if sign > 0 else bound + 1.0
+            cell = BoundCell(gap, "bound", sign=sign, exact=bound, safe_value=bound, verified=gap < 0.01, frequency=1.5)
+            values = {"play.gap": gap, "dead_zone.upper": threshold}
+            row = GuideRow(
+                values, cell, bound, math.nan, math.nan, None, 0.97 if gap < 0.01 else math.nan, 1.0, math.nan
+            )
+            rows.append(dataclasses.replace(row, rests_to=rests))
+    facts = Provenance("design guide", {}, case=case.provenance())
+    return Guide(case, "play.gap", "loop.gain", ("dead_zone.upper",), tuple(rows), {}, provenance=facts)
+
+
+def test_a_guide_of_any_two_parameters_is_a_grid_on_the_safe_side() -> None:
+    cells, heads, texts, step = limit_grid(generic_guide())
+    assert heads == ["dead zone upper 1.6 N", "dead zone upper 2 N"] and step == "0.01"
+    assert texts == [["0.74", "0.92"], ["0.67", "0.84"]]
+    assert [[cell.values["play.gap"] for cell in row] for row in cells] == [[0.009] * 2, [0.012] * 2]
+    assert [row.region for row in generic_guide().rows[2:]] == [Region.RUNS, Region.UNKNOWN]
+    table = epp.manual_table(generic_guide())
+    assert table.columns == (
+        "Design", "Loop gain, at most", "Rests unless struck up to", "Oscillation beyond it at about [Hz]", "Checked",
+    )  # fmt: skip
+    assert table.texts()[2:] == (
+        ("Play gap 9 mm, dead zone upper 2 N", "0.92", "0.95", "1.5", "yes"),
+        ("Play gap 12 mm, dead zone upper 2 N", "0.84", "-", "1.5", "no"),
+    )
+    assert table.shades == (Shade.SURE, Shade.LIKELY) * 2
+    assert not any("pulley" in name or "lbf" in name for name in generic_guide().to_frame())
+
+
+def test_a_limit_from_below_is_kept_above_and_rounded_up() -> None:
+    guide = generic_guide(-1.0)
+    assert limit_grid(guide)[2][1] == ["1.86", "1.86"] and guide.side == "above"
+    assert guide.rounded()["smallest loop gain"].tolist() == ["1.926", "1.847"] * 2
+    assert str(guide).startswith("Keep loop gain above 1.93, the strictest of 4 bounds")
+    assert [row.region for row in guide.rows[:2]] == [Region.STRUCK, Region.UNKNOWN]
+
+
+def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() -> None:
+    figure = generic_guide().plot().figure
+    figure.draw_without_rendering()
+    texts = {text.get_text() for ax in figure.axes for text in ax.texts}
+    assert {"0.74", "0.92", "0.67", "0.84"} <= texts
+    legends = [text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()]
+    assert legends == ["exact and tested", "exact, not tested"]
 
 
 def test_a_question_without_a_bound_gets_a_sentence_and_no_failure() -> None:
@@ -309,7 +370,7 @@ def test_a_row_without_a_bound_under_tolerances_says_so(monkeypatch: pytest.Monk
     monkeypatch.setattr("eppanalysis.guides.guideline.design_bounds", lambda *_, **__: found)
     monkeypatch.setattr("eppanalysis.guides.guideline.tolerance_bound", fails)
     monkeypatch.setattr("eppanalysis.guides.guideline.smallest_trigger", lambda *_: None)
-    monkeypatch.setattr("eppanalysis.guides.guideline.starts_from_rest", lambda *_: math.nan)
+    monkeypatch.setattr("eppanalysis.guides.guideline.own_runs", lambda *_: OwnRuns())
     guide = epp.design_guide(case, ["2.5 lbf"], tolerances={"cable.stiffness": "10 %"})
     (row,) = guide.rows
     assert row.tolerance is None and row.missing == "the bound was not corrected"
@@ -329,7 +390,7 @@ def test_from_the_bench_to_a_bound(tmp_path: Path) -> None:
     assert case.parameters["cable.stiffness"].mark == "measured"
     widths = {name: p.tolerance / p.value for name, p in case.parameters.items() if p.tolerance}
     assert {"cable.stiffness", "lock_pin.stiffness", "lock_pin.backlash"} <= set(widths)
-    branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg")
+    branch = epp.continue_branch(case, "lock_pin.backlash", start="1.5 deg", stop="0.5 deg", n_others=0)
     question = Question(case, "lock_pin.backlash", 0.5 * DEGREE, 1.5 * DEGREE)
     cell = bound_of_branch(question, case.value("bands.range"), branch, Settings(verify=False))
     assert cell is not None

@@ -17,13 +17,14 @@ from typer.testing import CliRunner
 import eppanalysis as epp
 from eppanalysis.cli import app
 from eppanalysis.errors import EppError
-from eppanalysis.guides.guideline import Guide, GuideRow
+from eppanalysis.guides.result import Guide, GuideRow
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding
 from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import MANUALS, drawing_step, to_step
 from tests.made_bounds import bounds_of
 
+PAIR = ("bands.range", "lock_pin.backlash")
 LBF, DEGREE = 4.4482216152605, np.pi / 180.0
 BAD = '=HYPERLINK("x") <b>50 % & more</b> \\input{x} a|b'
 
@@ -49,7 +50,15 @@ def guide() -> Guide:
         allowed = bound * DEGREE
         forces = (allowed, radius * allowed, stiffness * radius * allowed)
         rows.append(GuideRow({"bands.range": gain * LBF}, cell(gain, bound), *forces, None, 0.02, 0.04, 0.001))
-    return Guide(case, (), tuple(rows), {}, provenance=Provenance("guide", case=case.provenance()))
+    return Guide(
+        case,
+        "bands.range",
+        "lock_pin.backlash",
+        (),
+        tuple(rows),
+        {},
+        provenance=Provenance("guide", case=case.provenance()),
+    )
 
 
 def test_five_columns_rounded_down_from_where_the_design_was_tested(guide):
@@ -72,8 +81,8 @@ def test_a_step_of_the_drawing_is_kept(guide):
 
 def test_tolerances_and_factors_of_safety_are_taken_off(guide):
     worst = epp.ToleranceBound(
-        "lock_pin.backlash", "rad", 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0, (Quantile(0.95, 0, 0, 0),),
-        np.zeros(0), 0.0,
+        "lock_pin.backlash", "rad", ("deg", 1.0 / DEGREE), 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0,
+        (Quantile(0.95, 0, 0, 0),), np.zeros(0), 0.0,
     )  # fmt: skip
     rows = tuple(replace(row, tolerance=worst, allowed=row.allowed / 2, pulley=row.pulley / 2) for row in guide.rows)
     table = epp.manual_table(replace(guide, rows=rows, margins={"lock_pin.backlash": 2.0}), 0.01)
@@ -85,7 +94,7 @@ def test_tolerances_and_factors_of_safety_are_taken_off(guide):
 
 def test_margins_are_taken_off_what_tolerances_leave(guide):
     worst = epp.ToleranceBound(
-        "lock_pin.backlash", "rad", 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0,
+        "lock_pin.backlash", "rad", ("deg", 1.0 / DEGREE), 1.0, {}, 0.6 * DEGREE, 0.5 * DEGREE, {}, 0,
         (Quantile(0.95, 0.54 * DEGREE, 0.52 * DEGREE, 0.56 * DEGREE),), np.zeros(0), 0.0,
     )  # fmt: skip
     rows = tuple(replace(row, tolerance=worst) for row in guide.rows)

@@ -35,18 +35,21 @@ def coverage(benches, tmp_path, test: str) -> dict[str, float]:
     return {name: float(np.mean(h)) for name, h in hits.items()}
 
 
+@pytest.mark.slow
 def test_weight_tray_intervals_cover(tmp_path):
     found = coverage([weight_tray(seed) for seed in range(100, 110)], tmp_path, "tray")
     assert set(found) == {"pulley.friction", "pulley.kinetic_ratio", "sensor.gain", "sensor.full_scale"}
     assert min(found.values()) >= 0.8  # 95 % each; of 10 benches, 3 misses or more are one case in a hundred
 
 
+@pytest.mark.slow
 def test_backlash_intervals_cover(tmp_path):
     found = coverage([backlash_cycling(seed) for seed in range(100, 130)], tmp_path, "backlash")
     assert set(found) == {"lock_pin.backlash", "lock_pin.stiffness", "cable.stiffness", "K R"}
     assert min(found.values()) >= 0.83
 
 
+@pytest.mark.slow
 def test_step_response_intervals_cover(monkeypatch):
     """At 95 %, two misses or more of four are one case in 70 for one parameter; at 80 %, one in five."""
     monkeypatch.setitem(benches.MAKERS, "step", partial(step_response, t_end=1.0))

@@ -13,6 +13,7 @@ from eppanalysis.identify.strokes import Pulley, sensor_force, strokes
 from tests.reference.benches import disturbed, quantise, sensed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wander", [0.0, 0.01])
 def test_intervals_of_a_slope_cover_it_with_white_noise_and_with_wander(wander):
     rng = np.random.default_rng(3)
@@ -27,6 +28,7 @@ def test_intervals_of_a_slope_cover_it_with_white_noise_and_with_wander(wander):
     assert 0.90 <= hits / 200 <= 0.99
 
 
+@pytest.mark.slow
 def test_plain_least_squares_would_not_cover():
     """The reason for the weights: with wander the textbook interval holds the truth far too rarely."""
     rng = np.random.default_rng(4)

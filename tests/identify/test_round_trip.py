@@ -12,6 +12,8 @@ from eppanalysis.cli import app
 from tests.benches import base_case
 from tests.reference.benches import FIELDS, nominal, simulate_reference, step_response
 
+pytestmark = pytest.mark.slow
+
 runner = CliRunner()
 
 

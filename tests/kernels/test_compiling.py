@@ -83,6 +83,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path / "copy"
 
 
+@pytest.mark.slow
 def test_a_read_only_installation_without_a_home_keeps_its_code_among_the_temporary_files(tmp_path, copy) -> None:
     """Files in the place of folders cannot be written into, not even by root."""
     nowhere = tmp_path / "file"
@@ -99,6 +100,7 @@ def test_a_read_only_installation_without_a_home_keeps_its_code_among_the_tempor
     assert run(copy, TMPDIR=str(tmp_path), **places) == (folder, 1, said)
 
 
+@pytest.mark.slow
 def test_code_is_made_anew_when_a_file_that_it_is_made_from_has_changed(tmp_path, copy) -> None:
     place = {"NUMBA_CACHE_DIR": str(tmp_path)}
     folder, *_ = run(copy, **place)
@@ -120,6 +122,7 @@ def test_sources_are_those_of_a_module_and_of_what_it_imports(copy, anew, monkey
         "orbits.arcs",
         "engine.flow",
         "simd.vectors",
+        "verdict",
     }
 
 

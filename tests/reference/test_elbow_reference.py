@@ -10,6 +10,8 @@ import pytest
 from tests.reference.elbow_reference import DEG, LBF, ROWS, nominal, row, simulate_reference
 from tests.reference.fixed_step import theta_with_fixed_step
 
+pytestmark = pytest.mark.slow
+
 
 def test_energy_is_kept_without_friction_damping_and_motor() -> None:
     """Forearm, drive, cable, pin and gravity exchange energy through impacts and a slack cable, and lose none."""

@@ -13,6 +13,8 @@ from scipy.signal import tf2ss
 
 from tests.reference.lure_reference import LureRun, simulate_lure
 
+pytestmark = pytest.mark.slow
+
 
 def _element(kind: str, **fields: Any) -> Any:
     """Anything with the class name and the fields of an element."""

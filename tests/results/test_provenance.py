@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.orbits.exact import centre_of, steady_hybrid, swing_of
+from eppanalysis.methods.orbits.exact import centre_of, range_of, steady_hybrid
 from eppanalysis.methods.search.basin import basin
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.results import LimitCycle, Result, plain
@@ -99,8 +99,8 @@ def test_what_a_cycle_does_not_tell_is_found_by_a_run_once_round(search):
     """Predictions have no states at events, exact orbits no mean: a run from their own start has both."""
     hybrid = steady_hybrid(LOOP, None)
     for cycle in search:
-        told = swing_of(hybrid, cycle)
-        run = swing_of(hybrid, replace(cycle, event_states=np.zeros((0, 0))))
+        told = range_of(hybrid, cycle)
+        run = range_of(hybrid, replace(cycle, event_states=np.zeros((0, 0))))
         assert np.all(run >= told * (1 - 1e-9)), "a run sees the states between events too"
         # Symmetric loop: the mean is zero.
         assert np.all(np.abs(centre_of(hybrid, cycle)) < 1e-2 * run)

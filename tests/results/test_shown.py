@@ -19,18 +19,20 @@ from matplotlib.figure import Figure
 
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
-from eppanalysis.guides.guideline import GuideRow
+from eppanalysis.guides.result import GuideRow
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.tolerances.result import Quantile
 from eppanalysis.methods.design.result import Optimum
+from eppanalysis.methods.dither.runs import DitherRun
 from eppanalysis.methods.search.basin import Basin
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.methods.simulation.batch import BatchResult
-from eppanalysis.readable import number
+from eppanalysis.readable import number, readable
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.shown import for_people, frame_of
 from tests.made_bounds import bounds_of
+from tests.shared import cycles_of
 from tests.synthetic import cycle, prediction, trajectory
 
 
@@ -56,7 +58,8 @@ def examples() -> dict[type, Result]:
         cycle(),
         trajectory(),
         prediction(),
-        epp.find_limit_cycles(epp.case("relay_deadzone")),
+        cycles_of("relay_deadzone"),
+        epp.check_element(epp.HysteresisRelay(-0.1, 0.1)),
         Trigger("theta", 0.01, 0.00999, 0.01001, 0.02),
         Basin(np.array([[0.0, 1.0], [1.0, 1.0], [2.0, 3.0]]), np.array([-1, 0, 0])),
         epp.ladder(epp.case("relay_ideal_khalil79")),
@@ -65,7 +68,7 @@ def examples() -> dict[type, Result]:
         frozen(),
         made_bounds(case),
         epp.ToleranceBound(
-            "lock_pin.backlash", "rad", 1.0, {"cable.stiffness": 10.0}, 0.015, 0.012, {}, 4,
+            "lock_pin.backlash", "rad", readable("rad"), 1.0, {"cable.stiffness": 10.0}, 0.015, 0.012, {}, 4,
             (Quantile(0.95, 0.013, 0.0125, 0.0133),), np.linspace(0.012, 0.017, 50), 0.0,
         ),
         epp.margins(epp.case("sat_khalil710")),
@@ -82,6 +85,7 @@ def examples() -> dict[type, Result]:
         *driven(),
         *measured(),
         made_design(),
+        made_dither(),
     ]  # fmt: skip
     return {type(result): result for result in found}
 
@@ -115,6 +119,14 @@ def measured() -> list[Result]:
         epp.rational_model(response),
         epp.olop(limiter, amplitude=0.5),
     ]
+
+
+def made_dither() -> epp.Dither:
+    runs = (DitherRun(0.1, "cycle", 0.9, 40.0, False), DitherRun(0.11, "cycle", 0.01, 80.0, True))
+    return epp.Dither(
+        "relay", epp.Relay(), "sine", 4.0, 0.11, 0.1, 0.106, 0.42, cycle(), 0.001, np.array([[0.1, 0.2], [0.11, 0.0]]),
+        runs, Status.CONVERGED,
+    )  # fmt: skip
 
 
 def made_design() -> epp.Design:
@@ -160,13 +172,24 @@ def made_bounds(case: epp.Case) -> epp.DesignBounds:
     return bounds_of(case, "bands.range", "lock_pin.backlash", *cells)
 
 
+PAIR = ("bands.range", "lock_pin.backlash")
+
+
 def made_guide(case: epp.Case) -> epp.Guide:
     bounds = made_bounds(case)
     rows = [
         GuideRow({"bands.range": c.value}, c, c.bound, 0.02 * c.bound, 80.0 * c.bound, None, 0.03, 0.04, 0.001)
         for c in bounds
     ]
-    return epp.Guide(case, (), tuple(rows), {}, provenance=Provenance("guide", case=case.provenance()))
+    return epp.Guide(
+        case,
+        "bands.range",
+        "lock_pin.backlash",
+        (),
+        tuple(rows),
+        {},
+        provenance=Provenance("guide", case=case.provenance()),
+    )
 
 
 def test_every_class_of_results_has_an_example():

@@ -1,6 +1,7 @@
-"""``python -m tests.stress --runs 2000 --searches 1000 -o FILE``: all figures as JSON, a summary on the console.
+"""``python -m tests.stress --runs 2000 --searches 1000 -o FILE``: a row a loop in a file, a summary on the console.
 
-The exit code is 1 where something speaks against the package: then the rows say which loop (family and seed) it was.
+Rows are appended to the file as they come (JSON, one a line): a second start goes on where the first was stopped. The
+exit code is 1 where something speaks against the package: then the rows say which loop (family and seed) it was.
 """
 
 from __future__ import annotations
@@ -25,17 +26,32 @@ def _jobs(count: int, first: int, families: list[str]) -> list[Job]:
     return [(families[i % len(families)], first + i // len(families)) for i in range(count)]
 
 
-def _do(title: str, work: Any, jobs: list[Job], options: argparse.Namespace) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
+def _known(file: Path | None) -> list[dict[str, Any]]:
+    """The rows of an earlier start."""
+    if file is None or not file.exists():
+        return []
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def _do(what: str, work: Any, jobs: list[Job], options: argparse.Namespace) -> list[dict[str, Any]]:
+    """The rows of all jobs: those that the file holds, then the rest as they come."""
+    file = Path(options.output) if options.output else None
+    wanted = set(jobs)
+    rows = [r for r in _known(file) if r["what"] == what and (r["family"], r["seed"]) in wanted]
+    done = {(r["family"], r["seed"]) for r in rows}
     begun = time.monotonic()
-    for row in answers(work, jobs, options.processes, options.limit):
+    for answer in answers(work, [j for j in jobs if j not in done], options.processes, options.limit):
+        row = {"what": what, "date": time.strftime("%Y-%m-%d"), **answer}
         rows.append(row)
+        if file:
+            with file.open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps(row) + "\n")
         if against(row):
             print(f"  {row}", flush=True)
         if len(rows) % 100 == 0:
-            print(f"{title}: {len(rows)} of {len(jobs)}, {time.monotonic() - begun:.0f} s", flush=True)
+            print(f"{what}: {len(rows)} of {len(jobs)}, {time.monotonic() - begun:.0f} s", flush=True)
     counts = collections.Counter(row["outcome"] for row in rows)
-    print(f"{title}: {dict(counts)}, {sum(map(against, rows))} speak against, {time.monotonic() - begun:.0f} s")
+    print(f"{what}: {dict(counts)}, {sum(map(against, rows))} speak against, {time.monotonic() - begun:.0f} s")
     return rows
 
 
@@ -49,7 +65,7 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--limit", type=float, default=120.0, help="seconds of the processor a job may take")
     parser.add_argument("--table", help="file for the table of the documentation (Markdown)")
-    parser.add_argument("-o", "--output", help="file for all rows (JSON)")
+    parser.add_argument("-o", "--output", help="file that all rows are appended to (JSON, one a line)")
     options = parser.parse_args()
     families = options.family or sorted(FAMILIES)
     # A search is of a loop left to itself: steps of an input are for runs.
@@ -64,9 +80,6 @@ def main() -> int:
             f"seeds of each family from {options.first} on."
         )
         Path(options.table).write_text(markdown(rows["runs"], rows["searches"], title), encoding="utf-8")
-    if options.output:
-        results = {"date": time.strftime("%Y-%m-%d"), "first_seed": options.first, **rows}
-        Path(options.output).write_text(json.dumps(results, indent=0), encoding="utf-8")
     return int(any(against(row) for part in rows.values() for row in part))
 
 

@@ -22,6 +22,8 @@ from tests.stress.machine import Machine, iterate
 STARTS = 200
 #: Periods of the slowest cycle (or time constants) that a run is given, and how much longer one without a verdict is.
 _PERIODS, _LONGER = 60.0, 8.0
+#: Switches after which a run ends: where they pile up it would make 200,000, and so would each of the other starts.
+_MOST_EVENTS = 60_000
 #: Differences of period and sizes within which a run is on a listed cycle.
 _SAME_PERIOD, _SAME_SIZE = 1e-5, 1e-3
 #: How near the slow integrator comes back, relative to the cycle and to the largest multiplier.
@@ -73,10 +75,14 @@ def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
     A cycle with a multiplier of 0.998 is come nearer by a factor of a thousand in 3,500 periods.
     """
     begun = replace(system, x0=start)
-    run = epp.simulate(begun, t_end=t_end, t_eval=[0.0, t_end])
+
+    def made(longer: float, *ends: float) -> Trajectory:
+        return epp.simulate(begun, t_end=longer * t_end, t_eval=[0.0, *ends], max_events=_MOST_EVENTS)
+
+    run = made(1.0, t_end)
     if run.status is Status.UNDECIDED or _is_coarse(run):
-        run = epp.simulate(begun, t_end=_LONGER * t_end, t_eval=[0.0])
-    return epp.simulate(begun, t_end=_LONGER**2 * t_end, t_eval=[0.0]) if _is_coarse(run) else run
+        run = made(_LONGER)
+    return made(_LONGER**2) if _is_coarse(run) else run
 
 
 def _is_coarse(run: Trajectory) -> bool:

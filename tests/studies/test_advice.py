@@ -21,6 +21,8 @@ from studies.advice import (
 )
 from tests.made_bounds import bounds_of
 
+pytestmark = pytest.mark.slow
+
 #: The original elbow with its original pulley at a profile range of 1.5 lbf.
 FRICTION, GAIN = 0.0526, "1.5 lbf"
 LIMIT, WITHIN = "lock_pin.backlash", (0.1 * math.pi / 180.0, 3.0 * math.pi / 180.0)

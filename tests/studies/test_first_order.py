@@ -7,6 +7,8 @@ import pytest
 
 from studies import first_order as study
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("element", ["relay", "saturation", "dead zone", "play", "jump and follow", "preload"])
 def test_stored_rows_come_out_again(element):

@@ -6,6 +6,8 @@ import pytest
 
 from studies import ladder as study
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_shipped_case_is_in_the_table():
     assert list(dict.fromkeys(row.case for row in study.read())) == list(study.covered())

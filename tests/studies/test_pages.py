@@ -12,6 +12,8 @@ from studies.pages import gallery
 from tests.explorer.browser import find_chromium, running_browser
 from tests.studies.pages import read_faults, seen_faults
 
+pytestmark = pytest.mark.slow
+
 GOOD = """<!doctype html><html><body data-theme="light" style="background:#fff;color:#222"><article id="top">
 <p>Text with a <a href="other.html#there">link</a> and a <a href="#top">second</a>.</p><img src="a.png" alt="A curve">
 <div style="overflow-x:auto"><div style="width:3000px">wide, in a box that scrolls</div></div>

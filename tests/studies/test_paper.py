@@ -13,6 +13,8 @@ from studies import DOCS
 from studies.paper import runs as made, sensitivity, tables
 from studies.paper.says import SAID
 
+pytestmark = pytest.mark.slow
+
 PAGES = sorted((DOCS / "paper").glob("*.md"))
 PLACE = re.compile(r"Introduction|Methods|Results|Discussion|Conclusions")
 

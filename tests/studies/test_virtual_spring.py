@@ -7,6 +7,8 @@ import pytest
 import eppanalysis as epp
 from studies.virtual_spring import STARTS, Haptic, by_closed_forms, by_engine, comes_to_rest
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("device", "known"), list(zip(STARTS, (3454.0, 544.0, 2200.0, 2200.0), strict=True)))
 def test_the_largest_stiffness_is_that_of_closed_forms(device, known):

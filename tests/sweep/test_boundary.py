@@ -61,7 +61,7 @@ def test_the_fold_curve_goes_through_the_folds_of_branches() -> None:
     ranges, backlash = found.over("bands.range", "lock_pin.backlash")
     assert np.all(np.diff(backlash) > 0)
     middle = case.with_values({"bands.range": float(ranges[1])})
-    single = epp.continue_branch(middle, "lock_pin.backlash", "2.5 deg", "0.6 deg")
+    single = epp.continue_branch(middle, "lock_pin.backlash", "2.5 deg", "0.6 deg", n_others=0)
     assert backlash[1] == pytest.approx(single.folds[0].value, rel=1e-9)
 
 

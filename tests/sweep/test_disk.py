@@ -22,10 +22,13 @@ CASE = epp.case("fig8a_original").with_values({"run.t_end": "0.3 s"})
 AXES = {"bands.range": "1:5:6:lbf", "lock_pin.backlash": "0:3:8:deg"}
 Remount = Callable[[str], None]
 
-pytestmark = pytest.mark.skipif(
-    not sys.platform.startswith("linux") or os.geteuid() != 0 or shutil.which("mount") is None,
-    reason="only the administrator of a Linux machine may mount",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not sys.platform.startswith("linux") or os.geteuid() != 0 or shutil.which("mount") is None,
+        reason="only the administrator of a Linux machine may mount",
+    ),
+]
 
 
 def call(*arguments: str) -> bool:
@@ -60,7 +63,7 @@ def one_sentence(store: Path, scheduler: str = "threads") -> str:
     return text
 
 
-@pytest.mark.parametrize("scheduler", ["threads", pytest.param("processes", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scheduler", ["threads", "processes"])
 def test_a_full_disk_keeps_what_is_there_and_goes_on_with_more_room(disk, scheduler) -> None:
     place, remount = disk
     store = place / "map.zarr"

@@ -414,6 +414,7 @@ def test_a_mark_is_written_after_its_numbers_are_on_the_disk(tmp_path, monkeypat
     assert done(path) == 2 and len(synced) > 20 and not early
 
 
+@pytest.mark.slow
 def test_processes_that_start_at_once_leave_a_store_that_is_whole(wanted, tmp_path) -> None:
     """Each has the store or one sentence, and the same sweep goes on from there; a killed one leaves no lock."""
     program = tmp_path / "program.py"

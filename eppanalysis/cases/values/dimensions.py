@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eppanalysis.cases.blocks import Block, element_class
 from eppanalysis.cases.values.quantities import Parameter
-from eppanalysis.models.elements import ELEMENTS
 from eppanalysis.models.elements.base import IN, OUT, RATIO, Role
 from eppanalysis.units import KINDS, dimensions, format_si, unit_of
 
 if TYPE_CHECKING:
-    from eppanalysis.cases.blocks import Block
     from eppanalysis.cases.files import RawCase
     from eppanalysis.cases.schema import LoopSection
 
@@ -75,7 +74,7 @@ def check_units(loop: LoopSection, blocks: Sequence[Block], place: str, raw: Raw
         if not block.kind:
             continue
         known = list(_of_signals(loop, first_in, first_out))
-        if ELEMENTS[block.kind].same_unit:
+        if element_class(block.kind).same_unit:
             known.append(_Fact("", (-1, 1, 0), {}))
         _check_block(block, known, f"{place}.{i}", raw)
         n_in, n_out = block.width
@@ -90,7 +89,7 @@ def check_fields(block: Block, place: str, raw: RawCase) -> None:
     CaseError
         At the first field whose unit contradicts those before it.
     """
-    known = [_Fact("", (-1, 1, 0), {})] if ELEMENTS[block.kind].same_unit else []
+    known = [_Fact("", (-1, 1, 0), {})] if element_class(block.kind).same_unit else []
     _check_block(block, known, place, raw)
 
 
@@ -131,7 +130,7 @@ def _exponents(unit: str) -> Mapping[str, int] | None:
 def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> None:
     """Refuse the first field of an element that does not go with `known`, which grows by those that do."""
     for where, name, parameter in _given(block):
-        role = ELEMENTS[block.kind].units.get(name)
+        role = block.roles.get(name)
         if role is None or not (parameter.unit or parameter.friendly):
             continue
         fact = _Fact(name, role, dimensions(parameter.unit))
@@ -143,7 +142,7 @@ def _check_block(block: Block, known: list[_Fact], place: str, raw: RawCase) -> 
 
 def _unlike(kind: str, fact: _Fact) -> str:
     """What a field of this element is by its nature; empty where it may be that, or has none."""
-    names, element = fact.exponents, ELEMENTS[kind]
+    names, element = fact.exponents, element_class(kind)
     if element.output_is == "force" and fact.role == OUT and not (names.get("second", 0) < 0 or "ampere" in names):
         return "a force or a torque such as '2 N'"
     if element.input_is == "way" and fact.role == IN and names not in ({"radian": 1}, {"meter": 1}):

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
-from eppanalysis.units import SPELLINGS, QuantityError, parse_any, unit_of
+from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, parse_any, unit_of
 
 LONGEST = 200
 DEEPEST = 100
@@ -323,9 +323,10 @@ def _wanted(text: str) -> str:
         return _WANTED
     try:
         parse_any(text)
-    except QuantityError as error:
-        if "known unit" in error.expected:
-            return f"{error.expected}; in an expression quantities are parameters, with names of their own"
+    except UnknownUnit as error:
+        return f"{error.expected}; in an expression quantities are parameters, with names of their own"
+    except QuantityError:
+        pass
     return _WANTED
 
 

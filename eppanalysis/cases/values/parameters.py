@@ -91,7 +91,9 @@ def _computed(
     )
     made = AnyQuantity().read({"mark": "derived", **table, "value": value.number})
     if isinstance(kind, AnyQuantity):
-        return Named(replace(made, unit=unit, friendly=written(unit)), value)
+        alike_ones = (p for p in (parameters[n].parameter for n in expression.names) if p.unit == unit)
+        typed = next((p.friendly for p in alike_ones), written(unit))  # as what it is computed from was typed
+        return Named(replace(made, unit=unit, friendly=typed), value)
     turns = unit == "Hz" and dimensions(kind.unit).get("radian")
     if turns or (value.unit and not alike(value.unit, dimensions(kind.unit))):
         try:
@@ -103,6 +105,25 @@ def _computed(
     except PydanticCustomError as error:
         found = format_si(value.number, kind.unit, kind.friendly or kind.unit)
         raise QuantityError(f"{(error.context or {}).get('expected')}: {expression.text} is {found}") from None
+
+
+def read_scalar(value: Any, field: str, raw: RawCase) -> Parameter:
+    """A quantity of any dimension that stands in a field; one that has been read already stays as it is.
+
+    Raises
+    ------
+    CaseError
+        If it is no quantity.
+    """
+    if isinstance(value, Parameter):
+        return value
+    try:
+        return AnyQuantity().read(value)
+    except PydanticCustomError as error:
+        context, place = error.context or {}, place_of(field, error)
+        raise CaseError(
+            raw.origin(place), place, context.get("shown", value), context.get("expected", "a number")
+        ) from None
 
 
 def _text(given: Any) -> Any:

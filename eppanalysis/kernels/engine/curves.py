@@ -1,6 +1,6 @@
 """Compiled: smooth functions of one argument beyond sine, cube and the falling friction: values, slopes, Taylor series.
 
-Their numbers are those of ``SMOOTH_KINDS`` from 3 on. Series are scaled to the step, as in
+The numbers are those of ``SMOOTH_KINDS``. Series are scaled to the step, as in
 :mod:`eppanalysis.kernels.engine.series`: with the coefficients of the argument in `arg` up to order k, coefficient k of
 the scaled function goes into `Sg`. `aux` holds the squared argument (powers) or the scaled slope (tanh, arctan).
 """
@@ -12,7 +12,7 @@ import math
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.tables import HOT
 
-SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN = 3, 4, 5, 6, 7, 8
+SINE, CUBE, RECIPROCAL, SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN = range(9)
 
 
 @njit(**HOT)

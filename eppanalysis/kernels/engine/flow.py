@@ -36,6 +36,7 @@ def growth_rate(M, P, Q):
         size += dot(M[i], M[i])
     if size == 0.0:
         return 0.0
+    # A norm of M itself may exceed the growth by orders where states differ in scale, and would shorten all steps.
     _copy(P, M)
     log_scale, scale = 0.5 * np.log(size), 1.0 / size
     for _ in range(5):
@@ -76,6 +77,7 @@ def flow(M, h, rate, integral, power, half, term, work):
     for k in range(doublings):
         if k == doublings - 1:
             _copy(half, power)
+        # Twice the time: what the first half added, carried through the second, is added once more.
         multiply(power, integral, 1.0, work)
         _add(integral, work)
         multiply(power, power, 1.0, work)
@@ -170,6 +172,8 @@ def compile_long(compiled, work, q):
     else:
         _copy(reach, compiled.reach[q, level - 1])
     for _ in range(LONG_DOUBLINGS):
+        # Twice the time: in its second half a guard travels at most as far from where the sizes of exp(M t) carry the
+        # rate (docs/theory/engine.md, Long step).
         for i in range(power.shape[0]):
             take_sizes(product[i], power[i])
         multiply(product, reach, 1.0, P)

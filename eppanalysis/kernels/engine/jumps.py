@@ -86,6 +86,8 @@ def _left_behind(model, compiled, work, workspace, q, k, x, beyond, recent, H, S
         new_modes[e] = modes[e]
     for i in range(H.size):
         new_H[i] = H[i]
+    # All on copies: what the jump would do is tried to its end before anything is allowed to happen
+    # (docs/theory/simulation.md, rules of a jump).
     new = q
     if k >= 0:
         i = place_of(compiled, q, k)

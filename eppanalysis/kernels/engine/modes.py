@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.flow import choose_step, multiply
+from eppanalysis.kernels.engine.series import DELAY_LINE
 from eppanalysis.kernels.engine.tables import HOT, clear
 
 
@@ -82,6 +83,8 @@ def _output_equations(model, modes, E, F):
         z0, w0, h0 = model.first[e, 0], model.first[e, 1], model.first[e, 2]
         n_ze, n_we, n_he = model.first[e + 1, 0] - z0, model.first[e + 1, 1] - w0, model.first[e + 1, 2] - h0
         if model.mode_stick[m]:
+            # What sticks has no law of its own: its output is what keeps its input still, c x' = 0, with the row scaled
+            # to the size of the others (docs/theory/engine.md, Modes).
             c = model.C[z0]
             scale = 0.0
             for i in range(n):
@@ -156,7 +159,7 @@ def _is_linear(model, rate, F):
     """Whether no smooth channel acts on a rate or an output; a dead time always does."""
     first = model.A.shape[0] + model.K.shape[1]
     for j in range(model.S.shape[1]):
-        if model.smooth_kind[j] == 10:
+        if model.smooth_kind[j] == DELAY_LINE:
             return 0
         for i in range(rate.shape[0]):
             if rate[i, first + j] != 0.0:

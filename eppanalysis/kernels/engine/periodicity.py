@@ -144,6 +144,8 @@ def closing(watch, count, buffer, largest):
             return 0
         before = _apart(c - k * p, p, keep, ev_x, largest)
         if before > APART:
+            # From `before` to `change` in k turns: as a geometric series the changes to come add up to
+            # change/(1 - ratio), which must be rounding (docs/theory/engine.md, Repetition).
             return p if change < ROUNDING * (1.0 - (change / before) ** (1.0 / k)) else 0
     return 0
 
@@ -206,7 +208,7 @@ def repeat_events(turns, p, period, count, times, buffer):
     for k in range(p):
         times[k] = buffer.t[(count - p + k) % keep]
     first = max(0, turns * p - keep)
-    first -= first % p
+    first -= first % p  # of more than the buffer holds the last ones, from the begin of a turn on
     for k in range(first, turns * p):
         r, source = (count + k) % keep, (count - p + k % p) % keep
         if k >= first + p:

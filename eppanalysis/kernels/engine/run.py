@@ -54,6 +54,7 @@ def run(model, compiled, work, workspace, samples, buffer, now):
         now.paused = False
     elif not _begin(model, compiled, work, workspace, samples, now):
         return SINGULAR
+    # By work, not by the clock: a run pauses, and gives up, at the same step on every machine.
     stop_at = now.spent + now.slice
     now.code = DONE
     while now.code == DONE:
@@ -73,6 +74,8 @@ def run(model, compiled, work, workspace, samples, buffer, now):
             come_back(model, compiled, work, workspace, samples, now)
             continue
         _aim(model, compiled, work, workspace, samples, now)
+        # What costs least and proves most comes first; the series step needs no grid and misses nothing
+        # (docs/theory/engine.md, Two ways to advance).
         if go_far(compiled, work, workspace, samples, now) or go_fast(compiled, workspace, samples, now):
             continue
         plan(model, compiled, workspace, now)

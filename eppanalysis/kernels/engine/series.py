@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.engine.curves import SQUARE, curve_term, has_fallen
+from eppanalysis.kernels.engine.curves import CUBE, SINE, SQUARE, curve_term, has_fallen
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 from eppanalysis.kernels.simd.vectors import (
     any_above,
@@ -42,6 +42,7 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
     n, n_s = S.shape
     for i in range(n):
         X[0, i] = x[i]
+        # A state that passes zero has no size there; without a trace of its largest the order would rise for nothing.
         small[i] = 0.5 * EPS * max(abs(x[i]), 1e-2 * largest[i])
     if n_s == 0:
         return _expand_linear(M, compiled.M_twice[q], f, h, small, X)
@@ -62,6 +63,7 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
         for j in range(n_s):
             over = over or not has_fallen(model.smooth_kind[j], j, k, 0.25 * EPS, Sg)
         below = 0 if over else below + 1
+        # One small term proves nothing: of a motion that begins at its turn every other one is zero.
         if below == 2:
             for j in range(n_s):
                 if model.smooth_kind[j] != DELAY_LINE:
@@ -75,6 +77,7 @@ def _expand_linear(M, M_twice, f, h, small, X):
     """As `expand`, without smooth channels: odd and even orders beside each other, two products at a time."""
     row_sum_from(f, M, X[0], h, X[1])
     row_sum(M, X[1], 0.5 * h, X[2])
+    # By M^2 each order needs the last but one: neither of the two products waits for the other.
     for k in range(1, ORDER - 2, 2):
         row_sum(M_twice, X[k], h * h / ((k + 1) * (k + 2)), X[k + 2])
         row_sum(M_twice, X[k + 1], h * h / ((k + 2) * (k + 3)), X[k + 3])
@@ -95,9 +98,9 @@ def smooth_term(model, j, k, X, H, Sg, arg, aux):
     arg[k, j] = a
     scale = model.smooth_scale[j]
     kind = model.smooth_kind[j]
-    if kind == 0:
+    if kind == SINE:
         _sine_term(j, k, scale, Sg, arg, aux)
-    elif kind == 1:
+    elif kind == CUBE:
         square, cube = 0.0, 0.0
         for i in range(k + 1):
             square += arg[i, j] * arg[k - i, j]
@@ -228,6 +231,7 @@ def first_rise(p, tolerance):
     Each step goes to the first zero of a quadratic that lies above the series (its curvature is a bound on [u, 1]),
     so no zero can be passed; once Newton's condition holds the zero is unique ahead and Newton finishes.
     """
+    # Sums over the terms that rise bound p'' above, and -p'', on all of [0, 1] (docs/theory/engine.md, Series step).
     over, under = rises(p, CURVATURE), rises(p, MINUS_CURVATURE)
     u, v, d = 0.0, p[0], p[1]
     for _ in range(1000):
@@ -236,6 +240,7 @@ def first_rise(p, tolerance):
         rest = 1.0 - u
         if v + rest * (d + 0.5 * over * rest) < 0.0:
             return 2.0
+        # Kantorovich's condition, twice as strict as he needs it: only downward curvature bends away from the zero.
         if d > 0.0 and under * -v < 0.25 * d * d and -2.0 * v <= d * rest:
             return _newton(p, u, v, d)
         below = d + np.sqrt(d * d - 2.0 * over * v)

@@ -12,6 +12,8 @@ from eppanalysis.kernels.engine.tables import HOT, INLINE
 def rise_from_start(compiled, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p, forced):
     """First u in [0, 1] where the guard series p rises through zero, by the rules at the start; 2.0 when nowhere."""
     terms = min(6, last - 1)
+    # A guard that stands on zero goes where its first derivative above rounding points. Where it falls, the zero is
+    # divided out, so that the next rise is found however soon it comes (docs/theory/engine.md, Rules at a switch).
     for k in range(max(1, terms)):
         if k == 2:
             # Two terms decide nearly always; more are wanted only where the guard touches.
@@ -22,6 +24,7 @@ def rise_from_start(compiled, q, g, X, last, Sg, H, d, recent, clock, Y, wide, p
                 for i in range(last + 1):
                     p[i] = p[i + k]
             return first_rise(p, noise if k == 0 else 0.0)
+        # Of two guards that point at each other neither fires: the short step is made in the present mode.
         if forced:
             return 2.0
         if p[k] > noise:

@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.engine.curves import SQUARE, curve, curve_slope_term
+from eppanalysis.kernels.engine.curves import CUBE, RECIPROCAL, SINE, SQUARE, curve, curve_slope_term
 from eppanalysis.kernels.engine.flow import flow, growth_rate
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, smooth_term
 from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
 from eppanalysis.kernels.simd.vectors import padded
 
-RECIPROCAL = 2
 #: Series along one arc with smooth channels, at most: some tenths of a second.
 MOST_SERIES = 10_000
 
@@ -67,6 +66,7 @@ def affine_flow(F, y, tau, end, Phi, square):
         end[i] = y[i]
         Phi[i, i] = 1.0
     for i in range(moving):
+        # The integral of exp(F s), times the rate, is added to y: near rest and for integrators nothing cancels.
         v = 0.0
         for j in range(N):
             v += F[i, j] * y[j]
@@ -191,6 +191,8 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, row):
         for i in range(n):
             for j in range(N):
                 V[k + 1, i, j] *= factor
+    # Two terms: of an odd or even motion every other one is zero. The derivative by its own series is as exact as the
+    # flow, so that Newton's method ends at rounding (docs/theory/exact_orbits.md, Closing an orbit).
     tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
     tail_v = largest(V[ORDER - 1]) + largest(V[ORDER - 2])
     return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
@@ -205,7 +207,7 @@ def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
         if kind >= SQUARE:
             slope[k, j] = curve_slope_term(kind, j, k, scale, Sg, arg, aux)
         else:
-            slope[k, j] = aux[k, j] if kind == 0 else 3.0 * scale * aux[k, j]
+            slope[k, j] = aux[k, j] if kind == SINE else 3.0 * scale * aux[k, j]
         return
     # scale/(1 + s a), with the sign s of the mode: at breakaway the argument and its rate are both zero.
     v = 0.0
@@ -236,9 +238,9 @@ def channels_at(model, sense, x, H, sigma, slope):
             a += model.smooth_x[j, i] * x[i]
         for i in range(H.size):
             a += model.smooth_H[j, i] * H[i]
-        if kind == 0:
+        if kind == SINE:
             sigma[j], slope[j] = scale * np.sin(a), scale * np.cos(a)
-        elif kind == 1:
+        elif kind == CUBE:
             sigma[j], slope[j] = scale * a**3, 3.0 * scale * a * a
         elif SQUARE <= kind < DELAY_LINE:
             value, rate = curve(kind, a)

@@ -68,6 +68,8 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
                 turns_over = slope[k, s] > 0.0 and slope[k + 1, s] < 0.0
                 if not turns_over and not (slope[k, s] < 0.0 and slope[k + 1, s] > 0.0):
                     continue
+                # A cubic exceeds its end values by at most 4/27 d of its end rates: where that does not reach the
+                # extremum so far, it is not looked for.
                 reach = 0.15 * d * (abs(slope[k, s]) + abs(slope[k + 1, s]))
                 if turns_over and max(value[k, s], value[k + 1, s]) + reach <= high[s]:
                     continue

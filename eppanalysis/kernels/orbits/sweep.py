@@ -32,6 +32,7 @@ def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
 def _guard_equation(at_once, tau, value, row, E, A, r, place):
     """Row of Newton's equations for the dwell time of an arc (at `place`), and its residual."""
     if at_once == 1:
+        # Of events at one instant only the first waits for its guard.
         A[place], r[0] = 1.0, tau
         return
     r[0] = value
@@ -86,6 +87,8 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most,
     Phi, rate = np.zeros((N, N)), np.zeros(N)
     square = room(F)
     A[:, :], r[:] = 0.0, 0.0
+    # E and D carry the derivative of y before and behind each event, by the free part of the start and by the dwell
+    # times so far: one pass gives the residual and Newton's matrix, from which the multipliers come, too.
     for k in range(m):
         D[free[k], k] = 1.0
     y = y0.copy()

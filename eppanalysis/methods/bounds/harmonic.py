@@ -75,6 +75,11 @@ class Question:
         """The case with a value of the limiting parameter."""
         return self.case.with_values({self.limit: value})
 
+    def in_words(self, values: Iterable[float]) -> str:
+        """Values of the limiting parameter in the unit that people use."""
+        unit, factor = self.case.readable(self.limit)
+        return ", ".join(f"{factor * value:.4g} {unit}".rstrip() for value in values)
+
     def numbers(self) -> Numbers:
         """The loop's numbers over the limiting parameter."""
         return Numbers(lambda v: steady_loop(self.case_at(v)), self.low, self.high)
@@ -206,8 +211,7 @@ def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
 
 def _named_values(question: Question, seen: Sequence[_Seen], there: bool | None) -> str:
     """The values of one answer, in the unit that people use."""
-    unit, factor = question.case.readable(question.limit)
-    return ", ".join(f"{factor * s.value:.4g} {unit}".rstrip() for s in seen if s.there is there)
+    return question.in_words(s.value for s in seen if s.there is there)
 
 
 def idle(question: Question, values: Iterable[float]) -> bool:

@@ -42,12 +42,15 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
         raise EppError(f"{bounds.case}: no bound on {bounds.limit} was found, so there is nothing to draw.")
     (x_unit, x_factor), (y_unit, y_factor) = (bounds.readable[n] for n in (bounds.over, bounds.limit))
     x = x_factor * bounds.array("value")
+    # A single value has no width: what is drawn of it is a strip around it.
+    over = x if x.size > 1 else x * np.array([0.98, 1.02])
     figure, ax = place_of(ax, (6.4, 4.4))
     curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
     for name, text, colour, style, width in curves:
         if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
             continue  # a higher harmonic balance is not asked for sizes, none of a sampled loop
-        ax.plot(x, y_factor * bounds.array(name), style, color=colour, linewidth=width, label=text)
+        values = np.broadcast_to(y_factor * bounds.array(name), over.shape)
+        ax.plot(over, values, style, color=colour, linewidth=width, label=text)
     _draw_best(ax, x, y_factor, bounds)
     verified = np.array([c.verified for c in bounds])
     safe, other = y_factor * bounds.array("safe_value"), y_factor * bounds.array("other_value")
@@ -73,7 +76,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     free = "free of limit cycles" if bounds.allowed is None else "no larger stable cycle"
     free = "no such limit cycle found" if bounds.not_covered else free
     free += ", straight between the points" * (len(bounds) > 1)
-    ax.fill_between(x, best, edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
+    ax.fill_between(over, np.broadcast_to(best, over.shape), edge, color=GREEN, alpha=0.12, linewidth=0, label=free)
     ax.set_xlabel(with_unit(words(bounds.over), x_unit))
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)

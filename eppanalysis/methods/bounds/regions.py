@@ -1,12 +1,15 @@
-"""The three regions of a design: free of cycles, guarded by an unstable one, and oscillating from rest.
+"""What a design does beyond its bound: it rests unless struck, or its own run ends in an oscillation.
 
-Beyond its bound a design rests until a disturbance carries it over the unstable cycle; the region in which the case's
-own input signal starts it from rest begins further on. That second boundary is found by runs, all on a grid at once.
+Beyond its bound a design may rest until a disturbance carries it over an unstable cycle; the region in which the
+case's own start and input lead to the oscillation begins further on. Both are found by runs, all on a grid at once;
+where a run is not decided, neither is said.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,8 +24,24 @@ from eppanalysis.results import Status
 _GRID, _HALVINGS = 40, 3
 
 
-def starts_from_rest(question: Question, bound: float, sign: float) -> float:
-    """The value from which on the case's own run ends on a cycle [SI]; nan where it never does.
+@dataclass(frozen=True)
+class OwnRuns:
+    """What the case's own run does beyond a bound.
+
+    Attributes
+    ----------
+    rests_to : float
+        The last value up to which it comes to rest wherever it was tried [SI]; nan where it does not at the first.
+    oscillates_from : float
+        The value from which on it ends on a cycle [SI]; nan where it never does.
+    """
+
+    rests_to: float = math.nan
+    oscillates_from: float = math.nan
+
+
+def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
+    """What the case's own run does from a bound to the end of the range.
 
     Parameters
     ----------
@@ -32,30 +51,40 @@ def starts_from_rest(question: Question, bound: float, sign: float) -> float:
         Where cycles begin to exist [SI].
     sign : {1, -1}
         1 where they exist above it.
+
+    Raises
+    ------
+    EppError
+        If the loop has no form that is run in batches, as one with sampled controllers.
     """
-    end = question.high if sign > 0 else question.low
-    inside, outside = bound, end
+    inside, outside = bound, question.high if sign > 0 else question.low
+    rests_to = math.nan
     for halving in range(_HALVINGS):
-        count = _GRID if halving == 0 else 8
-        values = np.geomspace(inside, outside, count)
-        starting = _oscillating(question, values)
-        if not np.any(starting):
-            return float("nan") if halving == 0 else outside
-        first = int(np.argmax(starting))
+        space = np.geomspace if inside * outside > 0 else np.linspace
+        values = space(inside, outside, _GRID if halving == 0 else 8)
+        ends = _ends(question, values)
+        rests = next((i for i, status in enumerate(ends) if status is not Status.SETTLED), len(ends))
+        if rests and (halving == 0 or rests_to == inside):
+            rests_to = float(values[rests - 1])
+        starting = [status is Status.LIMIT_CYCLE for status in ends]
+        if not any(starting):
+            return OwnRuns(rests_to, math.nan if halving == 0 else outside)
+        first = starting.index(True)
         if first == 0:
-            return float(values[0])
+            return OwnRuns(rests_to, float(values[0]))
         inside, outside = float(values[first - 1]), float(values[first])
-    return outside
+    return OwnRuns(rests_to, outside)
 
 
-def _oscillating(question: Question, values: Sequence[float] | np.ndarray) -> np.ndarray:
+def _ends(question: Question, values: Sequence[float] | np.ndarray) -> list[Status]:
+    """How the case's own run ends at values of the limiting parameter."""
     hybrids = []
     for value in np.asarray(values).tolist():
         case = question.case_at(value)
         system = case.to_system()
         hybrids.append(HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input)))
     result = simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end)
-    return np.array([s is Status.LIMIT_CYCLE for s in result.status])
+    return list(result.status)
 
 
 def smallest_trigger(question: Question, value: float) -> Trigger | None:

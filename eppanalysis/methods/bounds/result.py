@@ -83,6 +83,17 @@ class Finding(StrEnum):
         return self in (self.NONE, self.ALWAYS, self.BETWEEN, self.SCALES, self.IDLE, self.BEYOND)
 
 
+class Known(StrEnum):
+    """How a bound is known, the surest first; in words for a legend."""
+
+    PROVED = "proved on both sides"
+    TESTED = "exact and tested"
+    EXACT = "exact, not tested"
+    SEARCHED = "found by search"
+    BALANCED = "harmonic balance alone"
+    NONE = "no bound"
+
+
 class Turn(StrEnum):
     """Where a family of exact orbits ends."""
 
@@ -218,6 +229,17 @@ class BoundCell(Brief):
         if self.finding is not Finding.BOUND:
             return _NAN
         return next((v for v in (self.exact, self.searched) if math.isfinite(v)), self.harmonic)
+
+    @property
+    def known(self) -> Known:
+        """How the bound is known."""
+        if self.finding is not Finding.BOUND:
+            return Known.NONE
+        if self.proved is not None and math.isfinite(self.proved.gap):
+            return Known.PROVED
+        if math.isfinite(self.exact):
+            return Known.TESTED if self.verified else Known.EXACT
+        return Known.SEARCHED if math.isfinite(self.searched) else Known.BALANCED
 
     @property
     def first_order_error(self) -> float:

@@ -44,8 +44,13 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     if multiplier is None:
         if play:
             return _by_sectors(loop, sectors)
+        found = _by_cells(loop)
+        if not isinstance(found, str):
+            return found
         shown = f"{float(low):.6g} to {'infinity' if high is None else f'{float(high):.6g}'}"
-        return f"neither the circle criterion nor Popov's holds for the sector from {shown}, which decides nothing."
+        return (
+            f"neither the circle criterion nor Popov's holds for the sector from {shown}, which decides nothing{found}."
+        )
     polynomial = criterion(num, den, low, high, multiplier)
     return sealed(
         {
@@ -55,6 +60,13 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
             "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
         }
     )
+
+
+def _by_cells(loop: Mapping[str, Any]) -> dict[str, Any] | str:
+    """The certificate of a relay with dead zone by cells of its return map, or what there is to say of them."""
+    from eppanalysis.methods.certificates.cells.find import find as find_cells
+
+    return find_cells(loop)
 
 
 def _by_sectors(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:

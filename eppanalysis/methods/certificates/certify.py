@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.errors import EppError, did_you_mean
+from eppanalysis.errors import EppError, did_you_mean, require_packages
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.registry import of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
@@ -50,8 +49,9 @@ def certify(
         "roots" with dead time, or in discrete time.
     statement : str, optional
         "roots": all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
-        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's; for play,
-        whatever its gap and the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
+        periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
+        relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and
+        the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
         motion where G is of order 2, or of order 3 with one zero at most, with real poles.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input and "omega" [rad/s], from and to; by default 1024 times beyond
@@ -102,11 +102,11 @@ def certify(
         raise EppError(f"certify: sectors is {sectors}; expected 2 to {_MOST_SECTORS}.")
     if box is not None and statement == "absence":
         raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
-    _require_flint()
+    require_packages("certify", "proof", "flint")
     from eppanalysis.methods.certificates.rational import rational_loop
 
     system, at = standing(loop, operating_point, "certify")
-    case = {} if isinstance(loop, LureSystem) else facts_of(loop)
+    case = facts_of(loop)
     settings = {"system": system.name, "statement": statement, "input": dict(at.inputs)}
     try:
         stated, off = rational_loop(system)
@@ -209,7 +209,7 @@ def check_certificate(path: str | Path) -> Check:
     True
     >>> folder.cleanup()
     """
-    _require_flint()
+    require_packages("check_certificate", "proof", "flint")
     text, path = _text(Path(path)), Path(path)
     try:
         document = json.loads(text)
@@ -267,10 +267,3 @@ def _text(path: Path) -> str:
 def _require_statement(statement: str) -> None:
     if statement not in _ASKED:
         raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, _ASKED)}.")
-
-
-def _require_flint() -> None:
-    if importlib.util.find_spec("flint") is None:
-        raise EppError(
-            "certify: python-flint is not installed; expected what 'pip install \"eppanalysis[proof]\"' installs."
-        )

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
-from eppanalysis.plotting import BLUE, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, VERMILLION, place_of, with_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +28,8 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
         _plot_cover(certificate, ax)
     elif "sectors" in certificate.document["claim"]:
         plot_level(certificate.document["evidence"], ax)
+    elif "cells" in certificate.document["claim"]:
+        _plot_cells(certificate, ax)
     else:
         _plot_popov(certificate, ax)
     return figure
@@ -42,15 +44,36 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
     corners = [[(a, c), (b, c), (b, d), (a, d)] for _, (a, b, c, d) in leaves]
     faces = [colours[mark] for mark, _ in leaves]
     ax.add_collection(PolyCollection(corners, facecolors=faces, edgecolors="0.6", linewidths=0.3))
-    for root in certificate.roots:
-        ax.plot(root.amplitude[0], root.omega[0], "ko", markersize=4)
+    for k, root in enumerate(certificate.roots):
+        ax.plot(root.amplitude[0], root.omega[0], "ko", markersize=4, label="a root" * (k == 0))
+    marks = {mark for mark, _ in leaves}
+    said = {".": "proved: no root", "r": "proved: this root alone", "?": "undecided"}
+    for mark in [mark for mark in said if mark in marks]:
+        ax.fill_between([], [], facecolor=colours[mark], edgecolor="0.6", linewidth=0.3, label=said[mark])
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.autoscale_view()
     ax.set_xlabel("amplitude at the element's input")
     ax.set_ylabel("angular frequency [rad/s]")
+    # Below, where it covers no box.
+    ax.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)
     number = len(certificate.roots)
-    ax.set_title(f"{number} root{'s' * (number != 1)} of the first-order balance, {len(leaves)} boxes", fontsize=10)
+    said_above = f"{number} root{'s' * (number != 1)} of the first-order balance, {len(leaves)} boxes"
+    ax.set_title(with_name(said_above, certificate.provenance.subject), fontsize=10)
+
+
+def _plot_cells(certificate: Certificate, ax: Axes) -> None:
+    """Cells of the return map, the darker the more returns may be left to rest."""
+    from eppanalysis.methods.certificates.check_cells import GRID, leaves
+
+    evidence = certificate.document["evidence"]
+    corners = [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in np.array([*leaves(evidence["cover"])]) / 2.0**GRID]
+    cells = PolyCollection(corners, array=np.array(evidence["order"], float), cmap="Greys", edgecolors="none")
+    ax.add_collection(cells)
+    ax.autoscale_view()
+    ax.set_xlabel("speed at the switch, of the greatest")
+    ax.set_ylabel("acceleration, of the greatest")
+    ax.set_title(f"No cell of {len(corners)} comes back to itself", fontsize=10)
 
 
 def _plot_popov(certificate: Certificate, ax: Axes) -> None:

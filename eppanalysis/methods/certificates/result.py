@@ -164,6 +164,8 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["statement"] == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
+    if document["statement"] == STATEMENTS["absence_by_cells"].text:
+        return f"Proved: {name} has no periodic motion but rest (its return map in {claim['cells']} cells)."
     if document["statement"] == STATEMENTS["orbit"].text:
         period = float(sum(map(Fraction, claim["period"])) / 2)
         alone = f"within {float(Fraction(claim['box'])):.1g} of its size it is the only one with these"

@@ -35,7 +35,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, require_case
 from eppanalysis.readable import count, signed_percent, words
-from eppanalysis.results import LimitCycle, Outcome, Prediction, Result, Status, Trajectory, counted
+from eppanalysis.results import HARMONIC_BALANCE, LimitCycle, Outcome, Prediction, Result, Status, Trajectory, counted
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.shown import frame_of
 
@@ -173,7 +173,7 @@ class Ladder(Result):
     def balance(self) -> LimitCycle | None:
         """The harmonic balance of the cycle that the run is on, if there is one."""
         here = self.rows[-1].exact
-        found = (r.cycle for r in self.rows if r.method.startswith("harmonic balance") and r.exact == here)
+        found = (r.cycle for r in self.rows if r.method.startswith(HARMONIC_BALANCE) and r.exact == here)
         return next(found, None) if here is not None else None
 
     def __str__(self) -> str:

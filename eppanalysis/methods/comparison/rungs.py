@@ -17,7 +17,6 @@ import numpy as np
 from eppanalysis.errors import EppError
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.harmonic.balance import harmonic_balance
-from eppanalysis.methods.orbits.cycle import METHOD as EXACT
 from eppanalysis.methods.orbits.exact import exact_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
@@ -25,7 +24,16 @@ from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.elements import Relay
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.results import LimitCycle, PlainData, Prediction, Trajectory
+from eppanalysis.results import (
+    DESCRIBING_FUNCTION,
+    EXACT_ORBIT,
+    HARMONIC_BALANCE,
+    SIMULATION,
+    LimitCycle,
+    PlainData,
+    Prediction,
+    Trajectory,
+)
 
 #: Factor in frequency and in size within which two cycles may belong together.
 FACTOR = 2.0
@@ -193,7 +201,7 @@ def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> s
         if search.unclosed:
             return f"No exact limit cycle was found: {ends}, and no prediction leads to an orbit."
         return f"There is no exact limit cycle: {ends}."
-    exact = [c for c in search if c.method == EXACT]
+    exact = [c for c in search if c.method == EXACT_ORBIT]
     parts = [f"{n} {kind}" for kind, n in Counter(_STABILITY[c.stable] for c in exact).items()]
     sentences = [f"Exact limit cycles: {' and '.join(sorted(parts))}."] if exact else []
     if len(search) > len(exact):
@@ -203,11 +211,11 @@ def _sentence(system: LureSystem, search: CycleSearch | None, why_not: str) -> s
 
 def _first_order(prediction: Prediction | None, seconds: float, signal: str) -> tuple[Rung, ...]:
     rows = tuple(
-        Rung(f"describing function, {_STABILITY[c.stable]}", quantities(c, signal), seconds, cycle=c)
+        Rung(f"{DESCRIBING_FUNCTION}, {_STABILITY[c.stable]}", quantities(c, signal), seconds, cycle=c)
         for c in prediction or ()
     )
     note = "no describing function" if prediction is None else "no cycle"
-    return rows or (Rung("describing function", quantities(None, signal), seconds, note),)
+    return rows or (Rung(DESCRIBING_FUNCTION, quantities(None, signal), seconds, note),)
 
 
 def _balances(system: LureSystem, at: OperatingPoint, first: Sequence[Rung], signal: str) -> tuple[Rung, ...]:
@@ -220,12 +228,12 @@ def _balances(system: LureSystem, at: OperatingPoint, first: Sequence[Rung], sig
         try:
             found = harmonic_balance(system, rung.cycle, operating_point=at)
         except EppError as error:
-            rows.append(Rung("harmonic balance", quantities(None, signal), clock.lap(), str(error)))
+            rows.append(Rung(HARMONIC_BALANCE, quantities(None, signal), clock.lap(), str(error)))
             continue
         seconds = clock.lap()
         if not found.status.ok:
             note = f"does not converge from the cycle predicted at {pace(rung.cycle, signal):.4g} Hz"
-            rows.append(Rung("harmonic balance", quantities(None, signal), seconds, note))
+            rows.append(Rung(HARMONIC_BALANCE, quantities(None, signal), seconds, note))
         elif not any(_same(found, row.cycle, signal) for row in rows if row.cycle is not None):
             rows.append(Rung(found.method, quantities(found, signal), seconds, cycle=found))
     return tuple(rows)
@@ -260,8 +268,8 @@ def _exact(
 
 
 def _simulated(run: Trajectory, seconds: float, signal: str) -> Rung:
-    note = run.status.value if run.limit_cycle is None else ""
-    return Rung("simulation", quantities(run.limit_cycle, signal), seconds, note, run.limit_cycle)
+    note = run.message if run.limit_cycle is None else ""
+    return Rung(SIMULATION, quantities(run.limit_cycle, signal), seconds, note, run.limit_cycle)
 
 
 def _belonging(rows: tuple[Rung, ...], truth: Sequence[LimitCycle], signal: str) -> tuple[Rung, ...]:

@@ -34,6 +34,7 @@ def borders(point: Point, ahead: bool = True) -> Iterator[Point]:
         Whether they are looked for in the direction of the branch, or behind.
     """
     tau, m = point.orbit.tau, point.orbit.arcs.free.size
+    # Dwell times extrapolated along the branch: the one that would first be used up is the first to be tried.
     rate = -point.tangent[m:-1] if ahead else point.tangent[m:-1]
     waits = point.orbit.arcs.event_sequence.at_once != 1
     soon = np.where(waits & (rate > 0), tau / np.where(rate > 0, rate, 1.0), np.inf)
@@ -100,6 +101,7 @@ def _without_visit(border: Point) -> Guess | None:
     it, n = orbit.arcs.event_sequence, orbit.arcs.n_state
     if not np.array_equal(it.modes[0], it.modes[2]):
         return None
+    # Arc 1 has no duration: without it and its two events arcs 0 and 2 are one, and the third guard ends it.
     kept = np.r_[0, 3 : it.guards.size]
     starts = orbit.starts[kept][:, np.r_[0:n, orbit.arcs.memory]]
     tau = np.concatenate([[orbit.tau[:3].sum()], orbit.tau[3:]])

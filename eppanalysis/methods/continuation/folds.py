@@ -54,6 +54,8 @@ class FoldCurve(Result):
         How the curve ended.
     units : dict of str to str
         SI units of both parameters.
+    readable : dict of str to (str, float)
+        The units that people use for them, and the factors from SI to these.
     operating_point : OperatingPoint or None
         Where the case holds the external inputs, as for a :class:`Branch`.
     """
@@ -65,14 +67,16 @@ class FoldCurve(Result):
     status: Status
     message: str
     units: dict[str, str] = field(default_factory=dict)
+    readable: dict[str, tuple[str, float]] = field(default_factory=dict)
 
     in_json = "parameters values period multiplier status message operating_point provenance"
 
     def __str__(self) -> str:
         """Over which values the fold is known, and how the curve ended."""
-        (folds, over), (fold, value) = self.parameters, self.values.T
-        folds = f"{words(folds)} {span(fold, self.units.get(folds, ''))}"
-        runs = f"{words(over)} {span(value, self.units.get(over, ''))}"
+        folds, runs = (
+            f"{words(name)} {span(values, self.units.get(name, ''), self.readable.get(name))}"
+            for name, values in zip(self.parameters, self.values.T, strict=True)
+        )
         return f"{count(len(self.values), 'fold')}: {folds}, for {runs}. {self.message}"
 
     def to_frame(self) -> pandas.DataFrame:
@@ -83,7 +87,7 @@ class FoldCurve(Result):
                 self.values.tolist(), self.period.tolist(), self.multiplier.tolist(), strict=True
             )
         ]
-        return frame_of(rows, {**self.units, "period": "s"})
+        return frame_of(rows, {**self.units, "period": "s"}, self.readable)
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -134,14 +138,17 @@ def continue_folds(
     first = case.with_values({other: float(rows[0])})
     branch = continue_branch(first, parameter, limits[0], limits[1], cycle=cycle)
     if not branch.folds:
-        raise EppError(f"continue_folds: the branch over {parameter} has no fold at {other} = {rows[0]:.6g}.")
+        raise EppError(
+            f"continue_folds: the branch over {parameter} has no fold at {other} = {case.text(other, rows[0])}."
+        )
     walk = _FoldWalk(case, parameter, other, (low, high))
     found = [fold.point for fold in branch.folds[:1] if fold.point is not None]
     message = "The curve covers all values asked for."
     for here, value in zip(rows, rows[1:], strict=False):
         new = walk.reach(found[-1], float(here), float(value))
         if new is None:
-            message = f"The curve ends before {other} = {value:.6g}: no fold continues it within the limits."
+            where = f"{words(other)} = {case.text(other, value)}"
+            message = f"The curve ends before {where}: no fold continues it within the limits."
             break
         found.append(new)
     return FoldCurve(
@@ -152,6 +159,7 @@ def continue_folds(
         status=Status.CONVERGED if len(found) == rows.size else Status.NOT_CONVERGED,
         message=message,
         units={name: case.unit(name)[0] for name in (parameter, other)},
+        readable={name: case.readable(name) for name in (parameter, other)},
         provenance=Provenance("fold curve", {"limits": (low, high), "over": rows.tolist()}, case=facts_of(case)),
         operating_point=case.operating_point,
     )

@@ -93,7 +93,7 @@ def plot_branch(
 def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
     """The folds in the plane of the two parameters."""
     figure, ax = place_of(ax, (5.2, 3.6))
-    (y_label, up), (x_label, across) = (label_of(name, curve.units) for name in curve.parameters)
+    (y_label, up), (x_label, across) = (label_of(name, curve.units, curve.readable) for name in curve.parameters)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
     ax.plot(across * curve.values[:, 1], up * curve.values[:, 0], "D-", color=ORANGE, markersize=4, linewidth=1.3)

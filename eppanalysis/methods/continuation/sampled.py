@@ -35,7 +35,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, facts_of
 from eppanalysis.readable import count
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -308,7 +308,7 @@ def _points_of(here: _Here, cycles: Iterable[LimitCycle]) -> Iterator[_Point]:
     closes = bool(here.strobe.every) and not here.strobe.forgets
     for cycle in cycles:
         # What a run has found a run finds again, locked or not.
-        known = rounds_near(here.hybrid, here.strobe, cycle) if closes and cycle.method != "simulation" else ()
+        known = rounds_near(here.hybrid, here.strobe, cycle) if closes and cycle.method != SIMULATION else ()
         found = next((p for p in map(here.locked, known) if p and away(p.cycle, cycle) < _MOVES_IN_RUNS), None)
         found = found or here.by_run(cycle)
         if found is not None:

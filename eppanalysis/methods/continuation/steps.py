@@ -46,6 +46,7 @@ def evaluate_at(
 
 def slope_at(family: Family, orbit: Orbit, value: float) -> Array:
     """Derivative of the residual with respect to the parameter, by central differences at fixed unknowns."""
+    # Central, of second order: at a fold, where A is singular, this column alone gives the branch its direction.
     h = 1e-6 * max(abs(value), 1e-3 * family.width)
     it, like = orbit.arcs.event_sequence, orbit.arcs
     up = evaluate_at(family, it, value + h, orbit.y, orbit.tau, like).r
@@ -287,6 +288,7 @@ def _between(
     (a, first), (b, last) = one, other
     share, whole = (distance - a) / (b - a), last.unknowns - first.unknowns
     begin, end = ((b - a) / float(row @ p.tangent) * p.tangent for p in (first, last))
+    # Both tangents are scaled so that they cross the interval once: `share` runs from 0 to 1 between the two points.
     bent = (3.0 - 2.0 * share) * whole - (2.0 - share) * begin - (1.0 - share) * end
     u = first.unknowns + share * (begin + share * bent)
     found = _corrected(point, row, distance, u, first.slope + share * (last.slope - first.slope))

@@ -199,6 +199,8 @@ class Balance:
         L = L * front[:, :, None]
         Zw = Z[:, self.owner]
         outputs = (s.gain * Zw)[:, None, :]
+        # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j: what the
+        # slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several elements).
         G = self._by_element(L * outputs)
         by_slope = self._by_element(L * (s.d_gain * Zw)[:, :, None, :])
         total = G.sum(-1)
@@ -293,6 +295,8 @@ def newton_and_jacobian(
             R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
             step, regular = solve_rows(J, R)
             largest = (np.abs(step) / scales(balance, x)).max(-1)
+            # In logarithms a step is a factor: no amplitude or frequency becomes negative, or changes by more than
+            # about two.
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
             X[todo] = x = x - step
             alive[todo] = regular & np.isfinite(x).all(-1) & (np.abs(x[:, : 2 * m]).max(-1) < 300.0)

@@ -158,6 +158,8 @@ class BalancedOscillation:
         harmonic = np.concatenate([np.zeros(m), *[orders(n)[1:]] * (2 * m), [1.0]])
         place = np.arange(m)[:, None] * (2 * n + 1) + np.arange(1, n + 1)
         column = np.concatenate([place[:, 0] - 1, place.ravel(), place.ravel() + n, [X.size - 1]])
+        # At a pitchfork the whole determinant changes its sign, but a symmetric cycle lives on: among oscillations with
+        # like half-waves it does not meet the lopsided ones.
         symmetric = np.all(np.abs(self.Z[:, ::2]).max(1) <= _LOPSIDED * np.abs(self.Z[:, 1]))
         kept = harmonic % 2 == 1 if symmetric else harmonic >= 0
         scaled = (J * unknowns / rows[:, None])[:, column]

@@ -22,7 +22,8 @@ from eppanalysis.methods.describing.measured import above_the_data, cautions, of
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
-from eppanalysis.methods.describing.search import search_one
+from eppanalysis.methods.describing.search import Found, search_one
+from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.margins.margins import margins
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
@@ -30,12 +31,11 @@ from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.results import LimitCycle, Prediction, Status
+from eppanalysis.results import DESCRIBING_FUNCTION, LimitCycle, Prediction, Status
 from eppanalysis.results.provenance import Provenance
 
 #: Relative residual of the balance up to which a cycle is one.
 _RESIDUAL = 1e-9
-_METHOD = "describing function"
 
 
 class Deferred(Mapping[str, Any]):
@@ -106,12 +106,7 @@ def predict_limit_cycles(
     with np.errstate(all="ignore"):
         if not system.elements:
             raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
-        first = system.elements[0]
-        single = len(system.elements) == first.n_inputs == first.n_outputs == 1 and not first.of_frequency
-        balance = Balance.of(system, 0 if single else choose_pivot(system), value)
-        found = search_one(balance) if single else search_several(balance)
-        points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
-        points = [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+        balance, found, points = search_balance(system, value)
         estimates = [error_estimate(balance, p) for p in points]
         cycles: tuple[LimitCycle, ...] = tuple(
             _cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True)
@@ -124,9 +119,9 @@ def predict_limit_cycles(
         else:
             warnings = blind_spots(balance, points, estimates, found)
         if isinstance(system, AveragedSystem):
-            cycles = tuple(_of_samples(system, c) for c in cycles)
+            cycles = tuple(of_samples(system, c) for c in cycles)
             warnings = (*warnings, _left_out(system, cycles))
-        if single:
+        if is_one_loop(system):
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
             curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
@@ -142,27 +137,33 @@ def predict_limit_cycles(
     )
 
 
-def _of_samples(system: AveragedSystem, cycle: LimitCycle) -> LimitCycle:
-    """A predicted cycle with the state of the loop whose controllers are sampled.
+def is_one_loop(system: LureSystem) -> bool:
+    """Whether a loop has one element with one input and one output that the frequency does not change."""
+    first = system.elements[0]
+    return len(system.elements) == first.n_inputs == first.n_outputs == 1 and not first.of_frequency
 
-    It may lock to the samples a whole one to either side, which no mean over their phases tells.
+
+def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, list[Point]]:
+    """The first-order balance of a loop whose integrators stand apart, its search, and the cycles that solve it.
+
+    Parameters
+    ----------
+    system : LureSystem
+        With one element or more.
+    value : array
+        Its inputs, held.
     """
-    state, memory = system.started(cycle.state, cycle.memory)
-    slowest = max(c.sample_time for c in system.layout.controllers)
-    error = max(cycle.error_estimate, 2.0 * slowest / cycle.period)
-    mean_state = system.started(cycle.mean_state, ())[0]
-    return replace(cycle, state=state, memory=memory, mean_state=mean_state, error_estimate=error)
+    single = is_one_loop(system)
+    balance = Balance.of(system, 0 if single else choose_pivot(system), value)
+    found = search_one(balance) if single else search_several(balance)
+    points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
+    return balance, found, [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
 
 
 def _left_out(system: AveragedSystem, cycles: Sequence[LimitCycle]) -> str:
     """What the mean over the phases of the samples does not tell."""
-    slowest = max(c.sample_time for c in system.layout.controllers)
-    text = (
-        "sampled controllers stand as their mean over all phases of the samples, hold and delay included; what the "
-        "samples fold back from beyond half their rate, and locking to them, is left out"
-    )
-    turns = sorted(c.period / slowest for c in cycles)
-    return f"{text}: the fastest cycle has {turns[0]:.3g} samples a turn" if turns else text
+    turns = sorted(c.period / system.slowest for c in cycles)
+    return f"{LEFT_OUT}: the fastest cycle has {turns[0]:.3g} samples a turn" if turns else LEFT_OUT
 
 
 def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:
@@ -185,7 +186,7 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
     names = signals.names
     response = system.state_response(np.array([p.omega]))[0] @ W
     return LimitCycle(
-        method=_METHOD,
+        method=DESCRIBING_FUNCTION,
         status=Status.CONVERGED,
         period=period,
         mean={n: float(c) for n, c in zip(names, c0, strict=True)},
@@ -214,4 +215,4 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
 
 
 def _made_by(system: LureSystem, at: OperatingPoint) -> Provenance:
-    return Provenance(_METHOD, {"system": system.name, "input": dict(at.inputs)}, {"residual": _RESIDUAL})
+    return Provenance(DESCRIBING_FUNCTION, {"system": system.name, "input": dict(at.inputs)}, {"residual": _RESIDUAL})

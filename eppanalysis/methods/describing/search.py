@@ -86,6 +86,8 @@ def symmetry_candidates(system: LureSystem) -> Array:
         return np.zeros(0)
     A, B, C = system.A, system.B, system.C[:1]
     s = zeros(scipy.linalg.block_diag(A, -A), np.vstack([B, B]), np.hstack([C, C]), np.zeros((1, 1)))
+    # A real rational L(jw) equals L(-jw): its real values are zeros of the difference, none of which a grid can step
+    # over.
     s = s[(s.imag > 0) & (np.abs(s.real) < 1e-3 * np.abs(s))]
     return np.unique(s.imag)
 
@@ -298,6 +300,7 @@ def _settle_bias(balance: Balance, points: Array) -> Array:
     a, b = points.T
     width = 0.2 * np.abs(b) + 1e-3 * a
     low, high = b - width, b + width
+    # Bisection: the slope of the mean is infinite where the input just reaches a jump, and Newton's method fails there.
     f_low, f_high = _static(balance, a, low), _static(balance, a, high)
     ok = (f_low < 0) != (f_high < 0)
     for _ in range(60):

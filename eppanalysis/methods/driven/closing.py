@@ -92,9 +92,7 @@ def _nothing() -> IntArray:
 
 def _of_elements(hybrid: HybridSystem, guards: IntArray) -> NDArray[np.bool_]:
     """Which events are of elements, not of the observer that only marks extrema."""
-    observer = np.array([name == "observer" for name in hybrid.element_names])
-    observer[: len(hybrid.elements)] = False
-    return ~observer[hybrid.model.guard_element[guards]]
+    return np.asarray(hybrid.model.guard_element[guards] < len(hybrid.elements))
 
 
 def quiet(start: HybridSystem, duration: float) -> HybridSystem | None:

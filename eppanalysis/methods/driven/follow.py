@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +18,7 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.continuation.steps import bordered, weights
 from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
 from eppanalysis.methods.driven.drive import Drive
+from eppanalysis.methods.driven.result import Turning
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate
 from eppanalysis.methods.orbits.shooting import restarted
@@ -51,15 +51,6 @@ _BESIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 #: How a branch ends within the range.
 _NO_MORE = "ends where no periodic response continues it"
 _CONTINUUM = "ends where periodic responses become a continuum, as an element that holds its output makes one"
-
-
-class Turning(StrEnum):
-    """What happens at a special point of a branch of periodic responses."""
-
-    FOLD = "fold"
-    PERIOD_DOUBLING = "period doubling"
-    TORUS = "torus"
-    BRANCH_POINT = "branch point"
 
 
 @dataclass(frozen=True, eq=False)

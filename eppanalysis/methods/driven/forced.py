@@ -112,7 +112,7 @@ def forced_response(
     """
     check_counts("forced_response", {"most_periods": (most_periods, 1)})
     drive = drive_of(system, input, amplitude, frequency, operating_point, "forced_response")
-    facts = facts_of(system) if not isinstance(system, LureSystem) else {}
+    facts = facts_of(system)
     settings = {"system": drive.system.name, "input": drive.input, "most_periods": most_periods}
     if by_runs(drive):
         return _of_run(drive, most_periods, Provenance(RUN, settings, {"distance": REPEATS}, case=facts))

@@ -13,14 +13,14 @@ from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
 from eppanalysis.methods.driven.follow import Place, Road, Walk, between
 from eppanalysis.methods.driven.forced import Search, some_responses
-from eppanalysis.methods.driven.result import FrequencyResponse, ResponseBranch, SpecialResponse
+from eppanalysis.methods.driven.result import FrequencyResponse, ResponseBranch, SpecialResponse, Turning
 from eppanalysis.methods.driven.runs import by_runs
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
 from eppanalysis.readable import count, quantity
-from eppanalysis.results import Status
+from eppanalysis.results import EXACT_ORBIT, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -233,7 +233,7 @@ class _Response:
                 METHOD,
                 settings,
                 {"residual": CONVERGED},
-                case=facts_of(subject) if not isinstance(subject, LureSystem) else {},
+                case=facts_of(subject),
             ),
             operating_point=self.drive.at,
         )
@@ -270,7 +270,7 @@ class _Response:
         stable = np.array([p.stable for p in places])
         stable[[i for *_, i in walk.special]] = False  # where a multiplier is on the unit circle, but for rounding
         return ResponseBranch(
-            method="exact orbit",
+            method=EXACT_ORBIT,
             frequency=frequency,
             amplitude=amplitude,
             response=response,
@@ -313,7 +313,7 @@ class _Response:
             f"{count(len(folds), 'fold')}, where the motion jumps, at {', '.join(map(self._where, folds))}"
             if folds
             else "no folds",
-            *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != "fold"),
+            *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != Turning.FOLD),
         ]
         if not whole:
             parts += [f"a branch {end}" for end in dict.fromkeys(e for b in exact for e in b.ends if _within(e))]

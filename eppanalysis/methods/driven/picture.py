@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, ResponseBranch
+from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, ResponseBranch, Turning
 from eppanalysis.plotting import (
     BLUE,
     GREEN,
@@ -101,7 +101,7 @@ def _mark(ax: Axes, branch: ResponseBranch, x: Array, y: Array) -> None:
     """Folds and other special points; with each fold an arrow to the stable response to which the motion jumps."""
     for special in branch.special:
         i = special.index
-        fold = special.kind == "fold"
+        fold = special.kind == Turning.FOLD
         style: dict[str, Any] = {"marker": "D", "color": ORANGE}
         if not fold:
             style = {"marker": "s", "color": GREEN, "markerfacecolor": "none"}

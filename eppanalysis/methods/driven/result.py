@@ -32,6 +32,15 @@ class Motion(StrEnum):
     UNDECIDED = "undecided"
 
 
+class Turning(StrEnum):
+    """What happens at a special point of a branch of periodic responses."""
+
+    FOLD = "fold"
+    PERIOD_DOUBLING = "period doubling"
+    TORUS = "torus"
+    BRANCH_POINT = "branch point"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicResponse(Brief):
     """A motion that repeats itself after a whole number of the input's periods.
@@ -242,7 +251,7 @@ class ResponseBranch(Brief):
     @property
     def folds(self) -> tuple[SpecialResponse, ...]:
         """Where the branch turns back: a stable and an unstable response meet, and the motion jumps."""
-        return tuple(s for s in self.special if s.kind == "fold")
+        return tuple(s for s in self.special if s.kind == Turning.FOLD)
 
     def parts(self, over: str = "frequency") -> list[slice]:
         """Stretches between the folds, on which there is one response for each frequency (or amplitude)."""

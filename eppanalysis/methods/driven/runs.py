@@ -17,9 +17,9 @@ from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import PeriodicResponse
 from eppanalysis.methods.simulation.period import analyse_period
 from eppanalysis.methods.simulation.simulate import simulate
-from eppanalysis.models.elements import SampledController
 from eppanalysis.models.systems.inputs import Sine
-from eppanalysis.results import LimitCycle, Status, Trajectory
+from eppanalysis.models.systems.sampled.strobe import is_sampled, sampled_among
+from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class Steady:
 def by_runs(drive: Drive) -> str:
     """What keeps the response of a loop from being closed exactly, in words; empty where nothing does."""
     reasons = ["dead time"] * bool(np.any(drive.system.delays > 0))
-    reasons += ["a sampled controller"] * any(isinstance(e, SampledController) for e in drive.system.elements)
+    reasons += ["a sampled controller"] * is_sampled(drive.system.elements)
     return " and ".join(reasons)
 
 
@@ -112,7 +112,7 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
     shape = analyse_period(marks, system.delays, drive.hybrid.time_scale, system.signals.names, sample)
     names = system.signals.names
     return LimitCycle(
-        method="simulation",
+        method=SIMULATION,
         status=Status.CONVERGED,
         period=multiple * drive.period,
         mean=shape.mean,
@@ -132,9 +132,8 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
 
 def _ticks(drive: Drive, begin: float, end: float) -> Iterator[Array]:
     """Times at which sampled controllers read and hand out, between two times."""
-    for element in drive.system.elements:
-        if isinstance(element, SampledController):
-            T = element.sample_time
-            for shift in {element.offset, element.offset + element.delay}:
-                k = np.arange(np.ceil((begin - shift) / T), np.floor((end - shift) / T) + 1)
-                yield shift + k * T
+    for controller in sampled_among(drive.system.elements).values():
+        T = controller.sample_time
+        for shift in {controller.offset, controller.offset + controller.delay}:
+            k = np.arange(np.ceil((begin - shift) / T), np.floor((end - shift) / T) + 1)
+            yield shift + k * T

@@ -1,12 +1,11 @@
 """Harmonic balance of any order with bias: one limit cycle from a guess, with an estimate of its own error.
 
-The answers of the elements are exact (see ``harmonic_elements`` and ``harmonic_coefficients``), so the only
-approximation is that the inputs of the elements are cut off at order n. Order 1 has the equations of the describing
-function, but for a limited rate, where the error inside is cut off (docs/theory/rate_limit.md). Sticking has no place
-in a balance, as the force at rest is not a function of the element's input: where an element would stick (friction at
-rest, a relay that slides) it passes at once from one side to the other, as ``sgn`` does; orbits with long sticking need
-many orders, or the exact orbit. In discrete time the balance is that of the invariant curve on which the samples lie
-where the period is not commensurate with the sample time.
+The answers of the elements are exact, so the only approximation is that their inputs are cut off at order n. Order 1
+has the equations of the describing function, but for a limited rate, where the error inside is cut off
+(docs/theory/rate_limit.md). Sticking has no place in a balance, as the force at rest is not a function of the
+element's input: where an element would stick (friction at rest, a relay that slides) it passes at once from one side
+to the other, as ``sgn`` does; orbits with long sticking need many orders, or the exact orbit. In discrete time the
+balance is that of the invariant curve of the samples where the period is not commensurate with the sample time.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
@@ -26,11 +26,10 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.results import Event, LimitCycle, Status
+from eppanalysis.results import HARMONIC_BALANCE, Event, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
-
-__all__ = ["harmonic_balance"]
 
 #: Orders tried in turn, and the estimated relative error at which they end.
 AUTOMATIC = (1, 3, 5, 9, 15, 25, 41, 65)
@@ -98,7 +97,8 @@ def harmonic_balance(
     >>> [round(harmonic_balance(loop, guess, order=n).period, 4) for n in (1, 3, 9, 27)]
     [4.4429, 4.5292, 4.5494, 4.551]
     """
-    system, at = standing(system, operating_point, "harmonic_balance")
+    own, at = standing(system, operating_point, "harmonic_balance")
+    system = averaged(own)
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
     with np.errstate(all="ignore"):
@@ -114,11 +114,12 @@ def harmonic_balance(
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
             cycle = replace(_cycle(system, loop, found, log), operating_point=at)
+            if isinstance(system, AveragedSystem):
+                return replace(of_samples(system, cycle), note=f"{cycle.note} {LEFT_OUT.capitalize()}.".strip())
             return replace(cycle, state=_NONE, mean_state=_NONE) if isinstance(system, DataSystem) else cycle
         except Unsettled:
-            return replace(
-                guess, method=f"harmonic balance, order {found.order}", status=Status.NOT_CONVERGED, operating_point=at
-            )
+            method = f"{HARMONIC_BALANCE}, order {found.order}"
+            return replace(guess, method=method, status=Status.NOT_CONVERGED, operating_point=at)
 
 
 def balances_of(system: LureSystem, guess: LimitCycle, at: OperatingPoint, highest: int = 25) -> Iterator[LimitCycle]:
@@ -316,6 +317,8 @@ def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int 
 
     Without `estimate` the point does not say how good it is.
     """
+    # A share of zero is the balance of the lower order, one of the higher: a way from one to the other
+    # (docs/theory/harmonic_balance.md, Error estimate and choice of the order).
     weight = np.where(orders(order)[1:] > kept, share, 1.0) if share < 1.0 else np.ones(order)
     equations = Equations(loop, order, start.pivot, weight)
     try:
@@ -400,6 +403,8 @@ def _damped(
         try:
             trial = _Iterate.at(equations, here.X + share * here.unknowns * step, (here.unknowns, here.rows))
             shrinks = not descend or np.linalg.norm(here.solve(trial.R)) <= (1.0 - share / 4) * size
+            # Judged by the step that would follow from the old Jacobian, as that does not depend on how the equations
+            # are scaled against each other; the residual does.
             if trial.X[-1] > 0 and shrinks:
                 return trial, share
         except Unsettled:
@@ -452,7 +457,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
     wave = sampled(c, count)
     wave = np.concatenate([wave, wave[:, :1]], 1)
     return LimitCycle(
-        method=f"harmonic balance, order {n}",
+        method=f"{HARMONIC_BALANCE}, order {n}",
         status=Status.CONVERGED if point.converged else Status.NOT_CONVERGED,
         period=period,
         mean={k: float(m.real) for k, m in zip(names, c[:, 0], strict=True)},

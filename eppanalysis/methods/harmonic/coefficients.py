@@ -99,7 +99,8 @@ class _Coefficients:
         self.on_free, self.on_rate = owner.from_input(self.modes)
         self.from_memory, self.constant = modes["from_memory"][self.modes], modes["constant"][self.modes]
         self.level = self.constant + (self.from_memory @ self.memory[:, :, None])[..., 0]
-        # Mean over one period of exp(-j q phi), q = 0..2 n, on each piece.
+        # Mean over one period of exp(-j q phi), q = 0..2 n, on each piece: the product of two series of order n needs 2
+        # n (docs/theory/harmonic_balance.md, Coefficients without sampling).
         q = orders(2 * self.n)
         waves = np.exp(-1j * np.outer(self.edges, q))
         self.at_switch = waves[1:-1, : self.n + 1]
@@ -188,6 +189,8 @@ class _Coefficients:
             jump = self._output_at(after, self.phases) - self._output_at(before, self.phases)
             scale = np.abs(jump).max(initial=0.0)
             jumps = bool(scale > 1e-14 * (np.abs(self.level).max() + scale)) or self.owner.automaton.n_memory > 0
+            # A switch that comes later by dphi keeps the old output for so long: minus the jump times dphi. Where the
+            # output is continuous a moving switch changes nothing to first order.
             if jumps:
                 moved, memory_slopes = self._moves(size, memory_slopes)
                 share = -np.einsum("mo,mk->okm", jump, self.at_switch) / np.pi

@@ -187,6 +187,8 @@ class PeriodicElement:
         rate = rate + by_rate[0]
         sticks = a.mode_columns["sticking"][of["target"]]
         target = np.where(sticks, of["bypass"], of["target"])
+        # The force at rest is no function of the input: what would stick passes on to the mode beyond
+        # (docs/theory/harmonic_balance.md, What it cannot do).
         self._refuse(target < 0, "leads to sticking only, which needs the loop's states")
         self._refuse(np.any(of_output("from_smooth") != 0.0, axis=1), "depends on a smooth output")
         self._refuse((by_rate[1] != 0.0) | (by_rate[2] != 0.0), "depends on the rate of a rate or of a clock")

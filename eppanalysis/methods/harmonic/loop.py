@@ -23,6 +23,9 @@ from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import words
 from eppanalysis.results import LimitCycle
 
+#: Share of its terms below which a sum of them is rounding; a loop that was turned, and back, has lost some digits.
+_TURNED = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Loop:
@@ -185,14 +188,15 @@ def _role(system: LureSystem, first: int, row: int) -> str:
     if row == first or system.time_step:
         return "free"
     c = system.C[row]
-    runs = ~np.any(system.A, 1) & ~np.any(system.B, 1) & ~np.any(system.B_input, 1) & (system.constant_state == 1.0)
-    if np.any(c) and not np.any(c[~runs]) and not np.any(system.D[row]) and np.sum(c) == 1.0:
+    moves = ((np.abs(c @ M), np.abs(M).max(initial=0.0)) for M in (system.A, system.B, system.B_input))
+    alone = all(np.all(rate <= _TURNED * np.abs(c).max() * most) for rate, most in moves)
+    if alone and abs(c @ system.constant_state - 1.0) <= _TURNED and not np.any(system.D[row]):
         return "clock"
     rate, straight = system.C[first] @ system.A, system.C[first] @ system.B
     size = np.abs(system.C[first]) @ np.abs(system.A) + np.abs(c)
-    same = np.all(np.abs(c - rate) <= 1e-12 * size.max())
+    same = np.all(np.abs(c - rate) <= _TURNED * size.max())
     size_w = np.abs(system.C[first]) @ np.abs(system.B) + np.abs(system.D[row])
-    same &= np.all(np.abs(system.D[row] - straight) <= 1e-12 * size_w) and not np.any(system.D[first])
+    same &= np.all(np.abs(system.D[row] - straight) <= _TURNED * size_w) and not np.any(system.D[first])
     return "rate" if same else "free"
 
 

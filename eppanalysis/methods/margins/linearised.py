@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.margins.sampled import from_sample_to_sample
-from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.sampled.averaged import averaged
-from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.sampled.strobe import is_sampled, sampled_among
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -153,10 +152,10 @@ class Linearised:
     def _executed(cls, loop: LureSystem, place: str) -> Linearised:
         """A loop with sampled controllers, from sample to sample or in the mean."""
         rest = cls._of_gains(loop)
-        controllers = {n: e for n, e in zip(loop.element_names, loop.elements, strict=True) if is_sampled([e])}
+        controllers = {loop.element_names[i]: e for i, e in sampled_among(loop.elements).items()}
         others = tuple(i for i in rest.without if loop.element_names[i] not in controllers)
         exact = None if others else from_sample_to_sample(loop, rest.gains)
-        steps = {n: e.sample_time for n, e in controllers.items() if isinstance(e, SampledController)}
+        steps = {n: e.sample_time for n, e in controllers.items()}
         if exact is not None and place in exact.places.names:
             made = cls._of_gains(exact)
             said = (f"{n}: executed every {step:.6g} s, exact from sample to sample." for n, step in steps.items())

@@ -75,9 +75,7 @@ def margins(
         names = [at] if isinstance(at, str) else list(at)
     require_places(f"margins: {system.name}", names, system.places)
     names = [system.places.called(name) for name in names]
-    made_by = Provenance(
-        "margins", {"system": system.name}, case={} if isinstance(loop, LureSystem) else facts_of(loop)
-    )
+    made_by = Provenance("margins", {"system": system.name}, case=facts_of(loop))
     with np.errstate(all="ignore"):
         found = tuple(_margins(Linearised.of(system, name), name, made_by) for name in names)
     return found[0] if at is None or isinstance(at, str) else found

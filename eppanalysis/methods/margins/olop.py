@@ -83,7 +83,7 @@ def olop(
         raise EppError(f"olop: amplitude is {amplitude:g}; expected a positive number.")
     name, limiter = _limiter(system, element)
     column = _input(system, input)
-    made_by = Provenance("olop", {"system": system.name}, case={} if isinstance(loop, LureSystem) else facts_of(loop))
+    made_by = Provenance("olop", {"system": system.name}, case=facts_of(loop))
     with np.errstate(all="ignore"):
         linearised = Linearised.of(system, f"{name}.out")
         opened, closed = linearised.opened(f"{name}.out"), linearised.closed()

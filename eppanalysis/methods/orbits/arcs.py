@@ -182,6 +182,7 @@ class Arcs:
             modes that the half ends in.
         """
         p, it = self.n_arcs - 1, self.event_sequence
+        # Behind the last event of the half its image is taken: then "comes back to its start" means half a period.
         J = self.J[:p].copy()
         J[-1] = image @ J[-1]
         half = replace(
@@ -194,12 +195,16 @@ class Arcs:
 
     def _free(self, hybrid: HybridSystem) -> IntArray:
         """Compared states, timers, and memory values that some event renews."""
+        # What no event renews stays as it was at the start: as an unknown it would make the equations singular.
         own = np.eye(self.size)[self.n_state :]
         renewed = np.any(self.J[:, self.n_state :] != own, axis=(0, 2))
         return np.concatenate([np.flatnonzero(hybrid.compared), self.n_state + np.flatnonzero(renewed)])
 
     def _with_delays(self, model: Model) -> Arcs:
         """The same arcs with timers and delayed values in y."""
+        # A delayed output that is constant between switches needs no past but the times of its switches: each has a
+        # timer that falls from the dead time to zero, where its echo is an event of its own
+        # (docs/theory/exact_orbits.md, Closing an orbit).
         lines = np.flatnonzero(model.smooth_kind == DELAY_LINE)
         value = _constant_outputs(self.W, model.smooth_w[lines])
         source = self.event_sequence.source

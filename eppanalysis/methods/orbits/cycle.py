@@ -12,12 +12,10 @@ from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.starts import remembered
-from eppanalysis.results import Event, LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, Event, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
-
-METHOD = "exact orbit"
 
 
 def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
@@ -36,7 +34,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
     y = orbit.y
     settings = {"system": system.name, "inputs": y[n : orbit.hybrid.x0.size].tolist()}
     return LimitCycle(
-        method=METHOD,
+        method=EXACT_ORBIT,
         status=Status.CONVERGED if orbit.residual < CONVERGED else Status.NOT_CONVERGED,
         period=orbit.period,
         mean=shape.mean,
@@ -56,7 +54,7 @@ def to_limit_cycle(system: LureSystem, orbit: Orbit) -> LimitCycle:
         ),
         units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
         event_states=orbit.starts[:-1, :n].copy(),
-        provenance=Provenance(METHOD, settings, {"residual": CONVERGED}),
+        provenance=Provenance(EXACT_ORBIT, settings, {"residual": CONVERGED}),
     )
 
 

@@ -126,13 +126,18 @@ class DelayedMotion:
         """Just so much earlier that an echo which falls on an event has not come yet."""
         return times - 1e-13 * self.mesh.period
 
-    def rates(self, side: str) -> Array:
-        """Rate of y before or behind each event, shape (p, N)."""
-        if side == "before":
-            arc, y, t = np.arange(self.tau.size), self.ends, self._before(self.marks)
-        else:
-            arc, y = np.roll(np.arange(self.tau.size), -1), self.starts[1:]
-            t = self.marks + 1e-13 * self.mesh.period
+    @property
+    def rates_before(self) -> Array:
+        """Rate of y before each event, shape (p, N)."""
+        return self._rates(np.arange(self.tau.size), self.ends, self._before(self.marks))
+
+    @property
+    def rates_behind(self) -> Array:
+        """Rate of y behind each event, shape (p, N)."""
+        arc = np.roll(np.arange(self.tau.size), -1)
+        return self._rates(arc, self.starts[1:], self.marks + 1e-13 * self.mesh.period)
+
+    def _rates(self, arc: IntArray, y: Array, t: Array) -> Array:
         rate = np.zeros_like(y)
         n = self.arcs.F.shape[1]
         rate[:, :n] = np.einsum("pij,pj->pi", self.arcs.F[arc], y)
@@ -142,7 +147,7 @@ class DelayedMotion:
     @cached_property
     def speed(self) -> Array:
         """Rate at which each guard is crossed, shape (p,)."""
-        own = np.einsum("pn,pn->p", self.arcs.g, self.rates("before"))
+        own = np.einsum("pn,pn->p", self.arcs.g, self.rates_before)
         h = 1e-6 * self.mesh.period
         back = (self.delayed(self._before(self.marks)) - self.delayed(self.marks - h)) / h
         return own + np.einsum("ps,ps->p", self.arcs.gs, back)
@@ -186,6 +191,8 @@ def delayed_motion(hybrid: HybridSystem, event_sequence: EventSequence, y: Array
     arcs = replace(arcs, smooth=np.zeros_like(arcs.smooth))
     lines = hybrid.model.smooth_w, hybrid.model.smooth_delay
     delays = np.unique(lines[1])
+    # Two meshes, for collocation has no residual that says how far it is off (docs/theory/exact_orbits.md, Closing an
+    # orbit): what they differ in is the error.
     mesh = Mesh.of(tau, delays, *_COARSE)
     begun = _begun(mesh, arcs, y, lines)
     coarse = None if begun is None else _closed(mesh, arcs, begun, lines)
@@ -242,6 +249,8 @@ def _step(mesh: Mesh, arcs: Arcs, whole: Array, lines: tuple[IntArray, Array]) -
     free = here.places(arcs.free)
     p, h = mesh.tau.size, _STEP * mesh.period
     residual, columns = here.residual(whole, free), np.empty((free.size + p, p))
+    # A dwell time moves the nodes of its own arc and all that is read through the dead times: by differences, which
+    # slow Newton's method a little and do not shift where it ends.
     for k, unit in enumerate(np.eye(p)):
         ahead = _Equations(arcs, mesh.moved(mesh.tau + h * unit), lines)
         columns[:, k] = (ahead.residual(whole, free) - residual) / h
@@ -347,7 +356,7 @@ class _Equations:
     def _shifts(self, motion: DelayedMotion) -> None:
         """What the shift of an event does behind it, and, where the output jumps, behind the dead time."""
         arcs, mesh, p = self.arcs, self.mesh, self.mesh.tau.size
-        kick = np.einsum("pij,pj->pi", arcs.J, motion.rates("before")) - motion.rates("behind")
+        kick = np.einsum("pij,pj->pi", arcs.J, motion.rates_before) - motion.rates_behind
         for e, last in enumerate(mesh.last.tolist()):
             guard = self._guard(e)
             self._push((last + 1) % mesh.n_pieces, int(last + 1 == mesh.n_pieces), kick[e] / motion.speed[e], guard)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import balances_of
+from eppanalysis.methods.orbits.apart import in_states, motions_apart
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -29,7 +30,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 
 Array = NDArray[np.float64]
 
@@ -96,9 +97,12 @@ def exact_orbit(
     system, at = standing(system, operating_point, "exact_orbit")
     if system.time_step:
         return replace(sampled_orbit(system, start, at), operating_point=at)
-    hybrid = steady_hybrid(system, at)
     if start.state.size != system.A.shape[0]:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    if (apart := motions_apart(system)) is not None:
+        own, T, inverse = apart
+        return in_states(exact_orbit(own, in_states(start, inverse), at), T)
+    hybrid = steady_hybrid(system, at)
     if (strobe := Strobe.of(hybrid)) is not None:
         return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)
     found: list[Found] = []
@@ -109,7 +113,7 @@ def exact_orbit(
         return replace(to_limit_cycle(system, orbit), operating_point=at)
     return replace(
         start,
-        method="exact orbit",
+        method=EXACT_ORBIT,
         status=Status.NOT_CONVERGED,
         stable=None,
         residual=float("nan"),
@@ -226,7 +230,7 @@ def centre_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
     return 0.5 * (run.low + run.high)[: hybrid.n_plant]
 
 
-def swing_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
+def range_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
     """How far each state moves on a cycle (n,): between its events where those are known, else in a run once round."""
     if cycle.event_states.size:
         return np.ptp(cycle.event_states, axis=0)

@@ -167,6 +167,7 @@ def marked(arcs: Arcs, starts: Array, tau: Array) -> EventSequence:
     before = arcs.event_sequence.at_once == LETS_GO
     parts = arcs.g * starts
     value, size = parts.sum(axis=1), np.abs(parts).sum(axis=1)
+    # An arc that begins on its own guard solves its equation with no duration, too: such equations are divided by it.
     short = tau <= 1e-12 * tau.sum()
     at_once = np.where(short & (value > 1e-9 * size), 1, np.where(~short & (np.abs(value) <= 1e-12 * size), 2, 0))
     at_once = np.where(before, LETS_GO, np.where(np.roll(before, 1), 1, at_once))
@@ -264,6 +265,8 @@ def recurrences(
     span = np.ptp(state, axis=0)
     i, j = np.nonzero(fits)
     away = np.max(np.abs(state[free[i]] - state[free[j]]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)
+    # The nearest return first; of those that are equal to rounding the shortest, or a cycle would be closed over two
+    # turns.
     for k in np.lexsort((gap[i, j], np.round(away, 12)))[:most]:
         guess = stretch(hybrid, run, skipped + int(free[i[k]]), skipped + int(free[j[k]]))
         if guess is not None:

@@ -47,6 +47,8 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     ]) * inputs  # fmt: skip
     memory = slice(inputs.size - model.K.shape[1], inputs.size - model.K.shape[1] + int(model.first[-1, 2]))
     constant[:, memory] = 0.0
+    # Rates and inputs of the elements vanish together at the centre: more equations than unknowns, so whether there is
+    # one shows in what least squares leave.
     rows = np.vstack([model.A[:n, :n], model.C[:, :n]])
     right = -constant.sum(axis=1)
     centre = np.linalg.lstsq(rows, right, rcond=None)[0] if np.any(right) else np.zeros(n)
@@ -119,6 +121,7 @@ def _closed(hybrid: HybridSystem, image: Array, run: Run, first: int, last: int)
         half = solve(hybrid, *made)
         if not (half.residual < CONVERGED and np.all(half.tau > -1e-9 * half.period) and moves(half)):
             return None
+        # From the middle of the longest arc no guard is near, so rounding makes no event of its own.
         k, period = int(np.argmax(half.tau)), 2.0 * half.period
         start = restarted(hybrid, half.arcs, middle(half, k), half.arcs.event_sequence.modes[k])
         run = _run(start, 1.1 * period)

@@ -136,6 +136,8 @@ class Orbit:
             return self.motion.multipliers
         # Along an orbit whose period is given, by an input that drives it, a shift is a disturbance like any other.
         along = 1 if self.arcs.duration is None else 0
+        # One for each state that must repeat, less the shift along the orbit, and one for each timer; those that vanish
+        # are taken off first (docs/theory/exact_orbits.md, Multipliers that vanish).
         n_wanted = max(int(np.sum(self.hybrid.compared)) - along, 0) + self.arcs.n_timers
         return multipliers(self.return_map, self.scale[self.arcs.free], n_wanted)
 
@@ -154,6 +156,8 @@ class Orbit:
             return True
         if self.motion is not None:
             return False
+        # Scaled, or the smallest singular value would only show that angles stand beside seconds
+        # (docs/theory/exact_orbits.md, All of them).
         A = self.A / self.row_scale[:, None] * self.column_scale
         if not np.all(np.isfinite(A)):
             return False
@@ -239,6 +243,7 @@ def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit
         if not np.isfinite(orbit.residual):
             break
         step = -orbit.correction(orbit.r)
+        # No step of more than half the motion's own size: of flows so far away the derivative says nothing.
         size = float(np.max(np.abs(step) / orbit.column_scale))
         if not np.isfinite(size):
             break

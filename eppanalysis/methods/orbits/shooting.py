@@ -18,7 +18,8 @@ from eppanalysis.methods.orbits.delayed import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, solve
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import is_rounding, run_hybrid
+from eppanalysis.methods.simulation.rounding import is_rounding, may_be_lost
+from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 Array = NDArray[np.float64]
@@ -62,6 +63,8 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         if orbit.residual < CONVERGED and np.all(orbit.tau > -1e-9 * orbit.period):
             if not moves(orbit) or _only_touches(orbit):
                 return None
+            # The equations close for sequences, too, that the loop does not have: the engine has the last word
+            # (docs/theory/exact_orbits.md, Closing an orbit).
             found = next_guess(orbit)
             if found is None:
                 orbit = _finished(orbit)
@@ -109,14 +112,26 @@ def _goes_round(it: EventSequence, tau: Array, q: int) -> bool:
 
 
 def moves(orbit: Orbit) -> bool:
-    """Whether an orbit is a motion, not a state of rest on several guards at once that closes after no time."""
+    """Whether an orbit is a motion of which rounding leaves something, of its own and of what the elements do.
+
+    A state of rest on several guards at once is none: it closes after no time.
+    """
     n, compared = orbit.hybrid.x0.size, orbit.hybrid.compared
     both = np.concatenate([orbit.starts, orbit.ends])
-    if is_rounding(orbit.hybrid, both[:, :n], both[:, orbit.arcs.memory], orbit.scale[:n]):
+    seen = both[:, :n], both[:, orbit.arcs.memory], orbit.scale[:n]
+    if is_rounding(orbit.hybrid, *seen) or (may_be_lost(orbit.hybrid, *seen, orbit.period) and _is_lost(orbit)):
         return False
     both = both[:, :n][:, compared]
     span, size = np.ptp(both, axis=0), np.abs(both).max(axis=0)
     return orbit.period > 1e-6 * orbit.hybrid.time_scale and bool(np.any(span > _NO_MOTION * size))
+
+
+def _is_lost(orbit: Orbit) -> bool:
+    """Whether what the elements change in a period is beneath rounding, or beneath the residual of the orbit."""
+    if is_delayed(orbit.hybrid):
+        return False  # a run cannot begin in the middle of what is on its way
+    start = restarted(orbit.hybrid, orbit.arcs, orbit.y, orbit.arcs.event_sequence.modes[0])
+    return loses_elements(start, orbit.period, orbit.period, orbit.residual)
 
 
 def crosses(orbit: Orbit) -> bool:

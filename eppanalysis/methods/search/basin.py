@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import away
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.result import CycleSearch
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-REST, UNDECIDED, LEAVES, UNKNOWN = -1, -2, -3, -4
+REST, UNDECIDED, DIVERGES, UNKNOWN = -1, -2, -3, -4
 _ENDS = {
     REST: "settled at rest",
     UNDECIDED: "undecided",
-    LEAVES: "growing without bound",
+    DIVERGES: "growing without bound",
     UNKNOWN: "on a cycle that is not known",
 }
 #: Relative differences of the period, and of mean and peak-to-peak, within which a run's cycle is a known one. A batch
@@ -59,8 +59,8 @@ class Basin(Result):
     starts : array, shape (N, n)
         Initial states.
     ends : int array, shape (N,)
-        Number of the cycle on which the run ends; REST (-1), UNDECIDED (-2), LEAVES (-3: grows without bound), UNKNOWN
-        (-4: on a cycle that is not among those known).
+        Number of the cycle on which the run ends; REST (-1), UNDECIDED (-2), DIVERGES (-3: grows without bound),
+        UNKNOWN (-4: on a cycle that is not among those known).
     """
 
     starts: Array
@@ -154,7 +154,7 @@ def basin(
     if is_sampled(system.elements):
         return Basin(starts, ends, provenance=made_by)
     hybrid = steady_hybrid(system, at)
-    oscillations = (swing_of(hybrid, c) for c in cycles)
+    oscillations = (range_of(hybrid, c) for c in cycles)
     size = np.max([np.ptp(starts, axis=0), *oscillations], axis=0)
     for i in np.flatnonzero(ends == UNDECIDED):
         if _creeps(steady_hybrid(replace(system, x0=starts[i]), at), horizon, size):
@@ -169,7 +169,7 @@ def _end_among_samples(system: LureSystem, cycles: CycleSearch, start: HybridSys
     run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, most)
     status, found = judge(start, run, t)
     if status is not Status.LIMIT_CYCLE:
-        return {Status.SETTLED: REST, Status.DIVERGED: LEAVES}.get(status, UNDECIDED)
+        return {Status.SETTLED: REST, Status.DIVERGED: DIVERGES}.get(status, UNDECIDED)
     seen = cycle_of_run(system, start, run, found, Provenance("event-exact simulation"))
     if seen is None:
         return UNDECIDED
@@ -204,7 +204,7 @@ def _end(cycles: CycleSearch, result: BatchResult, i: int) -> int:
         return _number(
             cycles, float(result.period[i]), float(result.mean[name][i]), float(result.peak_to_peak[name][i])
         )
-    return {Status.SETTLED: REST, Status.DIVERGED: LEAVES}.get(status, UNDECIDED)
+    return {Status.SETTLED: REST, Status.DIVERGED: DIVERGES}.get(status, UNDECIDED)
 
 
 def _number(cycles: CycleSearch, period: float, mean: float, size: float) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +18,7 @@ from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
+from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
@@ -27,6 +29,9 @@ from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+#: A line of starts: centre, direction, memory values.
+Ray = tuple[Array, Array, Array]
 
 NO_SAMPLES = np.zeros(0)
 MOST_EVENTS = 60_000
@@ -55,10 +60,25 @@ _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
 _GRAZING = 1e-3
 #: Relative difference of the periods of a linear oscillation that is rounding.
 _SAME_PERIOD = 1e-8
-#: Outcome of a run that repeats itself but whose orbit could not be closed.
-UNCLOSED = "on a cycle that could not be closed"
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
+
+
+class End(StrEnum):
+    """Where a run of a search ends, in words that follow their number."""
+
+    REST = "rest"
+    CYCLE = "cycle"
+    #: Of a loop with sampled controllers, not locked to the samples.
+    OF_RUNS = "cycle as runs have it"
+    UNCLOSED = "on a cycle that could not be closed"
+    #: Its elements change less in a period than rounding does.
+    BENEATH_ROUNDING = "beneath rounding"
+    DIVERGENCE = "divergence"
+    UNDECIDED = "undecided"
+    #: Of a loop with sampled controllers.
+    OUT_OF_EVENTS = "out of events"
+    NOT_RUN = "not run"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +119,9 @@ class Ends:
     progress: Progress | None = None
     orbits: list[Orbit] = field(default_factory=list)
     reached: list[Reached] = field(default_factory=list)
-    outcomes: dict[str, int] = field(default_factory=dict)
+    outcomes: Counter[End] = field(default_factory=Counter)
     n_runs: int = 0
-    n_edges: int = 0
+    n_boundaries: int = 0
     n_ended: int = 0
     work: Work = field(default_factory=lambda: Work(float("inf")))
     rest: tuple[Array, Array] | None = None
@@ -116,8 +136,8 @@ class Ends:
         return 3.0 / float(slow.min()) if slow.size else 100.0
 
     @cached_property
-    def rays(self) -> list[tuple[Array, Array, Array]]:
-        """Lines of starts: centre, direction, held values."""
+    def rays(self) -> list[Ray]:
+        """Lines of starts."""
         rays = []
         for cycle in self.predicted:
             x, H = start_of(self.hybrid, cycle)
@@ -143,79 +163,80 @@ class Ends:
         self.orbits.append(orbit)
         return len(self.orbits) - 1
 
-    def outcome(self, x: Array, H: Array) -> str:
-        """Where a run from (x, H) ends: "rest", "leaves", "undecided", UNCLOSED, or the number of a cycle."""
+    def outcome(self, x: Array, H: Array) -> End | int:
+        """Where a run from (x, H) ends; of a run that ends on a cycle, the number of that."""
         try:
             found = self._outcome(x, H)
         except Spent:
             self.n_ended += 1
-            found = "not run"
-        kind = "cycle" if found.isdigit() else found
-        self.outcomes[kind] = self.outcomes.get(kind, 0) + 1
+            found = End.NOT_RUN
+        self.outcomes[found if isinstance(found, End) else End.CYCLE] += 1
         return found
 
-    def _outcome(self, x: Array, H: Array) -> str:
+    def _outcome(self, x: Array, H: Array) -> End | int:
         self._tell()
         try:
             with allotted(FOR_ONE * self.work.most):
                 return self._end_of(replace(self.hybrid, x0=x, H0=H))
         except EppError:  # a dead time with more switches than its history holds
-            return "undecided"
+            return End.UNDECIDED
         except Spent:
             if not left():  # of what lies around this start
                 raise
-            return "undecided"
+            return End.UNDECIDED
 
-    def _end_of(self, start: HybridSystem) -> str:
+    def _end_of(self, start: HybridSystem) -> End | int:
         t = self.horizon
         for turn in range(8):
             run = self._run(start, t)
             status, facts = judge(start, run, t)
+            if repeats_undecided(status, facts):
+                return End.BENEATH_ROUNDING
             ended = self._ended(status, start, run)
             if ended is not None:
                 return ended
             if status is Status.LIMIT_CYCLE:
                 known = self._recognise(start, run, float(facts[1]))
             elif decays(start, run, t, self.horizon, self._sizes()):
-                return self._late_cycle(start, run, t) or "rest"
+                return self._late_cycle(start, run, t)
             else:
                 known = self._recognise(start, run, None)
-                if known == "undecided" and turn == _QUIET_TURN:
+                if known is End.UNDECIDED and turn == _QUIET_TURN:
                     known = self._quiet_cycle(run, t)
-            if known != "undecided":
+            if known is not End.UNDECIDED:
                 return known
             if turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE:
                 break
             t *= 3.0
-        return "leaves" if self._has_gone(start, run, t) else "undecided"
+        return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED
 
-    def _ended(self, status: Status, start: HybridSystem, run: Run) -> str | None:
+    def _ended(self, status: Status, start: HybridSystem, run: Run) -> End | None:
         """Where a run ends that goes on no longer; None for one that does."""
         if status is Status.SETTLED:
             return self._rested(start, run)
         if status is Status.EVENT_LIMIT:
-            return self._rested(start, run) if _died_out(start, run) else "undecided"
-        return "leaves" if status is Status.DIVERGED else None
+            return self._rested(start, run) if _died_out(start, run) else End.UNDECIDED
+        return End.DIVERGENCE if status is Status.DIVERGED else None
 
-    def _quiet_cycle(self, run: Run, t: float) -> str:
+    def _quiet_cycle(self, run: Run, t: float) -> End | int:
         """Number of the cycle that a run without switches is on at its end, of a linear part that does not damp it."""
         if run.n_kept and run.time[run.order[-1]] > 0.5 * t:
-            return "undecided"
+            return End.UNDECIDED
         observed = steady_hybrid(self.system, self.at, observed=True)
-        held = run.memory_values[run.order[-1]] if run.n_kept else self.hybrid.H0
-        start = replace(observed, x0=run.x_end.copy(), H0=held.copy(), time_scale=self.hybrid.time_scale)
+        memory = run.memory_values[run.order[-1]] if run.n_kept else self.hybrid.H0
+        start = replace(observed, x0=run.x_end.copy(), H0=memory.copy(), time_scale=self.hybrid.time_scale)
         again = self._run(start, _SEEN * t)
         status, facts = judge(start, again, _SEEN * t)
         orbit = orbit_of(start, again, float(facts[1])) if status is Status.LIMIT_CYCLE else None
-        return "undecided" if orbit is None else str(self.add(orbit))
+        return End.UNDECIDED if orbit is None else self.add(orbit)
 
-    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> str | None:
-        """The cycle that a run that seemed to decay by time t is on much later, as a number; None for none.
+    def _late_cycle(self, start: HybridSystem, run: Run, t: float) -> End | int:
+        """What a run that seemed to decay by time t is on much later: rest, or the number of a cycle.
 
         A stuck element may creep towards its next slip far more slowly than the linear part moves.
         """
         if self.hybrid.model.S.shape[1]:
-            return None  # without long steps that would take minutes
+            return End.REST  # without long steps that would take minutes
         # An even drift reaches the next slip in this time; where that is too long the run is not made.
         with np.errstate(divide="ignore", invalid="ignore"):
             way = (self._sizes() / np.abs(run.rate_end))[start.compared]
@@ -223,13 +244,13 @@ class Ends:
         run = self._run(start, late)
         status, facts = judge(start, run, late)
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-        return None if known == "undecided" else known
+        return End.REST if known is End.UNDECIDED else known
 
-    def _rested(self, start: HybridSystem, run: Run) -> str:
+    def _rested(self, start: HybridSystem, run: Run) -> End:
         """Keep the state of rest of the first run that settles."""
         if self.rest is None:
             self.rest = run.x_end, (run.memory_values[run.order[-1]] if run.n_kept else start.H0)
-        return "rest"
+        return End.REST
 
     def _has_gone(self, start: HybridSystem, run: Run, t: float) -> bool:
         """Whether a run has diverged: it is far beyond all cycles and still moves. Integrators pass no fixed bound."""
@@ -237,28 +258,28 @@ class Ends:
         here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
         return bool(np.any((here > _FAR * size) & (size > 0) & (np.abs(run.rate_end[:n]) * t > 0.5 * here)))
 
-    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> str:
+    def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> End | int:
         """Number of the cycle that a run is on at its end."""
         if run.n_kept == 0:
-            return "undecided"
+            return End.UNDECIDED
         n = self.hybrid.x0.size
         for i, known in enumerate(self.orbits):
             if self._is_on(run, known.arcs.event_sequence.guards, known.starts[1:, :n], known.scale[:n]):
-                return str(i)
+                return i
         if any(self._is_on(run, *r.corners) for r in self.reached):
-            return UNCLOSED
+            return End.UNCLOSED
         if period is None:
-            return "undecided"
+            return End.UNDECIDED
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
-            return str(self.add(orbit))
+            return self.add(orbit)
         for i, known in enumerate(self.orbits):
             if has_period_of(known, period):  # it only touches a guard, now and then
-                return str(i)
+                return i
         if _dwindles(start, run)[0]:
-            return "undecided"
+            return End.UNDECIDED
         self._reach(start, float(run.stats[0]))
-        return UNCLOSED
+        return End.UNCLOSED
 
     def _is_on(self, run: Run, guards: IntArray, states: Array, scale: Array) -> bool:
         """Whether a run's last event is one of a cycle's: the same guard, in the same state."""
@@ -296,8 +317,8 @@ class Ends:
     def _tell(self) -> None:
         """How far the search is."""
         if self.progress is not None:
-            words = f"{self.system.name}: {self.n_runs} runs, {self.n_edges} edges, {len(self.orbits)} cycles"
-            self.progress(self.n_runs, None, words)
+            found = f"{self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
+            self.progress(self.n_runs, None, f"{self.system.name}: {self.n_runs} runs, {found}")
 
 
 def _died_out(start: HybridSystem, run: Run) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.orbits.apart import in_states, motions_apart
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
@@ -24,7 +25,7 @@ from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.samples.sampled import search_sampled
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
-from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, UNCLOSED, Ends
+from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
 from eppanalysis.methods.search.locked import search_locked
 from eppanalysis.methods.search.result import CycleSearch, exists, named, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
@@ -37,6 +38,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
+from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -47,10 +49,10 @@ SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
 N_RANDOM = 24
 _SEED = 20050901
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.
-_MOST_EDGES = 150
+_MOST_BOUNDARIES = 150
 #: Steps of the engine, and what is worth as many, after which a search ends; the share of them for all predictions
-#: together, and for one edge.
-_MOST_WORK, _FOR_PREDICTIONS, _FOR_EDGE = 2e7, 0.5, 0.2
+#: together, and for one basin boundary.
+_MOST_WORK, _FOR_PREDICTIONS, _FOR_BOUNDARY = 2e7, 0.5, 0.2
 
 
 def find_limit_cycles(
@@ -102,6 +104,10 @@ def find_limit_cycles(
     system, at = standing(system, operating_point, "find_limit_cycles")
     if system.time_step:
         return _in_discrete_time(system, at, predicted)
+    if (apart := motions_apart(system)) is not None:
+        own, T, inverse = apart
+        given = None if predicted is None else [in_states(cycle, inverse) for cycle in predicted]
+        return _in_states(find_limit_cycles(own, at, by_balance=by_balance, predicted=given, progress=progress), T)
     hybrid = steady_hybrid(system, at)
     seeds = _predictions(system, at) if predicted is None else predicted
     for cycle in seeds:
@@ -115,19 +121,27 @@ def find_limit_cycles(
     search.run_all()
     cycles = [*(to_limit_cycle(system, o) for o in search.orbits), *(r.cycle for r in search.reached)]
     outcomes = search.outcomes
+    counted = {"runs": search.n_runs, "boundaries": search.n_boundaries, "work": search.work.used}
     return CycleSearch(
         cycles=tuple(replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: _size(system, c))),
         status=Status.CONVERGED if search.complete else Status.UNDECIDED,
-        settles="rest" in outcomes,
-        diverges="leaves" in outcomes,
+        settles=End.REST in outcomes,
+        diverges=End.DIVERGENCE in outcomes,
         search=search.sentence(),
         rest_state=np.zeros(0) if search.rest is None else search.rest[0][: hybrid.n_plant],
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
         n_runs=search.n_runs,
-        provenance=_made_by(system, {"runs": search.n_runs, "edges": search.n_edges, "work": search.work.used}),
+        provenance=_made_by(system, counted),
         operating_point=at,
     )
+
+
+def _in_states(found: CycleSearch, T: Array) -> CycleSearch:
+    """What was found in a loop with another state, `T` times this one's."""
+    cycles, unclosed = (tuple(in_states(cycle, T) for cycle in part) for part in (found.cycles, found.unclosed))
+    rest = T @ found.rest_state if found.rest_state.size else found.rest_state
+    return replace(found, cycles=cycles, unclosed=unclosed, rest_state=rest)
 
 
 def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> CycleSearch:
@@ -183,27 +197,30 @@ class _Search(Ends):
 
     @property
     def complete(self) -> bool:
-        """Whether every cycle said to exist was closed, every run came to an end, every edge was split."""
+        """Whether every cycle said to exist was closed, every run came to an end, every basin boundary was bisected."""
         return not (any(map(exists, self.unclosed)) or self.left_open())
 
     def left_open(self) -> tuple[str, ...]:
         """What keeps the search from being complete, unclosed predictions aside."""
-        aimless, unclosed = (self.outcomes.get(end, 0) for end in ("undecided", UNCLOSED))
+        aimless, unclosed, beneath = (self.outcomes[e] for e in (End.UNDECIDED, End.UNCLOSED, End.BENEATH_ROUNDING))
         parts = {
             undecided(aimless): aimless,
-            f"{unclosed} runs are on cycles that could not be closed": unclosed,
-            f"{self.n_left} edges between different outcomes were not bisected": self.n_left,
-            f"{self.n_ended} starts were left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,
-            f"{self.n_cut} predictions were not followed to the end": self.n_cut,
-            f"the mirror images of {self.n_images} cycles were not tried": self.n_images,
+            f"{count(unclosed, 'run')} ended on a cycle that could not be closed": unclosed,
+            f"what the elements change is beneath rounding on {count(beneath, 'run')}": beneath,
+            f"{count(self.n_left, 'basin boundary')} not bisected": self.n_left,
+            f"{count(self.n_ended, 'start')} left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,
+            f"{count(self.n_cut, 'prediction')} not followed to the end": self.n_cut,
+            f"the mirror {'image' if self.n_images == 1 else 'images'} of {count(self.n_images, 'cycle')} not tried": (
+                self.n_images
+            ),
         }
-        return tuple(text for text, count in parts.items() if count)
+        return tuple(text for text, number in parts.items() if number)
 
     def run_all(self) -> None:
-        """Seeds, then runs along rays and from random starts, then the edges between outcomes."""
+        """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
         with allotted(_MOST_WORK) as self.work:
             # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
-            # was found, mirror images. Edges between outcomes are bisected where a ray shows them.
+            # was found, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
             for ray in self.rays:
                 self._scan(ray)
@@ -270,10 +287,10 @@ class _Search(Ends):
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         balance = ", by harmonic balance where needed" * self.by_balance
         return (
-            f"{len(self.predicted)} predicted cycles as seeds{balance}; {self.n_runs} runs "
+            f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
-            f"{self.n_edges} edges between different outcomes bisected for unstable cycles; the mirror image of each "
-            "cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
+            f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles; the mirror image "
+            "of each cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}{self._open()}"
         )
 
@@ -291,11 +308,11 @@ class _Search(Ends):
         if not self.work.left:
             return (
                 f" The search ended after {_MOST_WORK:.0e} steps of the engine; "
-                f"{self.n_ended} starts and {self.n_left} edges were left."
+                f"{self.n_ended} starts and {self.n_left} basin boundaries were left."
             )
         if not self.n_left:
             return ""
-        return f" {self.n_left} more edges were left: the starts of different outcomes are interwoven."
+        return f" {self.n_left} more basin boundaries were left: the starts of different outcomes are interwoven."
 
     def _open(self) -> str:
         """Sentence on the predictions without an exact orbit."""
@@ -317,7 +334,7 @@ class _Search(Ends):
 
     def _unclosed(self) -> str:
         """Why there are runs on cycles that are not among those found."""
-        if UNCLOSED not in self.outcomes:
+        if End.UNCLOSED not in self.outcomes:
             return ""
         if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
             why = "from none of their events, with what was on its way through the dead time, was an orbit closed"
@@ -337,14 +354,14 @@ class _Search(Ends):
         if self.image is None:
             centre = np.zeros(n) if self.rest is None else self.rest[0]
             x = np.where(compared, 2.0 * centre - y[:n], y[:n])
-            held = -y[orbit.arcs.memory]
-            held[-1] = 1.0
+            memory = -y[orbit.arcs.memory]
+            memory[-1] = 1.0
         else:
             y = self.image @ y
-            x, held = y[:n], y[orbit.arcs.memory]
+            x, memory = y[:n], y[orbit.arcs.memory]
         try:
             with allotted(FOR_ONE * _MOST_WORK):
-                for found in orbits_near(self.hybrid, x, held, orbit.period):
+                for found in orbits_near(self.hybrid, x, memory, orbit.period):
                     self.add(found)
                     return
         except Spent:
@@ -355,7 +372,7 @@ class _Search(Ends):
         """The map to the mirror image, where there is one."""
         return mirror(self.hybrid)
 
-    def _ray_to(self, orbit: Orbit) -> tuple[Array, Array, Array]:
+    def _ray_to(self, orbit: Orbit) -> Ray:
         """From rest (or the orbit's own middle) to the orbit."""
         n = self.hybrid.x0.size
         x = orbit.y[:n].copy()
@@ -375,31 +392,31 @@ class _Search(Ends):
             x[~self.hybrid.compared] = self.hybrid.x0[~self.hybrid.compared]
             yield x, H
 
-    def _scan(self, ray: tuple[Array, Array, Array]) -> None:
-        """Outcomes along a line of starts, and the unstable cycles on the edges between different ones."""
+    def _scan(self, ray: Ray) -> None:
+        """Outcomes along a line of starts, and the unstable cycles on the basin boundaries between them."""
         centre, direction, H = ray
         ends = [self.outcome(centre + s * direction, H) for s in SCALES]
         for a, b, end_a, end_b in zip(SCALES, SCALES[1:], ends, ends[1:], strict=False):
             if end_a != end_b:
-                self._edge(ray, a, b, end_a, end_b)
+                self._bisect(ray, a, b, end_a, end_b)
 
-    def _edge(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
+    def _bisect(self, ray: Ray, a: float, b: float, end_a: End | int, end_b: End | int) -> None:
         """Bisect a basin boundary between two outcomes; close orbits from the run that stays near it longest."""
-        if self.n_edges >= _MOST_EDGES or not self.work.left:
+        if self.n_boundaries >= _MOST_BOUNDARIES or not self.work.left:
             self.n_left += 1
             return
-        self.n_edges += 1
+        self.n_boundaries += 1
         try:
-            with allotted(_FOR_EDGE * _MOST_WORK):
-                self._bisect(ray, a, b, end_a, end_b)
+            with allotted(_FOR_BOUNDARY * _MOST_WORK):
+                self._halve(ray, a, b, end_a, end_b)
         except Spent:
             self.n_left += 1
 
-    def _bisect(self, ray: tuple[Array, Array, Array], a: float, b: float, end_a: str, end_b: str) -> None:
+    def _halve(self, ray: Ray, a: float, b: float, end_a: End | int, end_b: End | int) -> None:
         centre, direction, H = ray
         for i in range(48):
             c = 0.5 * (a + b)
-            if i in (10, 20, 30, 40) and self._close_on_edge(centre + c * direction, H):
+            if i in (10, 20, 30, 40) and self._close_on_boundary(centre + c * direction, H):
                 return
             end = self._outcome(centre + c * direction, H)
             if end == end_a:
@@ -409,9 +426,9 @@ class _Search(Ends):
             else:
                 # A third outcome lies in between: keep the pair around the first boundary.
                 b, end_b = c, end
-        self._close_on_edge(centre + 0.5 * (a + b) * direction, H)
+        self._close_on_boundary(centre + 0.5 * (a + b) * direction, H)
 
-    def _close_on_edge(self, x: Array, H: Array) -> bool:
+    def _close_on_boundary(self, x: Array, H: Array) -> bool:
         start = replace(self.hybrid, x0=x, H0=H)
         run = run_hybrid(start, self.horizon, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 400)
         for guess in recurrences(self.hybrid, run, None, 3, 400):

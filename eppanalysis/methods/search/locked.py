@@ -22,6 +22,7 @@ from eppanalysis.methods.orbits.samples.locked import (
     same_round,
     starts_on,
 )
+from eppanalysis.methods.search.ends import End
 from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
@@ -32,6 +33,7 @@ from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -60,7 +62,7 @@ class _Search:
     predicted: Sequence[LimitCycle]
     rounds: list[Round] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
-    ends: Counter[str] = field(default_factory=Counter)
+    ends: Counter[End] = field(default_factory=Counter)
     lengths: set[int] = field(default_factory=set)
     rest: Array = field(default_factory=lambda: np.zeros(0))
     ended: bool = False
@@ -108,7 +110,7 @@ class _Search:
         x[self.strobe.clock] = 0.0
         return replace(self.hybrid, x0=x)
 
-    def _end_of(self, start: HybridSystem) -> str:
+    def _end_of(self, start: HybridSystem) -> End:
         """What a run from a start comes to; the cycle that it ends on is kept."""
         t = self.horizon
         for _ in range(_LONGER):
@@ -116,34 +118,34 @@ class _Search:
             status, found = judge(start, run, t)
             if status is Status.SETTLED:
                 self.rest = run.x_end[: start.n_plant] if not self.rest.size else self.rest
-                return "rest"
+                return End.REST
             if status is Status.DIVERGED:
-                return "leaves"
+                return End.DIVERGENCE
             if status is Status.LIMIT_CYCLE:
                 return self._keep(start, run, found)
             t *= 3.0
-        return "undecided"
+        return End.OUT_OF_EVENTS if status is Status.EVENT_LIMIT else End.UNDECIDED
 
     def _run(self, start: HybridSystem, t: float) -> Run:
         most = self.strobe.samples_in(t) + 20_000
         return run_hybrid(start, t, np.zeros(0), 2.0 * self.hybrid.time_scale, most, most)
 
-    def _keep(self, start: HybridSystem, run: Run, found: Array) -> str:
+    def _keep(self, start: HybridSystem, run: Run, found: Array) -> End:
         if not found[5] and not self.strobe.forgets:
             n = round(found[1] / self.strobe.period)
             begin = next(starts_on(self.strobe, run, n, 1))
             orbit = close_locked(self.strobe, begin, n)
             if orbit is None:
-                return "undecided"
+                return End.UNDECIDED
             self._add(orbit)
-            return "cycle"
+            return End.CYCLE
         facts = Provenance("event-exact simulation", {"system": self.system.name})
         cycle = cycle_of_run(self.system, start, run, found, facts)
         if cycle is None:
-            return "undecided"
+            return End.UNDECIDED
         if not any(away(cycle, known) < _ALIKE for known in self.others):
             self.others.append(cycle)
-        return "cycle as runs have it"
+        return End.OF_RUNS
 
     def _add(self, orbit: Round) -> None:
         if not any(same_round(known, orbit) for known in self.rounds):
@@ -210,20 +212,24 @@ def search_locked(
     search = _Search(system, hybrid, strobe, predicted)
     search.run_all()
     cycles = [*(locked_cycle(system, o) for o in search.rounds), *search.others]
-    name, open_runs = system.signals.names[0], search.ends["undecided"]
+    name, open_runs = system.signals.names[0], search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
+    if used_up := search.ends[End.OUT_OF_EVENTS]:
+        left.append(f"{count(used_up, 'run')} had used up all events before anything settled or repeated itself")
     return CycleSearch(
         cycles=tuple(
             replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: (c.peak_to_peak[name], c.period))
         ),
         status=Status.UNDECIDED if left else Status.CONVERGED,
-        settles=search.ends["rest"] > 0,
-        diverges=search.ends["leaves"] > 0,
+        settles=search.ends[End.REST] > 0,
+        diverges=search.ends[End.DIVERGENCE] > 0,
         search=search.sentence(),
         rest_state=search.rest,
         unclosed=tuple(c for c in predicted if all(away(found, c) > np.log(2.0) for found in cycles)),
         left_open=tuple(left),
         n_runs=sum(search.ends.values()),
-        provenance=Provenance("search for limit cycles", {"system": system.name}, {}, dict(search.ends)),
+        provenance=Provenance(
+            "search for limit cycles", {"system": system.name}, {}, {str(end): n for end, n in search.ends.items()}
+        ),
         operating_point=at,
     )

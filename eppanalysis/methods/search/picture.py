@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
+#: Words in the middle of an empty panel, and the letters on a line of them.
+_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": 8}
+_WIDTH = 90
 #: More than these cannot be told apart in one picture.
 _MOST = 12
 
@@ -62,7 +66,8 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     if not len(search):
         for ax in panels:
             ax.set_axis_off()
-            ax.text(0.5, 0.5, "no limit cycle", transform=ax.transAxes, ha="center", color=GREY)
+        text = f"{str(search).partition('.')[0]}.\nSought with {search.search}"
+        panels[0].text(0.5, 0.5, "\n".join(map(_wrapped, text.split("\n"))), **_MIDDLE, transform=panels[0].transAxes)
         return figure
     name = _chosen(search, signal)
     unit, factor = readable(search[0].units.get(name, ""))
@@ -91,11 +96,16 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
 
 
 def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]]:
+    """Two panels, or one for the sentence that nothing was found."""
     if given is not None:
         return root_figure(given), [given]
-    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
+    figure = Figure(figsize=(8.4, 3.8) if len(search) else (6.4, 2.4), layout="constrained")
     figure.suptitle(with_name(_title(search), search.provenance.subject), fontsize=10)
-    return figure, list(figure.subplots(1, 2))
+    return figure, list(figure.subplots(1, 2 if len(search) else 1, squeeze=False)[0])
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _WIDTH)
 
 
 def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:

@@ -33,7 +33,7 @@ class CycleSearch(Result):
     status : Status
         CONVERGED, or UNDECIDED when something is left open: no orbit was found for a predicted cycle whose estimate
         says that it exists, some run neither settled nor repeated itself nor left, or is on a cycle that could not be
-        closed, there were more edges between outcomes than are bisected, or the search ended before it had come to
+        closed, there were more basin boundaries than are bisected, or the search ended before it had come to
         its end (`message` says which).
     settles : bool
         Whether some start settled at rest.
@@ -123,9 +123,9 @@ class CycleSearch(Result):
         return self.drawn("plot_cycles", ax, signal)
 
 
-def undecided(count: int) -> str:
+def undecided(number: int) -> str:
     """What runs without an end leave open."""
-    return f"{count} runs neither settled nor repeated themselves"
+    return f"{count(number, 'run')} neither settled nor repeated {'itself' if number == 1 else 'themselves'}"
 
 
 def named(cycle: LimitCycle) -> str:

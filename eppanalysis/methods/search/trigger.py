@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
-from eppanalysis.methods.orbits.exact import steady_hybrid, swing_of
+from eppanalysis.methods.orbits.exact import range_of, steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import starts_on
 from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.search.find import find_limit_cycles
@@ -155,7 +155,7 @@ def trigger(
     if not found.stable:
         return ()
     hybrid = steady_hybrid(system, at)
-    amplitude = np.max([swing_of(hybrid, c) for c in found], axis=0)
+    amplitude = np.max([range_of(hybrid, c) for c in found], axis=0)
     size = np.concatenate([amplitude, np.zeros(hybrid.x0.size - amplitude.size)])
     to = Judge(40.0 * max(c.period for c in found), size)
     rest = _rest(hybrid, system, at, to)
@@ -205,8 +205,8 @@ def _rest(hybrid: HybridSystem, system: LureSystem, at: OperatingPoint, to: Judg
         if status is Status.SETTLED:
             last = run.order[-1] if run.n_kept else None
             modes = start.modes0 if last is None else run.modes[last]
-            held = start.H0 if last is None else run.memory_values[last]
-            return replace(start, x0=run.x_end, H0=held.copy(), modes0=modes.copy())
+            memory = start.H0 if last is None else run.memory_values[last]
+            return replace(start, x0=run.x_end, H0=memory.copy(), modes0=modes.copy())
     raise NoRest(f"{system.name}: no resting state was reached from the start, so there is nothing to disturb.")
 
 

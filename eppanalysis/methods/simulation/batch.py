@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
+from eppanalysis.methods.simulation.kept import EARLY, VERDICTS
 from eppanalysis.methods.simulation.workspaces import announce_compilation
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.sampled.strobe import refuse_samples
@@ -33,14 +34,6 @@ IntArray = NDArray[np.int64]
 
 #: Events of a cell that are kept for its verdict, and cells that a thread takes at a time.
 KEPT_EVENTS, CHUNK = 4096, 8
-_EARLY = {
-    1: Status.EVENT_LIMIT,
-    2: Status.DIVERGED,
-    3: Status.NOT_CONVERGED,
-    4: Status.EVENT_LIMIT,
-    5: Status.EVENT_LIMIT,
-    6: Status.EVENT_LIMIT,
-}
 #: How runs end, in words that follow their number.
 _ENDS = {
     Status.SETTLED: "settled at rest",
@@ -50,7 +43,6 @@ _ENDS = {
     Status.EVENT_LIMIT: "stopped early at too many events",
     Status.NOT_CONVERGED: "failed",
 }
-_VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +224,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         except BaseException:
             out.stop[0] = 1
             raise
-    status = tuple(_EARLY.get(int(c)) or _VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
+    status = tuple(EARLY.get(int(c)) or VERDICTS[int(v)] for c, v in zip(out.code, out.verdict, strict=True))
     return BatchResult(
         status=status,
         period=out.period,

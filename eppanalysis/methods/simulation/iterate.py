@@ -13,7 +13,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.results import LimitCycle, Status, Trajectory
+from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ def cycle_of_samples(
         c[1 : (period + 1) // 2] *= 2.0
         harmonics[name] = c
     return LimitCycle(
-        method="simulation",
+        method=SIMULATION,
         status=Status.CONVERGED,
         period=period * step,
         mean={k: float(y.mean()) for k, y in last.items()},

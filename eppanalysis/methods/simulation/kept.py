@@ -1,4 +1,4 @@
-"""What is kept of a run: signals, the last events, where it ended."""
+"""What is kept of a run: signals, the last events, where it ended; what the codes of the engine mean."""
 
 from __future__ import annotations
 
@@ -8,7 +8,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.results import Status
+
 Array = NDArray[np.float64]
+
+#: By the codes of `kernels/engine/workspace.py` for runs that ended before their time, and of `kernels/verdict.py`.
+EARLY = {
+    1: Status.EVENT_LIMIT,
+    2: Status.DIVERGED,
+    3: Status.NOT_CONVERGED,
+    4: Status.EVENT_LIMIT,
+    5: Status.EVENT_LIMIT,
+    6: Status.EVENT_LIMIT,
+}
+VERDICTS = (Status.UNDECIDED, Status.SETTLED, Status.LIMIT_CYCLE, Status.DIVERGED)
 
 
 @dataclass(frozen=True, eq=False)

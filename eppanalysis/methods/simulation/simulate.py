@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,27 +11,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.simulation.effort import left, spend
-from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.kept import EARLY, VERDICTS, Run
 from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.rounding import (
+    BENEATH_ROUNDING,
+    SAMPLES,
+    is_lost,
+    is_rounding,
+    may_be_lost,
+    watched,
+)
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
-from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.models.systems.sampled.strobe import Strobe, sampled_among
 from eppanalysis.models.systems.starts import remembered
 from eppanalysis.models.systems.subject import CaseLike, system_of
-from eppanalysis.results import Event, LimitCycle, Status, Trajectory
+from eppanalysis.results import SIMULATION, Event, LimitCycle, Status, Trajectory
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Codes of the kernel that end a run before its time.
-_EARLY = {1: Status.EVENT_LIMIT, 2: Status.DIVERGED, 4: Status.EVENT_LIMIT, 6: Status.EVENT_LIMIT}
-_VERDICTS = {0: Status.UNDECIDED, 1: Status.SETTLED, 2: Status.LIMIT_CYCLE}
 _KEPT_EVENTS, _KEPT_SAMPLES = 20_000, 200_000
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
@@ -51,11 +54,11 @@ _MOST_STEPS = 10_000_000
 #: What a search may compute is counted in series steps without smooth channels: so many are worth the set-up of a run,
 #: and one with smooth channels; so many fast steps are worth one.
 _SET_UP, _SMOOTH, _FAST_STEPS = 200.0, 20.0, 20.0
-#: Movement of an element's input that is rounding, relative to its thresholds and to its value.
-_ROUNDING = 1e-13
 _BREAKPOINTS = ("breakpoint_time", "breakpoint_state", "breakpoint_value", "breakpoint_memory", "breakpoint_slope")
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
+#: Changes from period to period, relative to the cycle's size, that may be rounding.
+_STANDING = 1e-9
 
 
 def simulate(
@@ -125,6 +128,7 @@ def simulate(
     keep = _KEPT_EVENTS + min(samples, _KEPT_SAMPLES)
     run = run_hybrid(hybrid, t_end, times, base, max_events + samples, keep, max_steps)
     status, found = judge(hybrid, run, t_end)
+    lost = repeats_undecided(status, found)
     n_written = int(run.stats[2])
     signals = dict(zip(system.signals.names, run.samples[:n_written].T.copy(), strict=True))
     settings = {"t_end": t_end, "step": base, "max_events": max_events, "max_steps": max_steps, "system": system.name}
@@ -142,6 +146,7 @@ def simulate(
         settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         n_events=run.count,
+        note=BENEATH_ROUNDING if lost else "",
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )
@@ -151,9 +156,9 @@ def simulate(
 def _asked(
     loop: LureSystem | CaseLike, input: InputSignal | Mapping[str, InputSignal] | None, t_end: float | None
 ) -> tuple[LureSystem, InputSignal | Mapping[str, InputSignal] | None, float]:
-    """The system, its motions and the end of the run, what is not given being that of the case."""
+    """The system, its input signals and the end of the run, what is not given being that of the case."""
     system = system_of(loop, "simulate")
-    # A loop, or the diagram of one, has neither motions nor an end of its own.
+    # A loop, or the diagram of one, has neither input signals nor an end of its own.
     given = getattr(loop, "input", None) if input is None else input
     return system, given, getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end
 
@@ -227,69 +232,59 @@ def run_hybrid(
 
 
 def judge(hybrid: HybridSystem, run: Run, t_end: float) -> tuple[Status, Array]:
-    """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change."""
-    from eppanalysis.kernels.growth import acts_late, grows
-    from eppanalysis.kernels.verdict import verdict
+    """Status of a run, and for a cycle: its events, period, change over the last period, extrapolated change.
+
+    A run that repeats itself while rounding hides what its elements do has these, too, and is undecided.
+    """
+    from eppanalysis.kernels.verdict import verdict_of_run
 
     found = np.zeros(4)
-    if run.code in _EARLY:
+    if run.code in EARLY:
         beyond = not np.all(np.abs(run.x_end) < _LARGEST_STATE)
-        return (Status.DIVERGED if beyond else _EARLY[run.code]), found
+        return (Status.DIVERGED if beyond else EARLY[run.code]), found
     strobe = Strobe.of(hybrid)
     if strobe is not None:
         return judge_samples(strobe, run, t_end)
-    code = verdict(
-        run.time,
-        run.guard,
-        run.state,
-        run.rate,
-        run.count,
-        t_end,
-        run.low,
-        run.high,
-        run.rate_end,
-        hybrid.compared,
-        acts_late(hybrid.model),
-        found,
-    )
-    if _VERDICTS[int(code)] is Status.LIMIT_CYCLE:
+    code = verdict_of_run(
+        hybrid.model, run.time, run.guard, run.state, run.rate, run.count, t_end, run.low, run.high, run.x_end,
+        run.rate_end, hybrid.compared, found,
+    )  # fmt: skip
+    status = VERDICTS[int(code)]
+    if status is Status.LIMIT_CYCLE:
         last = run.order[-int(found[0]) - 1 :]
         states = run.state[last]
         moves = np.ptp(states, axis=0) + np.abs(run.rate[last]).max(axis=0) * found[1]
-        if is_rounding(hybrid, states, run.memory_values[last], moves):
+        held = run.memory_values[last]
+        if is_rounding(hybrid, states, held, moves):
             return Status.SETTLED, np.zeros(4)
-    if _VERDICTS[int(code)] is Status.UNDECIDED and grows(
-        hybrid.model, run.time, run.guard, run.state, run.rate, run.count, t_end, run.x_end, run.rate_end,
-        hybrid.compared,
-    ):  # fmt: skip
-        return Status.DIVERGED, found
-    return _VERDICTS[int(code)], found
+        if may_be_lost(hybrid, states, held, moves, found[1]) and _loses_elements(hybrid, run, found):
+            return Status.UNDECIDED, found
+    return status, found
 
 
-def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> bool:
-    """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
+def repeats_undecided(status: Status, found: Array) -> bool:
+    """Whether `judge` says of a run that it repeats itself and that rounding hides what its elements do."""
+    return status is Status.UNDECIDED and found.size == 4 and bool(found[0])
 
-    Parameters
-    ----------
-    hybrid : HybridSystem
-    states, memory : arrays, shapes (events, n), (events, h)
-        At the events of the motion.
-    moves : array, shape (n,)
-        How far each state moves at most.
-    """
-    model = hybrid.model
-    place = np.abs(states @ model.C.T + memory @ model.Kz.T).max(axis=0)
-    amplitude = np.abs(model.C) @ moves + np.abs(model.Kz) @ np.ptp(memory, axis=0)
-    seen = False
-    for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
-        own = model.guard_element == e
-        # An element without levels hands on what it sees, perhaps straight to one that has some.
-        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0) if own.any() else 1.0
-        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(np.sum(weight * place[first:end]))
-        if float(np.sum(weight * amplitude[first:end])) > _ROUNDING * size:
-            return False
-        seen |= size > 0.0
-    return seen
+
+def _loses_elements(hybrid: HybridSystem, run: Run, found: Array) -> bool:
+    """Whether a run is on a cycle on which what its elements change in a period is beneath rounding."""
+    period, end = float(found[1]), float(run.time[run.order[-1]])
+    start, begin = _from_event(hybrid, run, int(run.order[-int(found[0]) - 1]))
+    # What the verdict lets pass as rounding: changes from period to period, and that of times in states that swing.
+    changes = min(max(found[2], found[3], 1e-15 * 2.0 * np.pi * end / period), _STANDING)
+    return loses_elements(start, end - begin, period, changes, 2 * run.count + 100)
+
+
+def loses_elements(
+    start: HybridSystem, end: float, period: float, changes: float, max_events: int = _KEPT_EVENTS
+) -> bool:
+    """Whether what the elements change in the last period of a run until `end` is beneath rounding, see `is_lost`."""
+    # Not at the switches themselves, where a force may have its only peak.
+    times = end - period * (1.0 - (np.arange(SAMPLES) + 0.5) / SAMPLES)
+    again = run_hybrid(watched(start), end, times, 2.0 * start.time_scale, max_events, 1)
+    signals = again.samples[: int(again.stats[2])]
+    return len(signals) > 0 and is_lost(start, signals, period, changes)
 
 
 def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
@@ -329,10 +324,8 @@ def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0)
 def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
     """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
     elements = hybrid.model.guard_element[guards]
-    of_note = [name != "observer" for name in hybrid.element_names]
-    for e, element in enumerate(hybrid.elements):
-        of_note[e] = not isinstance(element, SampledController)
-    listed = np.array(of_note)[elements]
+    # Not that a controller takes a sample, nor that the observer behind the elements marks an extremum.
+    listed = (elements < len(hybrid.elements)) & ~np.isin(elements, list(sampled_among(hybrid.elements)))
     times, guards, modes, elements = times[listed], guards[listed], modes[listed], elements[listed]
     switches = list(zip(elements.tolist(), modes[np.arange(guards.size), elements].tolist(), strict=True))
     names = {g: hybrid.guard_name(g) for g in set(guards.tolist())}
@@ -416,7 +409,7 @@ def cycle_of_run(
         return None
     strobe = Strobe.of(hybrid)
     return LimitCycle(
-        method="simulation",
+        method=SIMULATION,
         status=Status.CONVERGED,
         note="" if strobe is None else locked_or_not(strobe, found),
         period=period,

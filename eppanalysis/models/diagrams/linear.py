@@ -14,6 +14,7 @@ from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.diagrams.wiring import Port, incidence
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.own_states import diagonal
+from eppanalysis.readable import count
 
 Array = NDArray[np.float64]
 Wires = Mapping[Port, list[tuple[float, Port]]]
@@ -42,7 +43,7 @@ class Linear:
         n = len(system.A)
         start = np.zeros(n) if block.start is None else np.asarray(block.start, float)
         if start.shape != (n,):
-            raise ModelError(name, start.tolist(), f"{n} numbers, one for each state", field="start")
+            raise ModelError(name, start.tolist(), f"{count(n, 'number')}, one for each state", field="start")
         given: Sequence[str] | None = getattr(block, "state_names", None)
         default = (name,) if n == 1 else tuple(f"{name}_{i + 1}" for i in range(n))
         inputs, outputs = (tuple((name, port) for port in ports) for ports in (block.inputs, block.outputs))

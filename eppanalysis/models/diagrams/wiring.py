@@ -107,7 +107,9 @@ class Ports:
         part, _, port = text.partition(".")
         if part not in ports:
             known = [*ports, *(self.external if what == "output" else ())]
-            raise ModelError(self.who, text, f"a part of the diagram: {did_you_mean(part, known)}", field=field)
+            raise ModelError(
+                self.who, text, f"a part of the diagram in place of {part!r}: {did_you_mean(part, known)}", field=field
+            )
         of_part = ports[part]
         if port in of_part:
             return part, port

@@ -239,3 +239,7 @@ class AutomatonElement(Nonlinearity):
             memory_constant=stacked(guards, "memory_constant", "h"),
             start=np.array(a.start_memory, float),
         )
+
+
+# Case files have it, with fields of their own: it is not among the elements whose fields are those of their class.
+AutomatonElement.kind = "automaton"

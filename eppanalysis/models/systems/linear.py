@@ -102,7 +102,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
     if num.size > den.size:
         raise ModelError(
             f"A transfer function is improper: its numerator has degree {num.size - 1}, its denominator {den.size - 1}",
-            expected="at most the same degree",
+            expected=f"at most the degree of the denominator, {den.size - 1}",
             field="num",
         )
     n = den.size - 1

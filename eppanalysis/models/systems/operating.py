@@ -16,13 +16,16 @@ from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_b
 if TYPE_CHECKING:
     from eppanalysis.models.systems.lure import LureSystem
 
+#: Why an input that is one does not stand still.
+_SINE = "is a sine"
+
 
 @checked_class
 @dataclass(frozen=True)
 class OperatingPoint:
     """Where the external inputs of a loop are held, or why they do not stand still.
 
-    That of a case is where its inputs stand at the end of its run; that of a loop without motions, its `v0`.
+    That of a case is where its inputs stand at the end of its run; that of a loop without input signals, its `v0`.
 
     Parameters
     ----------
@@ -110,9 +113,14 @@ class OperatingPoint:
             sine = " What a loop does under a sine, forced_response says (on the command line: response)."
             raise EppError(
                 f"{system.name}: {self}, so there is no operating point for a limit cycle; expected inputs that stand "
-                f"still at the end of the run, or values at which they are held.{sine * ('is a sine' in str(self))}"
+                f"still at the end of the run, or values at which they are held.{sine * self.is_driven}"
             )
         return value
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether an input does not stand still because it is a sine."""
+        return _SINE in self.moving.values()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units."""
@@ -126,14 +134,14 @@ class OperatingPoint:
 
 
 def _offset(input_signal: InputSignal, time: float) -> float:
-    """What a motion adds to its input at a time; the middle of a sine."""
+    """What a signal adds to its input at a time; the middle of a sine."""
     return 0.0 if isinstance(input_signal, Sine) else float(input_signal.value(time))
 
 
 def _moves(input_signal: InputSignal, time: float) -> str:
     """Why an input does not stand still at a time, in words; empty where it does."""
     if isinstance(input_signal, Sine):
-        return "is a sine" if input_signal.amplitude else ""
+        return _SINE if input_signal.amplitude else ""
     times, _, slopes = input_signal.breakpoints()
     slope = slopes[max(int(np.searchsorted(times, time, side="right")) - 1, 0)] if time >= times[0] else 0.0
-    return f"is a {type(input_signal).__name__.lower()} motion that has not ended at {time:.6g} s" if slope else ""
+    return f"is a {type(input_signal).__name__.lower()} that has not ended at {time:.6g} s" if slope else ""

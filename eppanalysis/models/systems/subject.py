@@ -54,8 +54,10 @@ class CaseLike(Protocol):
         """A value of a parameter, given in SI units, as people write it."""
 
 
-def facts_of(case: CaseLike) -> Mapping[str, Any]:
-    """What provenance says of a case: all that it tells of itself, at least its name."""
+def facts_of(case: CaseLike | LureSystem) -> Mapping[str, Any]:
+    """What provenance says of a case: all that it tells of itself, at least its name; nothing of a loop."""
+    if isinstance(case, LureSystem):
+        return {}
     own = getattr(case, "provenance", None)
     return {"case": case.name} if own is None else own()
 
@@ -63,6 +65,8 @@ def facts_of(case: CaseLike) -> Mapping[str, Any]:
 #: Analyses that know what to do with sampled controllers.
 _KNOW_SAMPLES = (
     "predict_limit_cycles",
+    "harmonic_balance",
+    "ladder",
     "exact_orbit",
     "find_limit_cycles",
     "design_bounds",

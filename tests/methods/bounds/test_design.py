@@ -75,7 +75,9 @@ def test_exact_elasticities_against_moved_folds(case: epp.Case, found: epp.Desig
         moved = []
         for share in (-h, h):
             changed = case.with_values({name: case.value(name) * (1.0 + share)})
-            branch = epp.continue_branch(changed, "lock_pin.backlash", "1.1 deg", "0.9 deg", n_points=80, max_step=0.05)
+            branch = epp.continue_branch(
+                changed, "lock_pin.backlash", "1.1 deg", "0.9 deg", n_points=80, max_step=0.05, n_others=0
+            )
             moved.append(min(f.value for f in branch.folds))
         slope = (math.log(moved[1]) - math.log(moved[0])) / (2 * h)
         assert found[0].elasticities[name] == pytest.approx(slope, rel=2e-4)
@@ -121,7 +123,7 @@ def test_a_bound_at_a_border_collision_is_exact_and_verified() -> None:
     """
     pulley = epp.case("fig6a_original_pulley").value("pulley.friction")
     changed = epp.case("fig8a_original").with_values({"pulley.friction": pulley})
-    branch = epp.continue_branch(changed, "lock_pin.backlash", start="1.2 deg", stop="0.7 deg")
+    branch = epp.continue_branch(changed, "lock_pin.backlash", start="1.2 deg", stop="0.7 deg", n_others=0)
     question = Question(changed, "lock_pin.backlash", 0.7 * DEGREE, 1.2 * DEGREE)
     cell = bound_of_branch(question, changed.value("bands.range"), branch, Settings(starts=100))
     assert cell is not None
@@ -297,7 +299,7 @@ def test_tolerances(wheelchair: epp.Case) -> None:
     assert result.worst_values["play.gap"] == pytest.approx(1.06 * wheelchair.value("play.gap"))
     # The worst corner once more, on its own.
     worst = wheelchair.with_values({**result.worst_values, "loop.gain": 1.0})
-    branch = epp.continue_branch(worst, "loop.gain", start=1.0, stop=0.7)
+    branch = epp.continue_branch(worst, "loop.gain", start=1.0, stop=0.7, n_others=0)
     assert result.worst_case == pytest.approx(min(f.value for f in branch.folds), rel=1e-8)
     assert abs(result.engine_offset) < 0.01
     assert result.n_corners == 3 and not result.message

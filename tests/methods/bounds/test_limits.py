@@ -58,7 +58,7 @@ def wheelchair() -> epp.Case:
 @pytest.fixture(scope="module")
 def orbit(case: epp.Case) -> LimitCycle:
     """At the bound on backlash, 0.9786 deg."""
-    branch = epp.continue_branch(case, BACKLASH, "1.1 deg", "0.9 deg", n_points=80, max_step=0.05)
+    branch = epp.continue_branch(case, BACKLASH, "1.1 deg", "0.9 deg", n_points=80, max_step=0.05, n_others=0)
     return min(branch.folds, key=lambda f: f.value).cycle
 
 
@@ -78,7 +78,14 @@ def ends(question: Question, value: float, orbit: LimitCycle) -> Status:
     return judge(hybrid, run_hybrid(hybrid, t, np.zeros(0), 2.0 * hybrid.time_scale, 400_000, 4000), t)[0]
 
 
-@pytest.mark.parametrize(("limit", "backlash", "sign", "margin", "share"), LIMITS, ids=[row[0] for row in LIMITS])
+#: One with cycles below it, and one with cycles above it.
+FIRST = "bands.range", "cable.stiffness"
+
+
+@pytest.mark.parametrize(
+    ("limit", "backlash", "sign", "margin", "share"),
+    [pytest.param(*row, id=row[0], marks=[pytest.mark.slow] * (row[0] not in FIRST)) for row in LIMITS],
+)
 def test_bound_on_any_parameter(
     case: epp.Case, orbit: LimitCycle, limit: str, backlash: float, sign: float, margin: float, share: float
 ) -> None:
@@ -89,7 +96,7 @@ def test_bound_on_any_parameter(
     assert found.value / case.value(limit) == pytest.approx(share, abs=2e-3)
     # The fold in backlash of the case with this value of the limit is the backlash of the question.
     there = case.with_values({limit: found.value})
-    branch = epp.continue_branch(there, BACKLASH, "1.1 deg", "0.85 deg", n_points=80, max_step=0.05)
+    branch = epp.continue_branch(there, BACKLASH, "1.1 deg", "0.85 deg", n_points=80, max_step=0.05, n_others=0)
     assert np.degrees(min(f.value for f in branch.folds)) == pytest.approx(backlash, rel=1e-6)
     test = verify(question, found.value, sign, found.cycle, margin=margin, n_starts=40, seed=1)
     assert test.verified, test.message

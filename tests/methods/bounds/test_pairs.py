@@ -17,10 +17,11 @@ def test_gain_of_a_generic_loop_over_its_free_play() -> None:
     assert cell.first_order_unsafe and abs(cell.harmonic_error) < cell.error_estimate < 0.03
     # Its fold from the other side: the branch over the gap at that gain turns back at the gap.
     here = case.with_values({"loop.gain": cell.exact})
-    branch = epp.continue_branch(here, "play.gap", start=0.014, stop=0.010)
+    branch = epp.continue_branch(here, "play.gap", start=0.014, stop=0.010, n_others=0)
     assert min(f.value for f in branch.folds) == pytest.approx(0.012, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
     """A true dead time as the limit: in harmonic balance, in the orbits and in the runs; first order is unsafe."""
     case = epp.case("relay_deadzone").with_values({"loop.gain": 1.0})
@@ -30,10 +31,11 @@ def test_dead_time_of_a_generic_loop_over_its_gain() -> None:
     assert cell.first_order_unsafe and abs(cell.harmonic_error) < 0.01
     # Its fold from the other side: the branch over the gain at that dead time turns back at the gain.
     here = case.with_values({"loop.delay": cell.exact})
-    branch = epp.continue_branch(here, "loop.gain", start=0.6, stop=0.4)
+    branch = epp.continue_branch(here, "loop.gain", start=0.6, stop=0.4, n_others=0)
     assert min(f.value for f in branch.folds) == pytest.approx(0.5, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_numbers() -> None:
     case = made_bounds.wheelchair()
     one, two = (

@@ -53,6 +53,7 @@ def test_checkers_are_small_and_stand_alone(program: Path) -> None:
     assert names <= {"fractions", "json", "flint"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit"])
 def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: str) -> None:
     """And loads no package that computes in floating point."""

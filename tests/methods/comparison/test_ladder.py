@@ -17,6 +17,7 @@ from eppanalysis.methods.comparison.ladder import Agreement, largest_harmonic
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 from tests.reference.lure_reference import simulate_lure
+from tests.sampled_relay import patterns, sampled_relay
 
 
 @pytest.fixture(scope="module")
@@ -292,3 +293,19 @@ def test_a_sampled_loop_is_measured_against_its_simulation() -> None:
     first, balance, simulated = result.rows
     assert abs(first.errors["period"]) > 0.05 > 0.01 > abs(balance.errors["period"])
     assert simulated.errors == {"period": 0.0, "peak-to-peak": 0.0}
+
+
+def test_a_loop_with_a_sampled_controller_climbs_to_its_locked_cycle(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, few in (("_N_RANDOM", 0), ("_SCALES", (1.0,)), ("_MOST_SOUGHT", 500)):
+        monkeypatch.setattr(f"eppanalysis.methods.search.locked.{name}", few)
+    case = sampled_relay().with_values({"dead": 0.1})
+    result = epp.ladder(case)
+    locked = [p for p in patterns(0.5, 9) if p.low < 0.1 < p.high]
+    assert [row.method.partition(",")[0] for row in result.rows if row.exact == 0] == [
+        "describing function",
+        "exact orbit",
+    ]
+    exact = next(row for row in result.rows if row.method.startswith("exact"))
+    assert exact.cycle is not None and round(exact.cycle.period / 0.5, 9) in {p.samples for p in locked}
+    assert any(row.method.startswith("harmonic balance") for row in result.rows)
+    assert result.agreement is Agreement.GUARDED and result.run.status is Status.SETTLED

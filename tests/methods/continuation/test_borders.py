@@ -30,7 +30,7 @@ def case() -> epp.Case:
 @pytest.fixture(scope="module")
 def branch(case: epp.Case) -> epp.Branch:
     """From the stable cycle at 0.9 degrees down to the border collision, and up again on the unstable one."""
-    return epp.continue_branch(case, LIMIT, "0.9 deg", "0.7 deg", max_step=0.05)
+    return epp.continue_branch(case, LIMIT, "0.9 deg", "0.7 deg", max_step=0.05, n_others=0)
 
 
 def collision_of(branch: epp.Branch) -> SpecialPoint:
@@ -77,7 +77,7 @@ def test_an_independent_integrator_agrees_on_both_sides(case: epp.Case, share: f
     run = simulate_reference(nominal(backlash=backlash, pulley_friction=FRICTION), 8.0, rtol=1e-8, atol=1e-10)
     assert run.verdict == verdict
     if verdict == "oscillate":
-        exact = epp.continue_branch(case, LIMIT, "0.9 deg", backlash)
+        exact = epp.continue_branch(case, LIMIT, "0.9 deg", backlash, n_others=0)
         assert exact.points["value"][-1] == pytest.approx(backlash)
         # The period is the mean over a second at the end, where what is left of the start has died away (0.8 a turn).
         assert run.period == pytest.approx(exact.points["period"][-1], rel=1e-5)
@@ -90,7 +90,7 @@ def test_elasticities_of_a_border_collision_against_moved_ones(case: epp.Case, b
         moved = []
         for share in (-h, h):
             changed = case.with_values({name: case.value(name) * (1.0 + share)})
-            moved.append(collision_of(epp.continue_branch(changed, LIMIT, "0.85 deg", "0.8 deg")).value)
+            moved.append(collision_of(epp.continue_branch(changed, LIMIT, "0.85 deg", "0.8 deg", n_others=0)).value)
         slope = (math.log(moved[1]) - math.log(moved[0])) / (2.0 * h)
         assert known[name] == pytest.approx(slope, rel=1e-4)
 
@@ -108,7 +108,7 @@ def test_a_branch_goes_on_where_its_old_sequence_turns_back() -> None:
     """A band is visited for ever shorter times before the drive stops; without the visit the cycle goes on."""
     name, friction = "fig6a_original_pulley", "pulley.friction"
     case = epp.case(name)
-    branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245)
+    branch = epp.continue_branch(case.with_values({friction: 0.0255}), friction, start=0.0255, stop=0.0245, n_others=0)
     assert branch.message.endswith("the other leaves the range.") and branch.points["stable"].all()
     (change,) = [s for s in branch.special if "disappears: bands falls through 3" in s.note]
     assert change.value == pytest.approx(0.0252124506, rel=1e-7)

@@ -17,14 +17,15 @@ from eppanalysis.methods.continuation.cover import gaps
 from eppanalysis.methods.continuation.families import Family, interpolate
 from eppanalysis.methods.continuation.labels import Change, standstill
 from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
+from eppanalysis.results.shown import for_people
+from tests.shared import cycles_of
 
 POUND = 4.4482216152605
 
 
 @pytest.fixture(scope="module")
 def original():
-    case = epp.case("fig8a_original")
-    return case, epp.find_limit_cycles(case)
+    return epp.case("fig8a_original"), cycles_of("fig8a_original")
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,7 @@ def test_nothing_oscillates_below_the_fold_and_two_cycles_exist_above():
 
 def test_branch_passes_through_what_simulation_finds():
     case = epp.case("fig8a_original")
-    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "1.2 deg", n_simulated=4)
+    branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "1.2 deg", n_simulated=4, n_others=0)
     value, stable = branch.points["value"], branch.points["stable"]
     order = np.argsort(value[stable])
     for v, span in zip(branch.simulated["value"], branch.simulated["theta"], strict=True):
@@ -70,14 +71,14 @@ def test_branch_passes_through_what_simulation_finds():
 
 def test_every_orbit_of_a_branch_is_a_cycle_of_its_own_case():
     case = epp.case("relay_deadzone")
-    branch = epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 0.4, n_points=30)
+    branch = epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 0.4, n_points=30, n_others=0)
     for i in (5, len(branch) - 1):
         changed = case.with_values({"relay_dead_zone.threshold": float(branch.points["value"][i])})
         periods = [c.period for c in epp.find_limit_cycles(changed.to_system())]
         assert min(abs(p / branch.points["period"][i] - 1.0) for p in periods) < 1e-9
 
 
-@pytest.mark.parametrize("there", ["2.4 lbf", "3 lbf"])
+@pytest.mark.parametrize("there", [pytest.param("2.4 lbf", marks=pytest.mark.slow), "3 lbf"])
 def test_curve_of_folds(there):
     # Upwards a contact grazes beside the fold, and the curve goes on by a branch.
     case = epp.case("fig8a_original")
@@ -86,8 +87,10 @@ def test_curve_of_folds(there):
     )
     assert curve.values[0, 0] == pytest.approx(math.radians(0.978586853), rel=1e-8)
     assert np.all(np.abs(curve.multiplier - 1.0) < 1e-6)
+    assert there in str(curve) and "2.5 lbf" in str(curve)
+    assert "bands range [lbf]" in for_people(curve.to_frame()) and curve.plot().get_xlabel() == "bands range [lbf]"
     other = case.with_values({"bands.range": there})
-    single = epp.continue_branch(other, "lock_pin.backlash", "2.5 deg", "0.6 deg")
+    single = epp.continue_branch(other, "lock_pin.backlash", "2.5 deg", "0.6 deg", n_others=0)
     assert curve.values[1, 0] == pytest.approx(single.folds[0].value, rel=1e-9)
 
 

@@ -22,6 +22,7 @@ from_tf = LureSystem.from_tf
 SAMPLE = (2, 4, 7, 8, 48, 55, 62, 73, 127, 181)
 
 
+@pytest.mark.slow
 def test_random_loops_no_invented_cycle_is_sure_and_real_ones_are_covered():
     """The sample of what ``tests/stress/first_order.py`` does with 300 loops."""
     rows = [row for seed in SAMPLE for row in compare(random_loop(seed))]

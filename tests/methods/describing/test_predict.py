@@ -528,10 +528,17 @@ def staircase(levels, reference, x0=(0.0, 0.0, 0.0)):
     )
 
 
-@pytest.mark.parametrize(("levels", "reference"), [(60, 3.0), (80, 3.0), (300, -41.0), (300, 0.0)])
-def test_unused_levels_and_the_start_change_no_prediction(levels, reference):
+@pytest.fixture(scope="module")
+def few_levels():
+    return predict_limit_cycles(staircase(6, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("levels", "reference"), [(60, 3.0), (80, 3.0), pytest.param(300, -41.0, marks=pytest.mark.slow), (300, 0.0)]
+)
+def test_unused_levels_and_the_start_change_no_prediction(few_levels, levels, reference):
     """About any level the staircase is the same: the cycles about zero of a few levels, shifted."""
-    few = predict_limit_cycles(staircase(6, 0.0))
+    few = few_levels
     for x0 in ((0.0, 0.0, 0.0), (0.3, 0.1, 2.0)):
         many = predict_limit_cycles(staircase(levels, reference, x0))
         assert many.status is Status.CONVERGED and len(many) == len(few) == 4

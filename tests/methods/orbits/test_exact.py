@@ -15,6 +15,7 @@ from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.results import Status
 from tests.freeplay import EDGE, freeplay
+from tests.shared import cycles_of
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,7 @@ def test_a_start_without_state_is_refused():
 
 
 def test_asymmetric_orbits_come_in_mirrored_pairs():
-    found = epp.find_limit_cycles(epp.case("two_mass_deadzone").to_system())
+    found = cycles_of("two_mass_deadzone")
     for cycle in found:
         mean = cycle.mean["twist"]
         twins = [c for c in found if c.period == pytest.approx(cycle.period, rel=1e-8)]
@@ -173,7 +174,7 @@ def test_an_orbit_that_is_not_the_one_asked_for_is_no_answer(change, reason):
 def test_a_prediction_that_was_not_closed_is_named():
     # The slow cycle that first order sees is not there.
     system = epp.case("backlash_servo").to_system()
-    found = epp.find_limit_cycles(system)
+    found = cycles_of("backlash_servo")
     (missing,) = found.unclosed
     assert missing.frequency == pytest.approx(0.0506, abs=1e-4)
     assert np.isinf(missing.error_estimate)

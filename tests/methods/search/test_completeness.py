@@ -16,6 +16,7 @@ from scipy.stats import qmc
 
 import eppanalysis as epp
 from eppanalysis.methods.search.basin import REST, UNDECIDED, basin
+from tests.shared import cycles_of
 
 LOOPS = [
     name
@@ -53,7 +54,7 @@ def starts_around(system: epp.LureSystem, cycles: epp.CycleSearch, count: int) -
 def check(name: str, count: int) -> None:
     case = epp.case(name)
     system, value = case.to_system(), case.operating_point
-    found = epp.find_limit_cycles(system, value)
+    found = cycles_of(name)
     reached = basin(system, found, starts_around(system, found, count), value)
     stable = {i for i, c in enumerate(found) if c.stable}
     assert set(reached.ends.tolist()) <= stable | {REST, UNDECIDED}, f"{name}: a run ends on what was not found"
@@ -66,6 +67,7 @@ def check(name: str, count: int) -> None:
         assert again.ends.tolist() == sorted(stable), f"{name}: a run does not stay on a stable cycle that was found"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*LOOPS, *TRUTH_TABLE] if "EPP_STARTS" in os.environ else QUICK)
 def test_every_run_ends_on_what_was_found(name: str) -> None:
     count = int(os.environ.get("EPP_STARTS", "64"))
@@ -75,8 +77,7 @@ def test_every_run_ends_on_what_was_found(name: str) -> None:
 
 def test_a_missed_cycle_would_be_noticed() -> None:
     case = epp.case("quantised_sensor_ct")
-    system = case.to_system()
-    found = epp.find_limit_cycles(system)
+    system, found = case.to_system(), cycles_of(case.name)
     blind = replace(found, cycles=tuple(c for c in found if c is not found.stable[-1]))
     reached = basin(system, blind, starts_around(system, found, 16))
     assert set(reached.ends.tolist()) - {i for i, c in enumerate(blind) if c.stable} - {REST, UNDECIDED}

@@ -10,10 +10,12 @@ import scipy.linalg
 
 import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.search import locked
 from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
 from eppanalysis.methods.search.locked import _Search
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import trigger
+from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from tests.sampled_relay import sampled_relay
 
@@ -96,3 +98,13 @@ def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
         assert search._end_of(starts[k]) == "cycle as runs have it"
     assert sorted(c.period for c in search.others) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
     assert all(c.note.startswith("not locked to the samples") for c in search.others)
+
+
+def test_runs_that_use_up_their_events_are_told_from_those_that_cannot_be_judged(monkeypatch) -> None:
+    # As those of a spring do that grow over thousands of steps of its encoder.
+    monkeypatch.setattr(locked, "run_hybrid", lambda *given: run_hybrid(*given[:4], 60, 60))
+    monkeypatch.setattr(locked, "_N_RANDOM", 1)
+    found = epp.find_limit_cycles(sampled_relay())
+    assert found.status is epp.Status.UNDECIDED
+    assert f"{found.n_runs} runs had used up all events before anything settled or repeated itself" in str(found)
+    assert "neither settled" not in str(found)

@@ -66,10 +66,10 @@ def test_a_search_ends_where_its_work_is_done_and_says_so(name: str, monkeypatch
     # What is counted in one go (a run's set-up, a comparison of all its events) may come on top.
     assert most <= found.provenance.statistics["work"] < 2.0 * most
     assert found.status is Status.UNDECIDED
-    assert "starts were left" in found.message and "The search ended after" in found.search
+    assert "starts left when" in found.message and "The search ended after" in found.search
 
 
-@pytest.mark.parametrize("stribeck", [1e3, 1e6, 1e18])
+@pytest.mark.parametrize("stribeck", [1e3, pytest.param(1e6, marks=pytest.mark.slow), 1e18])
 def test_all_methods_side_by_side_end_however_stiff_friction_falls(stribeck: float) -> None:
     """Series of smooth motion are the shorter the stiffer it is: those of runs and of orbits count, as far as any."""
     case = epp.case("belt_leine")
@@ -78,7 +78,7 @@ def test_all_methods_side_by_side_end_however_stiff_friction_falls(stribeck: flo
     found = epp.ladder(stiff).search
     # A few seconds each; without a bound hours, by as many series as there are time constants in a period.
     assert time.process_time() - begin < 60.0
-    assert found.status is not Status.CONVERGED and "starts were left" in found.message
+    assert found.status is not Status.CONVERGED and "starts left when" in found.message
 
 
 def test_clocks_of_an_orbit_with_dead_time_cost_no_more_than_clocks() -> None:
@@ -97,4 +97,4 @@ def test_predictions_leave_work_for_the_runs(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(cycles, "_MOST_WORK", 1e5)
     found = epp.find_limit_cycles(loop, predicted=predicted * 200)
     assert [c.stable for c in found][-1]
-    assert "predictions were not followed to the end" in found.message
+    assert "predictions not followed to the end" in found.message

@@ -319,7 +319,7 @@ def test_what_is_sampled_throughout_is_a_loop_in_discrete_time():
         (lambda: Gain(gain="Kp"), "a finite number"),
         (lambda: epp.Diagram(**_ring(principal="plant")), "an element: one of valve"),
         (lambda: epp.Diagram(**_ring(parts={"valve": epp.Saturation(lower=-1.0, upper=1.0),
-                                            "plant": Integrator(start=[1.0, 2.0])})).to_system(), "1 numbers"),
+                                            "plant": Integrator(start=[1.0, 2.0])})).to_system(), "1 number, one"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_a_block_is_refused(make, sentence):

@@ -7,6 +7,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
+from tests.shared import cycles_of
 
 ELBOWS = [name for name in epp.shipped_cases() if epp.case(name).kind == "elbow"]
 
@@ -197,11 +198,18 @@ def test_a_drawn_elbow_has_the_margins_of_the_built_in_one(name):
         assert getattr(other, margin) == pytest.approx(getattr(one, margin), rel=1e-9, nan_ok=True), margin
 
 
-@pytest.mark.parametrize("name", ["fig8a_original", "fig6a_original_pulley", "gain_brings_it_back"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fig8a_original",
+        pytest.param("fig6a_original_pulley", marks=pytest.mark.slow),
+        pytest.param("gain_brings_it_back", marks=pytest.mark.slow),
+    ],
+)
 def test_a_drawn_elbow_has_the_cycles_of_the_built_in_one(name):
     case = epp.case(name)
-    loops = case.to_system(), drawn(case.elbow_parameters).to_system()
-    one, other = (epp.find_limit_cycles(loop, operating_point=case.operating_point).cycles for loop in loops)
+    drawing = drawn(case.elbow_parameters).to_system()
+    one, other = cycles_of(name), epp.find_limit_cycles(drawing, operating_point=case.operating_point)
     assert len(one) == len(other) == 2
     for expected, found in zip(one, other, strict=True):
         assert found.stable is expected.stable
@@ -215,7 +223,7 @@ def test_a_drawn_elbow_has_the_cycles_of_the_built_in_one(name):
 def test_a_drawn_elbow_has_the_fold_of_the_built_in_one():
     case = epp.case("fig8a_original").with_values({"lock_pin.backlash": "1.1 deg"})
     drawing = epp.Case.from_system(drawn(case.elbow_parameters).to_system(), input=case.input, t_end=case.t_end)
-    settings = {"start": np.deg2rad(1.1), "stop": np.deg2rad(0.9), "n_points": 80, "max_step": 0.05}
+    settings = {"start": np.deg2rad(1.1), "stop": np.deg2rad(0.9), "n_points": 80, "max_step": 0.05, "n_others": 0}
     (expected,) = epp.continue_branch(case, "lock_pin.backlash", **settings).folds
     (found,) = epp.continue_branch(drawing, "lock_pin.gap", **settings).folds
     assert found.value == pytest.approx(expected.value, rel=1e-9)

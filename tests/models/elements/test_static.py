@@ -448,11 +448,13 @@ def test_invalid_fields_are_refused_in_one_sentence(make: object, words: str) ->
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_importing_the_elements_does_not_compile() -> None:
     code = "import sys, eppanalysis.models.elements; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_kernel_gives_the_same_without_compilation() -> None:
     code = (
         "from eppanalysis.models.elements import FiveBandLaw;"

@@ -92,7 +92,7 @@ def scan(question: Question, allowed: Allowed) -> Scan:
     # The first value from the safe end on at which one is there: between it and its neighbour lies the bound.
     i = there.index(True) if sign > 0 else there[::-1].index(True)
     last = max(k for k, true in enumerate(there) if true)
-    above = "" if there[0] or there[-1] else f"There is none at {_in_words(question, seen[last + 1][0])} either."
+    above = "" if there[0] or there[-1] else f"There is none at {question.in_words([seen[last + 1][0]])} either."
     return Scan(Finding.BOUND, sign, ordered[i - 1][0], ordered[i][0], ordered[i][1], above)
 
 
@@ -107,7 +107,7 @@ def tried_values(question: Question) -> list[float]:
 def without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
     """Why there is no place where such cycles begin."""
     some, free, unknown = (
-        _in_words(question, *(value for value, cycles, complete in seen if holds(bool(cycles), complete)))
+        question.in_words(value for value, cycles, complete in seen if holds(bool(cycles), complete))
         for holds in (lambda there, _: there, lambda there, _: not there, lambda there, done: not (there or done))
     )
     if not free:
@@ -118,12 +118,6 @@ def without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
         return Scan(Finding.NONE, note=f"At no value tried in the range there is a {what}: nothing bounds it there.")
     note = f"There is a {what} at {some} and none at {free}: ask for a narrower range, which ends among these."
     return Scan(Finding.BETWEEN, note=note)
-
-
-def _in_words(question: Question, *values: float) -> str:
-    """Values of the limiting parameter in the unit that people use."""
-    unit, factor = question.case.readable(question.limit)
-    return ", ".join(f"{factor * value:.4g} {unit}".rstrip() for value in values)
 
 
 def _seen_at(question: Question, allowed: Allowed, value: float) -> _Seen:

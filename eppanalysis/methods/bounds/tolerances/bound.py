@@ -27,6 +27,7 @@ from eppanalysis.methods.bounds.exact import ExactBound, correct
 from eppanalysis.methods.bounds.fold import Cycle, Programmes, extreme
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question
 from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.bounds.tolerances.distribution import Distribution
 from eppanalysis.methods.bounds.tolerances.result import Quantile, ToleranceBound
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
@@ -113,7 +114,7 @@ def tolerance_bound(
     limit: str,
     tolerances: Mapping[str, object] | None = None,
     *,
-    within: tuple[float, float],
+    within: tuple[object, object],
     probabilities: Sequence[float] = (0.95, 0.99),
     samples: int = 400,
     distribution: str = "uniform",
@@ -130,8 +131,8 @@ def tolerance_bound(
         The parameter that is bounded; its own tolerance is taken off the bound.
     tolerances : mapping of str to quantity or percentage, optional
         By default those that the case's parameters carry.
-    within : (float, float)
-        Range in which bounds are sought [SI].
+    within : (quantity, quantity)
+        Range in which bounds are sought.
     probabilities : sequence of float
     samples : int
         Draws; 0 for the worst case alone.
@@ -153,8 +154,7 @@ def tolerance_bound(
         If there is no bound at the parameters' own values, or a setting is not valid.
     """
     case = require_case(case, "tolerance_bound")
-    if distribution not in ("uniform", "normal"):
-        raise EppError(f"tolerance_bound: the distribution is {distribution!r}; expected 'uniform' or 'normal'.")
+    spreads = Distribution.called(distribution, "tolerance_bound")
     check_counts("tolerance_bound", {"samples": (samples, 0), "seed": (seed, 0), "threads": (threads, 1)})
     for share in probabilities:
         if not 0.0 < share < 1.0:
@@ -169,7 +169,7 @@ def tolerance_bound(
     worst, message, n_corners = box.worst()
     draws, offset = np.zeros(0), float("nan")
     if samples:
-        spread = _spread(len(widths) + 1, samples, distribution, seed)
+        spread = _spread(len(widths) + 1, samples, spreads, seed)
         draws, offset = box.draws(spread[:, :-1], threads)
         draws = draws - spread[:, -1] * own
     sign = box.sign
@@ -177,6 +177,7 @@ def tolerance_bound(
     return ToleranceBound(
         limit=limit,
         unit=case.unit(limit)[0],
+        readable=case.readable(limit),
         sign=sign,
         half_widths={**widths, **({limit: own} if own else {})},
         nominal=box.centre.value,
@@ -219,12 +220,9 @@ def quantile(draws: Array, probability: float, sign: float = 1.0) -> Quantile:
     return Quantile(probability, value, *((first, last) if sign > 0 else (last, first)))
 
 
-def _spread(columns: int, n: int, distribution: str, seed: int) -> Array:
+def _spread(columns: int, n: int, distribution: Distribution, seed: int) -> Array:
     """Draws between -1 and 1, shape (n, columns): independent, so that the binomial interval is exact."""
-    from scipy.stats import truncnorm
-
-    share = np.random.default_rng(seed).uniform(size=(n, columns))
-    return 2.0 * share - 1.0 if distribution == "uniform" else truncnorm(-3.0, 3.0).ppf(share) / 3.0
+    return distribution.within(np.random.default_rng(seed).uniform(size=(n, columns)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of
-from eppanalysis.readable import number, readable, with_unit, words
+from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:
     """The bounds of all draws as a histogram, with the nominal bound and the worst case."""
     figure, ax = place_of(ax, (5.6, 3.6))
-    unit, factor = readable(bound.unit)
+    unit, factor = bound.readable
     draws = factor * bound.draws[np.isfinite(bound.draws)]
     if draws.size:
         ax.hist(draws, bins="auto", color=SKY, alpha=0.7, label=f"{draws.size} draws")

@@ -46,6 +46,9 @@ class ToleranceBound(Result):
     Attributes
     ----------
     limit, unit : str
+        The parameter that is bounded, and its SI unit.
+    readable : (str, float)
+        The unit that people use for it, and the factor from SI to that.
     sign : float
         1: free below the bound.
     half_widths : dict of str to float
@@ -67,6 +70,7 @@ class ToleranceBound(Result):
 
     limit: str
     unit: str
+    readable: tuple[str, float]
     sign: float
     half_widths: dict[str, float]
     nominal: float
@@ -86,9 +90,9 @@ class ToleranceBound(Result):
     def __str__(self) -> str:
         """The bound in the worst case, beside the nominal one and those that hold with a probability."""
         side = "below" if self.sign > 0 else "above"
-        worst, nominal = (quantity(value, self.unit) for value in (self.worst_case, self.nominal))
+        worst, nominal = (quantity(value, self.unit, shown=self.readable) for value in (self.worst_case, self.nominal))
         shares = [
-            f"{side} {quantity(q.value, self.unit)} in {number(100 * q.probability)} %"
+            f"{side} {quantity(q.value, self.unit, shown=self.readable)} in {number(100 * q.probability)} %"
             for q in self.quantiles
             if np.isfinite(q.value)
         ]
@@ -108,7 +112,8 @@ class ToleranceBound(Result):
             {"holds": f"in {number(100 * q.probability)} %", "bound": q.value, "low": q.low, "high": q.high}
             for q in self.quantiles
         ]
-        return frame_of(rows, dict.fromkeys(("bound", "low", "high"), self.unit))
+        columns = ("bound", "low", "high")
+        return frame_of(rows, dict.fromkeys(columns, self.unit), dict.fromkeys(columns, self.readable))
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:

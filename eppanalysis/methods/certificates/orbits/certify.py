@@ -11,14 +11,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError, ModelError
+from eppanalysis.errors import EppError, ModelError, require_packages
 from eppanalysis.methods.certificates.numbers import NotCovered
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
 from eppanalysis.methods.certificates.orbits.document import document_of
@@ -28,7 +27,6 @@ from eppanalysis.methods.certificates.orbits.multipliers import discs_of, return
 from eppanalysis.methods.certificates.orbits.path import ExactPath
 from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit, OrbitStability, Proof
 from eppanalysis.methods.certificates.orbits.shooting import Enclosure, Shooting
-from eppanalysis.methods.orbits.cycle import METHOD
 from eppanalysis.methods.orbits.exact import exact_orbit, start_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.orbit import Orbit, solve
@@ -37,7 +35,7 @@ from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, facts_of, standing
-from eppanalysis.results import LimitCycle
+from eppanalysis.results import EXACT_ORBIT, LimitCycle
 from eppanalysis.results.provenance import Provenance
 
 #: Which numbers a proof is about.
@@ -95,12 +93,11 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     >>> orbit.proved, orbit.stability.name, f"{orbit.period:.9f}"
     (True, 'STABLE', '2.197224577')
     """
-    if find_spec("flint") is None:
-        raise EppError("certify_orbit needs python-flint: pip install 'eppanalysis[proof]'.")
+    require_packages("certify_orbit", "proof", "flint")
     loop, at = standing(system, cycle.operating_point, "certify_orbit")
     _refuse(loop)
-    facts = {} if isinstance(system, LureSystem) else dict(facts_of(system))
-    if cycle.method != METHOD:
+    facts = dict(facts_of(system))
+    if cycle.method != EXACT_ORBIT:
         cycle = exact_orbit(loop, cycle, at)
     cycle.require_state(loop.A.shape[0])
     hybrid = steady_hybrid(loop, at)

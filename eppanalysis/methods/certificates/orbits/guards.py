@@ -67,6 +67,8 @@ def starts_of(path: ExactPath, arc: int, state: Any) -> dict[int, Start]:
                     f"It is not decided on which side of zero '{path.guard_name(g)}' stands behind "
                     f"'{path.guard_name(path.stages[arc - 1].fired)}'."
                 )
+            # The next derivative: a guard that is zero by an equation of the orbit leaves zero by the first that is not
+            # (docs/theory/certified_orbits.md, No event earlier).
             row = row * stage.rate
     return out
 

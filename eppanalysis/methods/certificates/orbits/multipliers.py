@@ -52,6 +52,8 @@ def return_map(shooting: Shooting, enclosure: Enclosure) -> Any:
         flow = (leg.rate * duration).exp()
         slope = leg.rate * (flow * start)
         speed = (leg.guard * slope).entries()[0]
+        # A neighbour meets the guard earlier or later; the projection along the flow takes that off (the saltation
+        # matrix, docs/theory/exact_orbits.md, Floquet multipliers).
         onto_guard = arb_mat(k, k, 1) - slope * leg.guard * (1 / speed)
         total = leg.jump * onto_guard * flow * total
     return arb_mat([row[: shooting.m] for row in total.tolist()[: shooting.m]])
@@ -72,6 +74,8 @@ def discs_of(matrix: Any, scale: Array) -> tuple[Disc, ...]:
     entries = matrix.tolist()
     scaled = acb_mat([[entries[i][j] * float(scale[j] / scale[i]) for j in size] for i in size])
     middle = np.array([[complex(v.mid()) for v in row] for row in scaled.tolist()])
+    # Any basis gives discs that hold the eigenvalues, for its inverse is taken in balls: floats only make them small.
+    # Schur's is unitary, so the inverse loses nothing; eigenvectors may nearly coincide.
     _, basis = linalg.schur(middle, output="complex")
     basis = acb_mat([[_point(v) for v in row] for row in basis])
     rows = (basis.inv() * scaled * basis).tolist()

@@ -114,6 +114,8 @@ class Shooting:
                 break
         else:
             raise NotCovered("Krawczyk's test fails: the equations of the cycle are singular, or nearly so.")
+        # With the contraction q the operator maps a box of radius R into one of |Y r| + q R: into its interior for
+        # twice |Y r|/(1 - q) (docs/theory/certified_orbits.md, Existence and uniqueness).
         radius = (2 * step / (1 - contraction) + arb(2) ** -_SMALLEST).upper()
         if not radius < box:
             raise NotCovered("Newton's method does not come close enough to the cycle for Krawczyk's test.")

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import require_packages
 
 Array = NDArray[np.float64]
 Vector = list[Fraction]
@@ -65,10 +65,8 @@ def largest_margin(matrices: list[Array], numbers: list[Array], bounded: int) ->
     EppError
         If the solver is not installed.
     """
-    try:
-        import clarabel
-    except ImportError as error:
-        raise EppError("Certificates need clarabel, a solver; expected: pip install 'eppanalysis[proof]'.") from error
+    require_packages("certify", "proof", "clarabel")
+    import clarabel
 
     size, root = len(numbers[0]), math.sqrt(2.0)
     rows = [np.array(numbers)]

@@ -27,12 +27,11 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from eppanalysis.models.systems.starts import remembered
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 
-METHOD = "exact orbit"
 #: Steps of Newton's method that better nothing.
 _IDLE = 5
 #: Change over a period, relative to the motion, of an orbit that is closed, and one at which Newton's method ends.
@@ -267,7 +266,7 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
     matrix = (found.derivative - np.eye(found.scale.size)) / found.scale[:, None] * found.scale
     noise = found.residual + np.finfo(float).eps * np.sqrt(last + 1.0)
     return LimitCycle(
-        method=METHOD,
+        method=EXACT_ORBIT,
         status=Status.CONVERGED,
         period=period,
         mean=shape.mean,
@@ -287,7 +286,9 @@ def locked_cycle(system: LureSystem, found: Round) -> LimitCycle:
         event_states=found.rows[:-1, :n].copy(),
         units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),
         note=f"locked to the samples: {found.n * strobe.every} of {strobe.controllers[0].sample_time:g} s",
-        provenance=Provenance(METHOD, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}),
+        provenance=Provenance(
+            EXACT_ORBIT, {"system": system.name, "samples": found.n * strobe.every}, {"residual": CLOSED}
+        ),
     )
 
 
@@ -332,7 +333,7 @@ def lengths_near(length: float) -> list[int]:
 
 
 def _none(start: LimitCycle, why: str) -> LimitCycle:
-    return replace(start, method=METHOD, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=why)
+    return replace(start, method=EXACT_ORBIT, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=why)
 
 
 def away(cycle: LimitCycle, start: LimitCycle) -> float:

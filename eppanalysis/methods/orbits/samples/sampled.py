@@ -27,14 +27,13 @@ from eppanalysis.methods.simulation.stability import describe, is_stable, multip
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 __all__ = ["SampledSearch", "sampled_orbit", "search_sampled"]
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-METHOD = "exact orbit"
 _ITERATIONS = 12
 _CLOSED = 1e-11  # change over a period, relative to the motion, of an orbit that is closed
 _SAME = 1e-7
@@ -193,14 +192,14 @@ def _limit_cycle(step: Step, orbit: _Found) -> LimitCycle:
     inverse = np.linalg.pinv((J[0] - np.eye(step.size)) / scale[:, None] * scale, rcond=1e-12)
     values = multipliers(J[0], scale, step.size)
     many = bool(np.any(np.abs(values - 1.0) < _NEUTRAL))
-    made_by = Provenance(METHOD, {"system": system.name, "samples": orbit.n, "time_step": system.time_step})
+    made_by = Provenance(EXACT_ORBIT, {"system": system.name, "samples": orbit.n, "time_step": system.time_step})
     cycle = cycle_of_samples(
         dict(zip(s.names, Y.T.copy(), strict=True)), orbit.n, float(system.time_step or 1.0), residual, made_by
     )
     stored = dict(zip(step.remembers, orbit.states[0, n:], strict=False))
     return replace(
         cycle,
-        method=METHOD,
+        method=EXACT_ORBIT,
         stable=None if border[0] else is_stable(values, many),
         stability_criterion=_BORDER if border[0] else describe(values, many),
         multipliers=None if border[0] else values,
@@ -283,7 +282,7 @@ def _all_orbits(step: Step, seeds: tuple[Array, list[Any]], lengths: Iterable[in
 def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
     """The closed orbit of a loop in discrete time nearest to an approximate one; see ``exact_orbit``."""
     step = _ready(system, at)
-    if start.state.size != system.A.shape[0] and start.method != "simulation":
+    if start.state.size != system.A.shape[0] and start.method != SIMULATION:
         raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
     x = start.state if start.state.size == system.A.shape[0] else system.x0
     memory = start.memory if len(start.memory) == len(system.elements) else system.memory
@@ -303,7 +302,7 @@ def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> 
     fit = [c for c in alike if start.stable is None or c.stable == start.stable] or alike
     if fit:
         return min(fit, key=lambda c: _away(c, start))
-    return replace(start, method=METHOD, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
+    return replace(start, method=EXACT_ORBIT, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"))
 
 
 def _middle(cycle: LimitCycle, n: int) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.samples.sample_step import Step
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ def _limit_cycle(step: Step, path: Array, W: Array, turns: Turns) -> LimitCycle:
     lengths = np.diff(turns.times)
     stored = dict(zip(step.remembers, path[first, n:], strict=False))
     return LimitCycle(
-        method="simulation",
+        method=SIMULATION,
         status=Status.CONVERGED,
         period=turns.period * T,
         mean=dict(zip(s.names, whole.mean(0).tolist(), strict=True)),

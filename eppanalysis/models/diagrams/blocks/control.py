@@ -19,6 +19,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.declared import Form, Section, choice, names, numbers, quantity, required
 from eppanalysis.models.elements.static import Quantiser
 from eppanalysis.models.systems.linear import StateSpace, transfer_function
+from eppanalysis.readable import count
 
 #: Blocks by the kind that a case file gives them.
 BLOCKS: dict[str, type[Block]] = {}
@@ -87,7 +88,7 @@ class Block(Section):
             expected = "numbers of which squares and quotients are finite"
             raise ModelError(f"{type(self).__name__}: its state space is not finite", expected=expected)
         if self.start is not None and len(self.start) != len(found.A):
-            expected = f"{len(found.A)} numbers, one for each state"
+            expected = f"{count(len(found.A), 'number')}, one for each state"
             raise ModelError(type(self).__name__, list(self.start), expected, field="start")
         return found if self.sample_time is None else self._executed(found)
 
@@ -236,10 +237,10 @@ class StateSpaceBlock(Block, kind="state_space"):
     def __post_init__(self) -> None:
         super().__post_init__()
         A, B, C, _ = self._matrices()
-        for which, given, count in (("in", self.input_names, B.shape[1]), ("out", self.output_names, len(C))):
-            default = (which,) if count == 1 else tuple(f"{which}{i + 1}" for i in range(count))
-            self._count(f"{which}put_names", given, count)
-            if given is not None and len(set(given)) < count:
+        for which, given, n in (("in", self.input_names, B.shape[1]), ("out", self.output_names, len(C))):
+            default = (which,) if n == 1 else tuple(f"{which}{i + 1}" for i in range(n))
+            self._count(f"{which}put_names", given, n)
+            if given is not None and len(set(given)) < n:
                 raise ModelError(type(self).__name__, list(given), "names that differ", field=f"{which}put_names")
             object.__setattr__(self, f"{which}puts", default if given is None else tuple(given))
         self._count("state_names", self.state_names, len(A))

@@ -45,6 +45,11 @@ class AveragedSystem(LureSystem):
         """The loop that it stands for."""
         return self if self.sampled is None else self.sampled
 
+    @property
+    def slowest(self) -> float:
+        """Longest time between two samples of a controller [s]."""
+        return max(c.sample_time for c in self.layout.controllers)
+
     @cached_property
     def layout(self) -> Places:
         """Where its parts stand in the loop that it stands for."""

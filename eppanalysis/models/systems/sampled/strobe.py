@@ -19,13 +19,36 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
+def sampled_among(elements: Iterable[Nonlinearity]) -> dict[int, SampledController]:
+    """The sampled controllers among the elements of a loop, by their places."""
+    return {i: e for i, e in enumerate(elements) if isinstance(e, SampledController)}
+
+
 def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
     """Whether there is a sampled controller among the elements of a loop."""
-    return any(isinstance(e, SampledController) for e in elements)
+    return bool(sampled_among(elements))
+
+
+#: What answers for loops with sampled controllers in the place of an analysis that does not cover them.
+_INSTEAD = {
+    "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
+    "at each value of the other",
+    "design": "design_bounds has the bound on one parameter at each value of another, and sweep a map over both",
+    "design_guide": "design_bounds has the bound on one parameter at each value of another",
+    "tolerance_bound": "a sweep over Tolerances with run='cycles' or 'simulate' counts the draws that oscillate",
+    "certify": "find_limit_cycles lists the cycles that it finds, without a proof",
+    "certify_orbit": "exact_orbit closes a locked cycle to rounding, without a proof",
+    "frozen_nyquist": "predict_limit_cycles and margins do",
+    "olop": "predict_limit_cycles and forced_response do",
+    "A batch": "simulate runs them one by one",
+}
+_COVER = (
+    "simulate, predict_limit_cycles, harmonic_balance, exact_orbit, find_limit_cycles, ladder, design_bounds and others"
+)
 
 
 def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
-    """Refuse a loop with sampled controllers.
+    """Refuse a loop with sampled controllers, and name what to use instead.
 
     Raises
     ------
@@ -33,10 +56,8 @@ def refuse_samples(elements: Iterable[Nonlinearity], analysis: str) -> None:
         If there is one.
     """
     if is_sampled(elements):
-        raise EppError(
-            f"{analysis} does not cover loops with sampled controllers; simulate, predict_limit_cycles, exact_orbit, "
-            "find_limit_cycles, design_bounds, continue_branch, trigger and forced_response do."
-        )
+        instead = _INSTEAD.get(analysis, f"{_COVER} do")
+        raise EppError(f"{analysis} does not cover loops with sampled controllers: {instead}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +77,14 @@ class Strobe:
     @classmethod
     def of(cls, hybrid: HybridSystem) -> Strobe | None:
         """That of a hybrid system; None where nothing is sampled."""
-        times = {i: e.sample_time for i, e in enumerate(hybrid.elements) if isinstance(e, SampledController)}
+        times = {i: e.sample_time for i, e in sampled_among(hybrid.elements).items()}
         return cls(hybrid, tuple(sorted(times, key=lambda i: -times[i]))) if times else None
 
     @property
     def controllers(self) -> tuple[SampledController, ...]:
         """The controllers, the slowest one first."""
-        return tuple(e for i in self.numbers if isinstance(e := self.hybrid.elements[i], SampledController))
+        controllers = sampled_among(self.hybrid.elements)
+        return tuple(controllers[i] for i in self.numbers)
 
     @cached_property
     def guard(self) -> int:

@@ -16,7 +16,6 @@ from scipy.optimize import brentq
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.certificates.orbits import certify as room
 from eppanalysis.methods.certificates.orbits.axes import OwnAxes
 from eppanalysis.methods.certificates.orbits.certify import certified
 from eppanalysis.methods.certificates.orbits.path import ExactPath
@@ -28,7 +27,6 @@ from eppanalysis.methods.orbits.orbit import solve
 from eppanalysis.methods.orbits.shooting import orbits_near
 from eppanalysis.models.systems.subject import standing
 from eppanalysis.results import LimitCycle, Status
-from eppanalysis.tables.console import certified_orbit_table
 from tests.coordinates import in_coordinates, orthogonal, rescaled
 from tests.random_loops import random_loop
 
@@ -181,7 +179,7 @@ def test_play_servo_just_above_the_onset_of_cycles() -> None:
     np.testing.assert_allclose(found.period, cycle.period, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ELBOWS)
+@pytest.mark.parametrize("name", ["row 1", *(pytest.param(n, marks=pytest.mark.slow) for n in [*ELBOWS][1:])])
 def test_elbow(name: str) -> None:
     case, cycle = elbow_cycle(name)
     begun = time.process_time()
@@ -308,7 +306,8 @@ def test_other_coordinates_and_units_leave_the_statement(name: str) -> None:
         )
         for found, factor in ((turned, 1.0), (scaled, 1e6)):
             assert_proved(found, wanted.stability)
-            assert found.events == wanted.events
+            # A periodic orbit may begin at any of its events.
+            assert found.events in [wanted.events[k:] + wanted.events[:k] for k in range(len(wanted.events))]
             np.testing.assert_allclose(found.period / factor, wanted.period, rtol=1e-11)
             # The m multipliers of one loop are those of the other; the discs hold both.
             away = np.abs(np.abs(found.multipliers) - np.abs(wanted.multipliers))
@@ -395,7 +394,7 @@ def test_discrete_time_is_refused() -> None:
 
 def test_without_flint_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     loop, cycle = hysteresis(0.5)
-    monkeypatch.setattr(room, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(EppError, match="pip install"):
         epp.certify_orbit(loop, cycle)
 
@@ -409,7 +408,7 @@ def test_what_is_returned_is_plain_and_can_be_checked_again() -> None:
     assert json.loads(json.dumps(found.to_dict()))["status"] == "proved"
     assert found.to_frame().shape == (1, 3) and found.plot() is not None
     assert "proved to lie inside" in str(found)
-    assert certified_orbit_table(found).row_count == 6
+    assert epp.table(found).content.row_count == 6
     # From the evidence alone: the times of both arcs add up to the period, and the thresholds are the decimals given.
     with ctx.workprec(200):
         pairs = [text.split("*2^") for text in json.loads(found.evidence["durations"])]

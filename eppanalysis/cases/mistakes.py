@@ -1,0 +1,187 @@
+"""All mistakes of a case file at once: what is wrong is taken out, and what is left is looked at again.
+
+A name that is taken out is missed elsewhere, and what a connection drove is left open: what follows from that is no
+mistake of the file. What stands behind it in the same field or connection is then not seen, and the names are told.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from eppanalysis.cases.files import Missing, RawCase, read_raw
+from eppanalysis.cases.model import load
+from eppanalysis.errors import CaseError, EppError
+from eppanalysis.readable import listed
+
+#: A file with more mistakes than these is something else.
+_MOST = 200
+#: How a refusal tells the name that it does not know, and the connection that leaves an input at zero.
+_UNKNOWN, _AT_ZERO = re.compile(r"in place of '([A-Za-z_]\w*)"), re.compile(r"'(0 -> [\w.]+)'")
+_AROUND = re.compile(r"the algebraic loop through (\w+)")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+#: Sections of things with names, and what stands in for what a file cannot be without.
+_NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
+_STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_end": "1 s"}
+
+
+class Mistakes(NamedTuple):
+    """Mistakes of a file, each in one sentence, and the names that are wrong and used elsewhere, which was not seen."""
+
+    found: tuple[CaseError, ...]
+    not_seen: tuple[str, ...]
+
+
+def mistakes_in(path: str | Path) -> Mistakes:
+    """The mistakes of a case file; none where it is valid.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    CaseError
+        If it cannot be read as TOML.
+    """
+    reading = _Reading(read_raw(Path(path), str(path)))
+    for _ in range(_MOST):
+        try:
+            load(reading.left)
+            break
+        except CaseError as error:
+            if not reading.follows(error):
+                reading.found.append(reading.as_written(error))
+            if not reading.take_out(error):
+                break
+    return Mistakes(tuple(reading.found), tuple(reading.missed))
+
+
+def sentences_of(text: str, first: EppError) -> list[str]:
+    """The mistakes of a case file, a sentence each, of which the first is known; that alone where it is none of it."""
+    if not (os.path.isfile(text) and isinstance(first, CaseError) and first.field):
+        return [str(first)]
+    found, not_seen = mistakes_in(text)
+    sentences = [str(error) for error in found]
+    if str(first) not in sentences:
+        sentences.append(str(first))
+    if not_seen:
+        sentences.append(f"{text}: what uses {listed(not_seen)} was not looked at; check again when that is mended.")
+    return sentences
+
+
+@dataclass
+class _Reading:
+    """A file under way; lives for one call.
+
+    Attributes
+    ----------
+    left : RawCase
+        What has not been taken out.
+    found : list of CaseError
+    gone : set of str
+        Names, and fields, that have been taken out.
+    missed : dict of str to None
+        Names among them that were used elsewhere.
+    cut : list of int
+        Places of the connections that have been.
+    fed : set of str
+        Names in these connections.
+    """
+
+    left: RawCase
+    found: list[CaseError] = field(default_factory=list)
+    gone: set[str] = field(default_factory=set)
+    missed: dict[str, None] = field(default_factory=dict)
+    cut: list[int] = field(default_factory=list)
+    fed: set[str] = field(default_factory=set)
+
+    def follows(self, error: CaseError) -> bool:
+        """Whether a mistake is there only because of what was taken out."""
+        unknown = _UNKNOWN.search(error.expected)
+        if unknown and unknown[1] in self.gone:
+            self.missed[unknown[1]] = None
+            return True
+        if error.field in self.gone or (isinstance(error.value, Missing) and _part(error.field) in self.gone):
+            return True
+        open_input = _AT_ZERO.search(error.expected)
+        if open_input:
+            return open_input[1].split()[-1].partition(".")[0] in self.fed
+        return "drives nothing" in error.expected and error.field.rpartition(".")[2] in self.fed
+
+    def as_written(self, error: CaseError) -> CaseError:
+        """The same with the connection's number in the file."""
+        section, _, place = error.field.partition(".")
+        if section != "connect" or not place.isdigit():
+            return error
+        number = int(place)
+        for taken in sorted(self.cut):
+            number += taken <= number
+        return CaseError(error.source, f"{section}.{number}", error.value, error.expected)
+
+    def take_out(self, error: CaseError) -> bool:
+        """Take out what is wrong; whether there was anything to be taken out."""
+        data, at = copy.deepcopy(self.left.data), error.field
+        self.left = replace(self.left, data=data)
+        open_input = _AT_ZERO.search(error.expected)
+        if at == "connect" and open_input:
+            data["connect"].append(open_input[1])
+            return True
+        around = _AROUND.search(error.expected)
+        if at == "connect" and around:
+            at = next(
+                (f"{place}.{around[1]}" for place in ("blocks", "elements") if around[1] in data.get(place, {})), at
+            )
+        if at == "kind" and at not in self.gone:
+            self.gone.add(at)
+            data["kind"] = "diagram" if "connect" in data else "loop"
+            return "connect" in data or "loop" in data
+        path = at.split(".")
+        if at in _STAND_INS and (len(path) == 1 or isinstance(data.get(path[0]), dict)):
+            holder = data if len(path) == 1 else data[path[0]]
+            changed = holder.get(path[-1]) != _STAND_INS[at]
+            holder[path[-1]] = _STAND_INS[at]
+            return changed
+        if isinstance(error.value, Missing):
+            path = _part(at).split(".")
+        return self._remove(data, path)
+
+    def _remove(self, data: dict[str, Any], path: list[str]) -> bool:
+        """Take out the field at a path, or the list of numbers that it stands in."""
+        if path[0] == "connect" and len(path) == 2:
+            self.cut.append(int(self.as_written(CaseError("", ".".join(path), "", "")).field.partition(".")[2]))
+            self.fed |= set(_NAME.findall(str(data["connect"].pop(int(path[1])))))
+            return True
+        here: Any = data
+        for i, key in enumerate(path):
+            inner = here[int(key)] if isinstance(here, list) else here.get(key)
+            if i == len(path) - 1 or not isinstance(inner, dict | list) or _is_plain(inner):
+                return self._gone_from(here, path[: i + 1])
+            here = inner
+        return False
+
+    def _gone_from(self, holder: Any, path: list[str]) -> bool:
+        if not isinstance(holder, dict) or path[-1] not in holder:
+            return False
+        taken = holder.pop(path[-1])
+        self.gone |= {".".join(path), _part(".".join(path))}
+        if path[0] in _NAMED and len(path) == 2:
+            self.gone.add(path[1])
+        elif path[0] in _NAMED and len(path) == 1:
+            self.gone |= set(_NAME.findall(str(taken)))
+        return True
+
+
+def _part(at: str) -> str:
+    """The part, or the other table of a section, that a field belongs to."""
+    return ".".join(at.split(".")[:2])
+
+
+def _is_plain(inner: Any) -> bool:
+    """Whether a list holds numbers or texts, and no tables."""
+    return isinstance(inner, list) and not any(isinstance(v, dict) for v in inner)

@@ -1,0 +1,62 @@
+"""How the page looks: colours of its widgets by day and by night, what is in focus, and names for those who listen."""
+
+from __future__ import annotations
+
+#: Of every widget: the page's own colours, which are inherited, and an outline round what the keyboard is at.
+WIDGETS = """
+:host { color: var(--ink); }
+.bk-input, .bk-btn { background: var(--paper); color: var(--ink); border-color: var(--line); }
+.bk-btn:hover { border-color: var(--accent); }
+.bk-slider-title { overflow-wrap: anywhere; }
+.noUi-target { background: var(--line); }
+:focus-visible, .noUi-handle:focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }
+"""
+
+#: Colours of the pictures after those of the page, now and when they change; names of the sliders' handles.
+LOOKS = """
+const night = matchMedia('(prefers-color-scheme: dark)');
+const doc = Bokeh.documents[0];
+const find = (node, test, found = []) => {
+  if (node.matches && test(node)) found.push(node);
+  if (node.shadowRoot) for (const child of node.shadowRoot.children) find(child, test, found);
+  for (const child of node.children || []) find(child, test, found);
+  return found;
+};
+const paint = () => {
+  const [paper, ink, line] = night.matches ? ['#16181c', '#e8e8e8', '#50545c'] : ['#ffffff', '#1a1a1a', '#e5e5e5'];
+  for (const plot of doc.roots().filter((root) => root.renderers)) {
+    plot.background_fill_color = paper;
+    plot.border_fill_color = paper;
+    plot.outline_line_color = line;
+    plot.title.text_color = ink;
+    const parts = ['left', 'right', 'above', 'below', 'center'].flatMap((side) => plot[side]);
+    for (const part of parts) {
+      if (part.type === 'Grid') part.grid_line_color = line;
+      if (part.type === 'Legend') { part.label_text_color = ink; part.background_fill_color = paper; }
+      if (part.axis_label_text_color !== undefined) {
+        part.axis_label_text_color = part.major_label_text_color = ink;
+        part.axis_line_color = part.major_tick_line_color = part.minor_tick_line_color = ink;
+      }
+    }
+    for (const renderer of plot.renderers) {
+      const dark = renderer.glyph.tags?.includes('ink') || renderer.tags?.includes('ink');
+      if (dark) { renderer.glyph.line_color = {value: ink}; renderer.glyph.fill_color = {value: ink}; }
+    }
+  }
+};
+const name = () => {
+  for (const root of doc.roots().filter((one) => one.tags.length && one.start !== undefined)) {
+    const place = document.querySelector(`[data-root-id="${root.id}"]`);
+    for (const handle of find(place, (node) => node.matches('.noUi-handle'))) {
+      handle.setAttribute('aria-label', root.title);
+      handle.setAttribute('aria-valuetext', `${root.title} ${+root.value.toPrecision(6)}`);
+    }
+  }
+};
+night.addEventListener('change', paint);
+paint();
+setTimeout(name, 0);
+for (const root of doc.roots().filter((one) => one.tags.length && one.start !== undefined)) {
+  root.properties.value.change.connect(() => setTimeout(name, 0));
+}
+"""

@@ -1,0 +1,323 @@
+"""What a guideline is: how far one parameter may go at each value of another, for each variant of a design.
+
+Every row holds the bound on the limited parameter, how it is known, what remains of it under tolerances and margins,
+and where the case's own run no longer comes to rest. For the backlash of an elbow the limit is also a length at the
+pulley and a force by equations (1) and (2) of the paper, ``dX = R beta`` and ``dF = K dX``. Tables are made by pandas;
+nothing here formats one by hand.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eppanalysis.arguments import checked
+from eppanalysis.cases import Case
+from eppanalysis.methods.bounds.result import BoundCell
+from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
+from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, with_unit, words
+from eppanalysis.results import PlainData, Result
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+#: Of the guidelines of an elbow: the gain, and the backlash.
+GAIN, LIMIT = "bands.range", "lock_pin.backlash"
+_NAN = float("nan")
+
+
+class Region(StrEnum):
+    """What a design does, by where it stands to its limit; in words that stand in a manual."""
+
+    FREE = "free of oscillation"
+    STRUCK = "rests unless struck"
+    UNKNOWN = "oscillation possible"
+    RUNS = "oscillates in its own run"
+    NONE = "no limit known"
+
+
+@dataclass(frozen=True, eq=False)
+class GuideRow(PlainData):
+    """The guideline at one value of the parameter that runs, for one variant, in SI units.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        The parameter that runs, and those that make the variant.
+    cell : BoundCell
+        The bound, its tests and its elasticities.
+    allowed : float
+        The bound with the margins asked for taken off, in the SI unit of the limited parameter.
+    pulley, force : float
+        Of the backlash of an elbow: ``R allowed``, play of the cable at the pulley [m], and ``K R allowed``, change of
+        the cable's force as the forearm passes through the gap [N]; nan for other limits.
+    tolerance : ToleranceBound or None
+        Bounds under tolerances, at the gain with its margin; the margin on the limit is not taken off.
+    from_rest : float
+        The value from which on the case's own run ends on a cycle; nan where it does not, or was not asked.
+    own : float
+        The case's own value of the limited parameter; nan where it has none.
+    trigger : float
+        Smallest step of an external input that starts the oscillation at the case's own value, in the input's SI unit;
+        nan where there is none, or the case's own value is within the bound.
+    missing : str
+        Why there is no bound under tolerances though they are given; empty where nothing is missing.
+    rests_to : float
+        The value up to which the case's own run came to rest, wherever between it and the bound it was tried; nan where
+        it did not, or was not asked.
+    struck : str
+        The input whose step `trigger` is; empty where there is none.
+    """
+
+    values: dict[str, float]
+    cell: BoundCell
+    allowed: float
+    pulley: float
+    force: float
+    tolerance: ToleranceBound | None
+    from_rest: float
+    own: float
+    trigger: float
+    missing: str = ""
+    rests_to: float = _NAN
+    struck: str = ""
+
+    in_json = "values bound=cell allowed pulley force tolerance from_rest rests_to own trigger struck missing"
+
+    @property
+    def within(self) -> bool:
+        """Whether the case's own value is on the safe side of what is allowed."""
+        return self.cell.sign * (self.allowed - self.own) >= 0
+
+    @property
+    def region(self) -> Region:
+        """What the case does with its own value."""
+        if not math.isfinite(self.allowed) or math.isnan(self.own):
+            return Region.NONE
+        sign = self.cell.sign
+        if self.within:
+            return Region.FREE
+        if math.isfinite(self.from_rest) and sign * (self.own - self.from_rest) >= 0:
+            return Region.RUNS
+        rests = math.isfinite(self.rests_to) and sign * (self.rests_to - self.own) >= 0
+        return Region.STRUCK if rests else Region.UNKNOWN
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Guide(Result):
+    """Guidelines of a case; see :func:`design_guide`.
+
+    Attributes
+    ----------
+    case : Case
+    over, limit : str
+        The parameter that runs, and the one that is bounded.
+    varied : tuple of str
+        The parameters that make the variants.
+    rows : tuple of GuideRow
+    margins : dict of str to float
+    not_covered : str
+        What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
+    """
+
+    case: Case
+    over: str
+    limit: str
+    varied: tuple[str, ...]
+    rows: tuple[GuideRow, ...]
+    margins: dict[str, float]
+    not_covered: str = ""
+
+    in_json = "over limit varied margins not_covered rows sentences provenance"
+
+    @property
+    def of_backlash(self) -> bool:
+        """Whether the limit is the backlash of an elbow, which is also a play at the pulley and a force."""
+        return self.limit == LIMIT
+
+    @property
+    def side(self) -> str:
+        """On which side of the limits the design is free of oscillation."""
+        return "above" if any(row.cell.sign < 0 and math.isfinite(row.allowed) for row in self.rows) else "below"
+
+    def variants(self) -> dict[tuple[float, ...], list[GuideRow]]:
+        """The rows by the values of the parameters that make the variants, each over the parameter that runs."""
+        groups: dict[tuple[float, ...], list[GuideRow]] = {}
+        for row in self.rows:
+            groups.setdefault(tuple(row.values[name] for name in self.varied), []).append(row)
+        return groups
+
+    def variant_in_words(self, variant: tuple[float, ...]) -> str:
+        """The parameters of a variant with their values."""
+        pairs = zip(self.varied, variant, strict=True)
+        return ", ".join(f"{in_words(name)} {self.case.text(name, value, DIGITS)}" for name, value in pairs)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The table, in the units that people use, with the unit of every column in its name."""
+        import pandas
+
+        return pandas.DataFrame([self._line(row) for row in self.rows])
+
+    def rounded(self) -> pandas.DataFrame:
+        """The table as texts, its numbers of four significant digits on the safe side; a dash where there is none."""
+        return self.to_frame().map(partial(cut_text, up=self.side == "above"))
+
+    def _line(self, row: GuideRow) -> dict[str, Any]:
+        line: dict[str, Any] = {}
+        for name, value in row.values.items():
+            unit, factor = self.case.readable(name)
+            line[with_unit(in_words(name), unit)] = factor * value
+        unit, factor = self.case.readable(self.limit)
+        side = "largest" if self.side == "below" else "smallest"
+        line[with_unit(f"{side} {in_words(self.limit)}", unit)] = factor * row.allowed
+        if self.of_backlash:
+            line["at the pulley [mm]"] = 1e3 * row.pulley
+            line["force change [lbf]"] = self.case.readable(GAIN)[1] * row.force
+            line["force change [N]"] = row.force
+        if row.tolerance is not None:
+            shown = {"worst case": row.tolerance.worst_case}
+            for q in row.tolerance.quantiles:
+                name = f"{100 * q.probability:g} %"
+                shown |= {name: q.value, f"{name} from": q.low, f"{name} to": q.high}
+            line |= {with_unit(name, unit): factor * self.less_margin(value) for name, value in shown.items()}
+        if self._applied:
+            line["margins taken off"] = ", ".join(self._applied)
+        begins = "oscillates from rest" if self.of_backlash else "own run oscillates"
+        line |= {
+            with_unit("first order", unit): factor * row.cell.first_order,
+            with_unit(f"{begins} {'above' if self.side == 'below' else 'below'}", unit): factor * row.from_rest,
+            with_unit(f"own {in_words(self.limit)}", unit): factor * row.own,
+        }
+        if self.of_backlash:
+            line["disturbance that starts it [mm]"] = 1e3 * abs(row.trigger)
+        missing = f"No bound under tolerances: {row.missing}." if row.missing else ""
+        line |= {
+            "verified": "yes" if row.cell.verified else "no",
+            "remark": " ".join(t for t in (row.cell.message, missing) if t),
+        }
+        return line
+
+    def less_margin(self, bound: float) -> float:
+        """A bound on the limited parameter with the margin on it taken off, in its SI unit."""
+        factor = self.margins.get(self.limit, 1.0)
+        return bound / factor if self.side == "below" else bound * factor
+
+    @property
+    def _applied(self) -> list[str]:
+        """The margins that change anything, in words."""
+        return [f"a factor of {factor:g} on {in_words(name)}" for name, factor in self.margins.items() if factor > 1.0]
+
+    def sentences(self) -> list[str]:
+        """The table in plain words."""
+        rows = [self._sentence(row) for row in self.rows]
+        if self._applied:
+            kinds = "bound, also where tolerances are used up" if any(row.tolerance for row in self.rows) else "bound"
+            rows.append(f"Taken off every {kinds}: {' and '.join(self._applied)}.")
+        return [*rows, self.not_covered] if self.not_covered else rows
+
+    def _kept(self, value: float, sign: float) -> str:
+        """On which side of a value the limited parameter is to be kept, rounded to the safe side in three digits."""
+        factor = self.case.readable(self.limit)[1]
+        shown = cut(factor * value, 3, up=sign < 0)
+        return f"{'under' if sign > 0 else 'above'} {self.case.text(self.limit, shown / factor, 3)}"
+
+    def _sentence(self, row: GuideRow) -> str:
+        place = " and ".join(f"{in_words(n)} of {self.case.text(n, v, 4)}" for n, v in row.values.items())
+        if not math.isfinite(row.allowed):
+            return f"At a {place}: {row.cell.message}"
+        sign = row.cell.sign
+        out = f"At a {place} keep {in_words(self.limit)} {self._kept(row.allowed, sign)}"
+        if self.of_backlash:
+            lbf = self.case.readable(GAIN)[1]
+            out += (
+                f" ({cut(1e3 * row.pulley, 2):.2g} mm at the pulley, "
+                f"{cut(lbf * row.force, 2):.2g} lbf or {cut(row.force, 2):.2g} N of cable force)"
+            )
+        if row.tolerance is not None:
+            worst = self._kept(self.less_margin(row.tolerance.worst_case), sign)
+            out += f"; {worst} where every tolerance is used up"
+        if row.missing:
+            out += f" (no bound under tolerances: {row.missing})"
+        return out + self._of_own(row)
+
+    def _of_own(self, row: GuideRow) -> str:
+        """What the sentence of a row says of the case's own value."""
+        if math.isnan(row.own):
+            return "."
+        device = "elbow" if self.case.kind == "elbow" else "case"
+        own = self.case.text(self.limit, row.own, 3)
+        if row.within:
+            return (
+                f". The {own} of this {device} are within it." if self.of_backlash else f". Its own {own} is within it."
+            )
+        out = f". This {device} has {own}: "
+        if math.isfinite(row.trigger):
+            step = (
+                f"{1e3 * abs(row.trigger):.2g} mm"
+                if self.of_backlash
+                else quantity(abs(row.trigger), self.case.input_unit, 2)
+            )
+            where = "at the harness" if self.of_backlash else f"of {words(row.struck)}"
+            return out + f"a step of {step} {where} starts an oscillation that stays."
+        if self.of_backlash:
+            return out + "an oscillation exists, but no step of the harness that was tried starts it."
+        return out + {
+            Region.RUNS: "its own run ends in an oscillation.",
+            Region.STRUCK: "it rests unless struck; an oscillation exists beside rest.",
+        }.get(row.region, "it is not within the limit, and may oscillate.")
+
+    def __str__(self) -> str:
+        """The strictest of the bounds, and how many there are."""
+        known = [row for row in self.rows if math.isfinite(row.allowed)]
+        name = in_words(self.limit)
+        if not known:
+            why = " ".join(dict.fromkeys(row.cell.message or row.cell.finding.sentence for row in self.rows))
+            at = count(len(self.rows), "design")
+            return f"No bound on the {name} of {self.case.name} was found at {at}. {why}".strip()
+        strictest = min(known, key=lambda row: row.cell.sign * row.allowed)
+        at = " and ".join(f"{in_words(n)} of {self.case.text(n, v, DIGITS)}" for n, v in strictest.values.items())
+        tested = sum(row.cell.verified for row in known)
+        missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
+        how = f"{tested} of them verified" if not self.not_covered else "found by search"
+        return (
+            f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}, the strictest of "
+            f"{count(len(known), 'bound')} (at a {at}); {how}{missing}."
+        )
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The limits as a grid by design, and the regions over the parameter that runs; into axes the regions alone."""
+        return self.drawn("plot_guide", ax)
+
+    def write(self, path: Path) -> None:
+        """Write the table (.md, .csv, .tex, .html, .xlsx) or the picture (.png, .svg, .pdf), by the name's ending.
+
+        Raises
+        ------
+        EppError
+            If the ending is not known or the file cannot be written.
+        """
+        self.by("files", "write_guide", path)
+
+
+def in_words(name: str) -> str:
+    """A parameter as manuals call it.
+
+    Examples
+    --------
+    >>> in_words("bands.range"), in_words("controller.kp"), in_words("Kp")
+    ('profile range', 'controller kp', 'Kp')
+    """
+    elbow = {
+        "bands.range": "profile range",
+        "lock_pin.backlash": "backlash",
+        "cable.stiffness": "cable stiffness",
+        "pulley.friction": "pulley friction",
+        "forearm.prehensor_mass": "prehensor mass",
+    }
+    return elbow.get(name) or words(name)

@@ -1,0 +1,129 @@
+"""What a search for the least dither returns: the amplitude, first order beside it, and the runs that tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.dither.runs import DitherRun
+from eppanalysis.methods.dither.smoothed import Wave, smoothed
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.readable import count, percent
+from eppanalysis.results import LimitCycle, Result, Status
+from eppanalysis.results.shown import frame_of
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+#: Share of the dither that the loop may return before the sentence warns of it.
+_MUCH = 0.05
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Dither(Result):
+    """The least dither that removes a limit cycle.
+
+    Attributes
+    ----------
+    element : str
+        Name of the element that is dithered.
+    characteristic : Nonlinearity
+        That element.
+    wave : {"sine", "triangle"}
+    frequency : float
+        Of the dither [Hz].
+    amplitude : float
+        The least at which runs show that the cycle goes, in the unit of the element's input; nan where none does.
+    stays : float
+        The largest at which they show that it stays, or cannot tell; 0 where they show none.
+    first_order : float
+        The least at which the smoothed loop has no stable cycle in first order; nan where it always has one.
+    size : float
+        Peak-to-peak of the element's input on the cycle.
+    cycle : LimitCycle
+        The one that is removed.
+    returned : float
+        Share of the dither that the loop brings back to the element's input, in first order: zero for one that is fast.
+    predicted : array, shape (k, 2)
+        Amplitudes of the dither, and of the slow cycle's input its peak-to-peak in first order there; 0 for none.
+    runs : tuple of DitherRun
+        By amplitude.
+    status : Status
+        UNDECIDED where runs do not show on both sides of one amplitude that the cycle stays and goes.
+    """
+
+    element: str
+    characteristic: Nonlinearity
+    wave: Wave
+    frequency: float
+    amplitude: float
+    stays: float
+    first_order: float
+    size: float
+    cycle: LimitCycle
+    returned: float
+    predicted: Array
+    runs: tuple[DitherRun, ...]
+    status: Status
+
+    in_json = (
+        "element wave frequency amplitude stays first_order size returned status sentence cycle predicted runs "
+        "operating_point provenance"
+    )
+
+    @property
+    def effective(self) -> Nonlinearity:
+        """What the least dither makes of the element: its `output` is the effective characteristic for slow inputs."""
+        used = self.amplitude if np.isfinite(self.amplitude) else self.first_order
+        return smoothed(self.characteristic, used, self.wave)
+
+    @property
+    def gain(self) -> float:
+        """Its gain for small slow signals."""
+        return float(np.real(self.effective.describing_function(0.0)[1]))
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def sentence(self) -> str:
+        """The least dither, first order beside it, and what was not looked at."""
+        what = f"a {self.wave} of {self.frequency:.4g} Hz at the input of {self.element}"
+        first = f"{self.first_order:.4g}" if np.isfinite(self.first_order) else "none"
+        if not np.isfinite(self.amplitude):
+            told = f"No amplitude that was run removes the limit cycle by {what}; first order says {first}."
+        elif not self.stays:
+            told = f"The limit cycle goes under {what} of amplitude {self.amplitude:.4g} and of all less that were run."
+        else:
+            told = (
+                f"The least dither that removes the limit cycle is {what} of amplitude {self.amplitude:.4g}; at "
+                f"{self.stays:.4g} {self._below()}. First order says {first}. The effective gain for small signals is "
+                f"then {self.gain:.4g}."
+            )
+        if self.returned > _MUCH:
+            told += (
+                f" The loop returns {percent(self.returned)} of the dither to the element, which first order leaves "
+                "out: of a faster one it would return less."
+            )
+        return (
+            f"{told} Shown by {count(len(self.runs), 'run')} from the cycle and from the loop's own start; "
+            "other starts were not looked at."
+        )
+
+    def _below(self) -> str:
+        unclear = any(run.amplitude == self.stays and run.gone is None for run in self.runs)
+        return "the runs cannot tell" if unclear else "it stays"
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a run: amplitude of the dither [SI], start, share of the cycle left, periods, whether it is gone."""
+        return frame_of([vars(run) for run in self.runs], {"amplitude": ""})
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """What is left of the cycle over the dither's amplitude; the effective characteristic in a second panel."""
+        return self.drawn("plot_dither", ax)

@@ -1,0 +1,41 @@
+"""The picture of a checked element: its describing function and its energy over the amplitude. Computes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.plotting import BLUE, VERMILLION, places_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from eppanalysis.methods.elements.result import ElementCheck
+
+
+def plot_element_check(found: ElementCheck, ax: Axes | None = None) -> Figure:
+    """Real and imaginary part of the describing function, and below the energy that is taken up."""
+    figure, (upper, *below) = places_of(ax, 2, height=2.6)
+    rules = {True: "deterministic", False: "not deterministic", None: "rules not decided"}[found.deterministic]
+    chatter = {True: ", can chatter", False: ", cannot chatter", None: ""}[found.can_chatter]
+    upper.set_title(f"{found.name}: {rules}{chatter}", fontsize=10)
+    _draw(upper, found.amplitudes, {"Re N": found.gain.real, "Im N": found.gain.imag}, "describing function N")
+    for lower in below:
+        energies = {"input is a way": found.over_way, "input is a speed": found.over_speed}
+        _draw(lower, found.amplitudes, energies, "energy taken up\nin a period")
+    return figure
+
+
+def _draw(ax: Axes, amplitudes: NDArray[np.float64], curves: Mapping[str, NDArray[np.float64]], label: str) -> None:
+    for (name, values), colour, line in zip(curves.items(), (BLUE, VERMILLION), ("-", "--"), strict=True):
+        ax.plot(amplitudes, values, line, color=colour, linewidth=1.6, label=name)
+    ax.axhline(0.0, color="0.6", linewidth=0.8)
+    if amplitudes.size and np.all(amplitudes > 0) and np.ptp(amplitudes) > 0:
+        ax.set_xscale("log")
+    ax.set_xlabel("amplitude A of the input")
+    ax.set_ylabel(label)
+    ax.legend(fontsize=7, loc="best")

@@ -1,0 +1,217 @@
+"""Whether the rules of an automaton are unambiguous, and whether it can chatter: chains of events that take no time.
+
+From each guard the chains are followed over all inputs, rates and memory values at which it can rise, whether a motion
+reaches them or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.elements.polyhedra import ROUNDING, Place, Region
+from eppanalysis.models.elements.automaton import Automaton, Guard
+
+Array = NDArray[np.float64]
+#: Most linear programs; most events of a chain that is followed at a point.
+_MOST_PROGRAMS, _LONGEST = 20_000, 1000
+#: Fields of a guard that say what its event does.
+_DOES = ("target", "bypass", "memory_from_input", "memory_from_memory", "memory_constant", "impulse")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something about the rules that is not as one would have it.
+
+    Attributes
+    ----------
+    kind : str
+        "overlap" (two guards that do different things rise at once), "tie" (they do so only where their surfaces meet),
+        "endless" (events follow one another without end in no time) or "chatter" (events take one another back without
+        a gap, with a jump of the output).
+    mode : str
+        Where it begins.
+    guards : tuple of str
+        Names of the guards.
+    inputs, rates, memory : tuple of float
+        An example [SI].
+    """
+
+    kind: str
+    mode: str
+    guards: tuple[str, ...]
+    inputs: tuple[float, ...] = ()
+    rates: tuple[float, ...] = ()
+    memory: tuple[float, ...] = ()
+
+
+@dataclass
+class Rules:
+    """Examines the rules of an automaton; the rest grows while it is at work.
+
+    Attributes
+    ----------
+    automaton : Automaton
+    rate_is_input : bool
+        Whether the second input is the rate of the first.
+    found : list of Finding
+    complete : bool
+        Whether all of it could be examined.
+    """
+
+    automaton: Automaton
+    rate_is_input: bool = False
+    found: list[Finding] = field(default_factory=list)
+    complete: bool = True
+    programs: int = 0
+    guards: list[list[Guard]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.guards = [self.automaton.guards_of(mode) for mode in range(len(self.automaton.modes))]
+
+    def examine(self) -> list[Finding]:
+        """All that is found, once each."""
+        if any(np.any(g.on_output) and np.any(self.automaton.modes[g.mode].from_smooth) for g in self.automaton.guards):
+            self.complete = False  # the surface of such a guard is no plane
+            return []
+        whole = self._tied(Region.all_of(self.automaton))
+        begin = self.automaton.start_memory
+        start = Place(self.automaton.start_mode, np.column_stack([np.zeros((begin.size, whole.scale.size)), begin]))
+        self._follow(whole, start, (start.mode,))
+        for mode in range(len(self.automaton.modes)):
+            self._ties(whole, mode)
+            for guard in self.guards[mode]:
+                self._from(whole, guard)
+        return list({(f.kind, f.mode, f.guards): f for f in self.found}.values())
+
+    def _tied(self, whole: Region) -> Region:
+        """With the second input as the rate of the first, where it is."""
+        if not self.rate_is_input:
+            return whole
+        same = np.zeros(whole.scale.size + 1)
+        same[1], same[self.automaton.n_inputs] = 1.0, -1.0
+        return whole.on(same)
+
+    def _from(self, whole: Region, guard: Guard) -> None:
+        """What follows on a guard that rises in its mode."""
+        place = whole.place(guard.mode)
+        face = self._face(whole, [guard])
+        if self._highest(face, [])[0] < 0.0:
+            return
+        for behind in self._behind(face, guard, place):
+            self._follow(face, behind, (behind.mode,))
+        if not (self._sticks(guard.mode) or self._sticks(guard.target)):
+            self._back(face, place, (guard,), (place,))
+
+    def _face(self, whole: Region, guards: Sequence[Guard]) -> Region:
+        """Points at which guards of a mode rise through zero while the others of the mode are not above it."""
+        mode = guards[0].mode
+        place, stays = whole.place(mode), [g for g in self.guards[mode] if all(g is not one for one in guards)]
+        face = whole.within(*(-whole.row(g, place, leaves=True) for g in stays))
+        for row in (whole.row(g, place, leaves=True) for g in guards):
+            face, rise = face.on(row), whole.rise(row)
+            face = face if rise is None else face.within(rise)
+        if self._sticks(mode):
+            still, rests = np.zeros((2, whole.scale.size + 1))
+            still[0], still[-1], rests[self.automaton.n_inputs] = 1.0, -self.automaton.modes[mode].level, 1.0
+            face = face.on(still, rests)
+        return face
+
+    def _sticks(self, mode: int) -> bool:
+        return self.automaton.modes[mode].sticking
+
+    def _highest(self, region: Region, rows: Sequence[Array]) -> tuple[float, Array]:
+        self.programs += 1
+        if self.programs > _MOST_PROGRAMS:
+            self.complete = False
+            return -np.inf, np.zeros(0)
+        return region.highest(rows)
+
+    def _ties(self, whole: Region, mode: int) -> None:
+        """Guards of a mode that can rise together."""
+        for pair in combinations(self.guards[mode], 2):
+            if not _differ(*pair):
+                continue
+            value, point = self._highest(self._face(whole, pair), [])
+            if value > 0.0:
+                one, other = (whole.row(g, whole.place(mode), leaves=True) for g in pair)
+                self._note("overlap" if _alike(one, other) else "tie", mode, pair, point)
+
+    def _behind(self, region: Region, guard: Guard, place: Place) -> Iterator[Place]:
+        """Where an event leads; past a sticking mode, too, which the loop need not admit."""
+        behind = region.behind(guard, place)
+        yield behind
+        if self._sticks(behind.mode) and guard.bypass >= 0:
+            yield behind._replace(mode=guard.bypass)
+
+    def _follow(self, region: Region, place: Place, passed: tuple[int, ...]) -> None:
+        """Guards of a mode that are passed as it is entered: two of them at once, and where each of them leads."""
+        rows = [(g, region.row(g, place, leaves=False)) for g in self.guards[place.mode]]
+        above = [(g, row) for g, row in rows if self._highest(region, [row])[0] > ROUNDING]
+        for (one, its), (other, others) in combinations(above, 2):
+            if _differ(one, other) and (found := self._highest(region, [its, others]))[0] > ROUNDING:
+                self._note("overlap", place.mode, (one, other), found[1])
+        if self._sticks(place.mode):
+            return  # what leaves it hangs on the loop, and takes time
+        for guard, row in above:
+            beyond = region.within(row)
+            for behind in self._behind(beyond, guard, place):
+                if behind.mode not in passed:
+                    self._follow(beyond, behind, (*passed, behind.mode))
+                elif not self._ends(*(found := self._highest(region, [row]))[1:], place):
+                    self._note("endless", place.mode, (guard,), found[1])
+
+    def _ends(self, point: Array, place: Place) -> bool:
+        """Whether events come to an end in no time at a point."""
+        here = np.append(point, 1.0)
+        region, memory = Region.all_of(self.automaton), place.memory @ here
+        mode = place.mode
+        for _ in range(_LONGEST):
+            now = Place(mode, np.column_stack([np.zeros((memory.size, point.size)), memory]))
+            rows = ((g, region.row(g, now, leaves=False)) for g in self.guards[mode])
+            guard = next((g for g, row in rows if row @ here > 0.0), None)
+            if guard is None or self._sticks(guard.target):
+                return True
+            mode, memory = guard.target, region.behind(guard, now).memory @ here
+        return False
+
+    def _back(self, region: Region, place: Place, path: tuple[Guard, ...], places: tuple[Place, ...]) -> None:
+        """Chains without a gap that come back to the first guard: chatter, where an output jumps in them."""
+        here = region.behind(path[-1], place)
+        for guard in self.guards[here.mode]:
+            row = region.row(guard, here, leaves=False)
+            if self._sticks(guard.target) or self._highest(region, [row])[0] < -ROUNDING:
+                continue
+            touching = region.within(row)
+            if self.rate_is_input and not np.any(row[1:-1]) and (rise := region.rise(row)) is not None:
+                touching = touching.within(rise)  # the rate is an input, and inputs do not jump
+            chain, at = (*path, guard), (*places, here)
+            if guard.target == path[0].mode:
+                again = region.row(path[0], region.behind(guard, here), leaves=False)
+                value, point = self._highest(touching, [again])
+                closed = touching.within(again)
+                if value >= -ROUNDING and any(closed.jumps(g, p) for g, p in zip(chain, at, strict=True)):
+                    self._note("chatter", path[0].mode, chain, point)
+            elif guard.target not in {g.mode for g in path}:
+                self._back(touching, here, chain, at)
+
+    def _note(self, kind: str, mode: int, guards: Sequence[Guard], point: Array) -> None:
+        n_z = self.automaton.n_inputs
+        parts = np.split(point[: 2 * n_z + self.automaton.n_memory], [n_z, 2 * n_z])
+        example = (tuple((part + 0.0).tolist()) for part in parts)
+        self.found.append(Finding(kind, self.automaton.modes[mode].name, tuple(g.name for g in guards), *example))
+
+
+def _differ(one: Guard, other: Guard) -> bool:
+    """Whether the events of two guards do different things."""
+    return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in _DOES)
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Whether two rows rise through zero at the same points."""
+    sizes = [float(np.max(np.abs(row[:-1]), initial=0.0)) or 1.0 for row in (one, other)]
+    return bool(np.allclose(one / sizes[0], other / sizes[1], rtol=1e-12, atol=1e-12))

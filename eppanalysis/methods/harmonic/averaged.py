@@ -1,0 +1,28 @@
+"""Cycles of the loop that stands for one with sampled controllers, told as cycles of that one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eppanalysis.models.systems.sampled.averaged import AveragedSystem
+from eppanalysis.results import LimitCycle
+
+#: What controllers in the mean over where their samples fall do not tell.
+LEFT_OUT = (
+    "sampled controllers stand as their mean over all phases of the samples, hold and delay included; what the samples "
+    "fold back from beyond half their rate, and locking to them, is left out"
+)
+
+
+def of_samples(system: AveragedSystem, cycle: LimitCycle) -> LimitCycle:
+    """A predicted or balanced cycle with the state of the loop whose controllers are sampled.
+
+    It may lock to the samples a whole one to either side, which no mean over their phases tells: its error is at least
+    that of two samples in its period. An error that is not known stays so.
+    """
+    state, memory = system.started(cycle.state, cycle.memory)
+    mean_state = system.started(cycle.mean_state, ())[0]
+    error = float(np.maximum(cycle.error_estimate, 2.0 * system.slowest / cycle.period))
+    return replace(cycle, state=state, memory=memory, mean_state=mean_state, error_estimate=error)

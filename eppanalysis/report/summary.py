@@ -1,0 +1,245 @@
+"""The first page of a report: the verdict, one picture, three numbers, what to do, and how all of that is known."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from eppanalysis.cases import Case
+from eppanalysis.errors import EppError
+from eppanalysis.methods.comparison.ladder import Ladder
+from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.result import Branch, SpecialPoint
+from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.readable import DIGITS, cut, quantity, words
+from eppanalysis.results import LimitCycle, Status, Trajectory
+from eppanalysis.results.shown import png
+
+#: Size of the picture [inch], and its dots per inch.
+_SIZE, _DOTS = (7.2, 3.4), 150
+#: Where the cycles of a branch cease to exist.
+_ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE)
+#: An end this near to the case's own value, relative to it, is taken to be at it.
+_AT = 1e-9
+
+
+@dataclass(frozen=True)
+class FirstPage:
+    """What a reader of a report sees first.
+
+    Attributes
+    ----------
+    verdict : str
+        What the loop does, in one or two sentences.
+    numbers : tuple of (str, str, str)
+        Three at most: what, its value with unit, and how it is known.
+    advice : str
+        What to do about it.
+    known : tuple of (str, str)
+        What each method says: predicted, exact, simulated, proved.
+    picture : bytes
+        PNG; empty where there is none.
+    """
+
+    verdict: str
+    numbers: tuple[tuple[str, str, str], ...]
+    advice: str
+    known: tuple[tuple[str, str], ...]
+    picture: bytes = b""
+
+    def __str__(self) -> str:
+        """All of it but the picture, a line each."""
+        numbers = [f"{what}: {value} ({how})" for what, value, how in self.numbers]
+        known = [f"{how}: {what}" for how, what in self.known]
+        return "\n".join([self.verdict, *numbers, f"What to do: {self.advice}", *known])
+
+    def _repr_html_(self) -> str:
+        def row(cells: tuple[str, ...]) -> str:
+            return f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
+
+        numbers = "".join(
+            f"<div><b>{html.escape(value)}</b><span>{html.escape(what)}</span><small>{html.escape(how)}</small></div>"
+            for what, value, how in self.numbers
+        )
+        shown = base64.b64encode(self.picture).decode()
+        picture = f'<img alt="{html.escape(self.verdict)}" src="data:image/png;base64,{shown}">' if shown else ""
+        return (
+            f'<div class="first"><p class="verdict"><strong>{html.escape(self.verdict)}</strong></p>{picture}'
+            f'<div class="numbers">{numbers}</div><p><strong>What to do.</strong> {html.escape(self.advice)}</p>'
+            f"<p><strong>How it is known.</strong></p><table>{''.join(map(row, self.known))}</table></div>"
+        )
+
+
+def first_page(
+    case: Case,
+    run: Trajectory,
+    ladder: Ladder | None = None,
+    cycles: CycleSearch | None = None,
+    branch: Branch | None = None,
+) -> FirstPage:
+    """The first page of a report, from what has been computed for it.
+
+    Parameters
+    ----------
+    case : Case
+    run : Trajectory
+        Its own run.
+    ladder : Ladder, optional
+        Prediction and simulation side by side.
+    cycles : CycleSearch, optional
+        All exact cycles that were found.
+    branch : Branch, optional
+        Of the cycle over a parameter.
+
+    Returns
+    -------
+    FirstPage
+        Shown as HTML by a notebook, as text by ``print``.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("sat_khalil710")
+    >>> print(epp.first_page(case, epp.simulate(case)).verdict)
+    Oscillates: x 2.911 peak to peak at 0.4497 Hz.
+    """
+    signal = case.expected.signal or next(iter(run.signals), "")
+    largest = _largest(run, cycles, signal)
+    end = _nearest_end(case, branch)
+    return FirstPage(
+        verdict=_verdict(run, cycles, largest, signal),
+        numbers=tuple(_numbers(case, run, largest, branch, end, signal))[:3],
+        advice=_advice(case, run, cycles, branch, end),
+        known=tuple(_known(run, ladder, cycles)),
+        picture=_picture(run, ladder, signal),
+    )
+
+
+def _largest(run: Trajectory, cycles: CycleSearch | None, signal: str) -> LimitCycle | None:
+    """The cycle that the run is on; where it is on none, the largest stable one that was found."""
+    stable = [] if cycles is None else [cycle for cycle in cycles if cycle.stable]
+    return run.limit_cycle or max(stable, key=lambda cycle: cycle.peak_to_peak[signal], default=None)
+
+
+def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | None, signal: str) -> str:
+    if run.limit_cycle is not None:
+        return f"Oscillates: {run.limit_cycle.size_of(signal)}."
+    if run.status is not Status.SETTLED:
+        return str(run)
+    if largest is not None:
+        return f"Rests unless it is struck: beside rest there is an oscillation, {largest.size_of(signal)}."
+    if cycles is None:
+        return "Comes to rest from its own start; other starts were not looked at."
+    left = ", but runs were left undecided" if cycles.left_open else ""
+    return f"Comes to rest, and no limit cycle was found from any other start{left}."
+
+
+def _numbers(
+    case: Case,
+    run: Trajectory,
+    largest: LimitCycle | None,
+    branch: Branch | None,
+    end: SpecialPoint | None,
+    signal: str,
+) -> Iterator[tuple[str, str, str]]:
+    if largest is not None:
+        how = "event-exact simulation" if largest is run.limit_cycle else "exact orbit"
+        size = quantity(largest.peak_to_peak[signal], largest.units.get(signal, ""))
+        yield f"{words(signal)}, peak to peak", size, how
+        yield "frequency of the oscillation", f"{largest.frequency:.4g} Hz", how
+    elif run.status is Status.SETTLED:
+        yield "at rest from", quantity(run.settled_since, "s"), "event-exact simulation"
+    elif run.t.size:
+        late = run.signals[signal][run.t > 0.5 * run.t[-1]]
+        moved = quantity(float(np.ptp(late)), run.units.get(signal, ""))
+        yield f"{words(signal)}, peak to peak in the second half of the run", moved, "event-exact simulation, undecided"
+        yield "length of the run", quantity(float(run.t[-1]), "s"), "as the case says (run.t_end)"
+    if branch is not None and end is not None:
+        name = branch.parameter
+        yield (
+            f"{words(name)} at which the oscillation ends",
+            case.text(name, end.value, DIGITS),
+            f"exact: {end.kind} of its branch",
+        )
+    elif branch is not None:
+        values = branch.points["value"]
+        low, high = (case.text(branch.parameter, float(v), DIGITS) for v in (values.min(), values.max()))
+        how = (
+            "exact branch; what is beyond was not followed" if branch.missing else "exact branch, without an end in it"
+        )
+        yield f"{words(branch.parameter)} with the oscillation", f"{low} to {high}", how
+
+
+def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:
+    """Where the cycles of the branch cease to exist, nearest to the case's own value of the parameter."""
+    if branch is None or branch.not_covered:
+        return None
+    own = case.value(branch.parameter)
+    ends = [special for special in branch.special if special.kind in _ENDS]
+    return min(ends, key=lambda end: abs(end.value - own), default=None)
+
+
+def _advice(
+    case: Case, run: Trajectory, cycles: CycleSearch | None, branch: Branch | None, end: SpecialPoint | None
+) -> str:
+    there = run.limit_cycle is not None or bool(cycles)
+    if not there:
+        searched = (
+            ""
+            if cycles is None
+            else " The search is thorough and no proof: eppanalysis certify --absence asks for one."
+        )
+        longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
+        return f"Nothing, at these values.{searched}" if run.status is Status.SETTLED else longer
+    if branch is None:
+        far = "eppanalysis bounds CASE --over FIELD --limit FIELD, or eppanalysis design"
+        return f"Ask how far a parameter must go: {far}."
+    name = words(branch.parameter)
+    own = case.value(branch.parameter)
+    if end is None:
+        return (
+            f"The {name} alone does not end it where its branch was followed: change another parameter "
+            "(eppanalysis design), or ask eppanalysis bounds for a wider range."
+        )
+    # The cycles lie on one side of where they end.
+    above = float(branch.points["value"].mean()) > end.value
+    factor = case.readable(branch.parameter)[1]
+    safe = cut(factor * end.value, DIGITS, up=not above) / factor
+    side = f"{'under' if above else 'above'} {case.text(branch.parameter, safe, DIGITS)}"
+    now = case.text(branch.parameter, own)
+    if (own - end.value) * (1 if above else -1) < -_AT * abs(own):
+        return f"Keep the {name} {side}; it is {now} now."
+    return (
+        f"Bring the {name} from {now} {side}, where this oscillation ceases to exist, with a margin. Others may "
+        "remain: eppanalysis bounds tests for them."
+    )
+
+
+def _known(run: Trajectory, ladder: Ladder | None, cycles: CycleSearch | None) -> Iterator[tuple[str, str]]:
+    if ladder is not None:
+        yield "Predicted", str(ladder.agreement.value)
+    if cycles is not None:
+        yield "Exact", str(cycles)
+    yield "Simulated", str(run)
+    yield "Proved", "Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do."
+
+
+def _picture(run: Trajectory, ladder: Ladder | None, signal: str) -> bytes:
+    """The end of the run, or its cycle beside the predicted one."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    ax = figure.add_subplot()
+    try:
+        if ladder is None:
+            run.plot(ax, signals=[signal])
+        else:
+            ladder.plot(ax)
+    except EppError:
+        return b""
+    ax.set_title("")
+    return png(figure, _DOTS)

@@ -1,0 +1,36 @@
+"""What is varied in a case where nothing is named: what it marks as tunable, then its gain, no half of an element."""
+
+from __future__ import annotations
+
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.cases.variation import variation_of
+from eppanalysis.errors import CaseError
+
+
+def test_what_is_tunable_comes_first():
+    assert variation_of(epp.case("level_valve")).over()[:2] == ["controller.kp", "controller.ti"]
+    assert list(variation_of(epp.case("azimuth_servo")).axes()) == ["Kp", "Ti"]
+
+
+@pytest.mark.parametrize("name", ["wheelchair", "sat_asymmetric", "two_mass_deadzone", "relay_biased_fopdt"])
+def test_no_axis_is_one_side_of_an_element_that_has_two(name):
+    case = epp.case(name)
+    assert not any(field.endswith((".upper", ".lower", ".high", ".low")) for field in variation_of(case).over())
+    assert variation_of(case).over()[0] == "loop.gain"
+    # It can still be moved by hand.
+    assert {slider.name for slider in variation_of(case).sliders()} > set(variation_of(case).over())
+
+
+def test_a_gain_that_is_left_out_is_one():
+    case = epp.case("wheelchair")
+    assert "loop.gain" not in case.parameters and case.value("loop.gain") == 1.0
+    assert case.with_values({"loop.gain": 1.0}).to_system().B.tolist() == case.to_system().B.tolist()
+
+
+def test_an_equal_unit_is_taken_and_another_is_not():
+    servo = epp.case("azimuth_servo")
+    assert servo.si("motor.resistance", "3 ohm") == servo.si("motor.resistance", "3 V/A") == 3.0
+    with pytest.raises(CaseError, match="expected a quantity in V/A"):
+        servo.si("motor.resistance", "3 V")

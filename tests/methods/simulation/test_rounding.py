@@ -1,0 +1,52 @@
+"""Motions so large that rounding hides what their elements do are no limit cycles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.orbits.shooting import orbits_near
+from eppanalysis.models.systems.lure import LureSystem
+
+
+def oscillator(element, see: list[float], spring: float = 1.0) -> LureSystem:
+    """x'' = -spring x - element(see (x, x'))."""
+    return LureSystem.build([[0.0, 1.0], [-spring, 0.0]], [[0.0], [-1.0]], [see], [element], name=str(element))
+
+
+#: No motion of these is periodic beyond a size of about one, for their work in a period has one sign.
+NO_CYCLES = {
+    "Coulomb's friction": oscillator(epp.Friction(1.0, 1.0), [0.0, 1.0]),
+    "friction that falls": oscillator(epp.Friction(1.0, 1.0, 3.0), [0.0, 1.0]),
+    "saturated damping": oscillator(epp.Saturation(-1.0, 1.0), [0.0, 1.0]),
+    "play in the spring": oscillator(epp.Play(1.0), [1.0, 0.0], 0.0),
+}
+
+
+@pytest.mark.parametrize("name", NO_CYCLES)
+def test_the_size_of_a_start_makes_no_limit_cycle(name: str) -> None:
+    for size in 10.0 ** np.arange(1, 17, 3):
+        run = epp.simulate(replace(NO_CYCLES[name], x0=np.array([size, 0.0])), t_end=60.0, t_eval=[0.0])
+        assert run.limit_cycle is None, size
+    assert "beneath rounding" in str(run) and run.to_dict()["message"] == run.note
+
+
+def test_a_motion_whose_element_is_felt_stays_a_limit_cycle() -> None:
+    """A relay beside a spring takes nothing from a motion: it comes back after 4 arccos(1/(1 + size)) s."""
+    loop = oscillator(epp.Relay(), [1.0, 0.0])
+    for size in (1.0, 1e3, 1e6):
+        run = epp.simulate(replace(loop, x0=np.array([size, 0.0])), t_end=60.0, t_eval=[0.0])
+        assert run.limit_cycle.period == pytest.approx(4.0 * np.arccos(1.0 / (1.0 + size)), rel=1e-12)
+
+
+@pytest.mark.parametrize("speed", [1e6, 1e18])
+def test_on_a_belt_too_fast_for_its_friction_to_be_felt_no_orbit_closes(speed: float) -> None:
+    """Friction that falls with the speed makes every motion grow that does not stick; here by less than rounding."""
+    system = replace(epp.case("belt_leine").to_system(), constant_input=np.array([-speed]))
+    hybrid = steady_hybrid(system, observed=True)
+    for size in (1.0, 0.1 * speed):
+        assert not list(orbits_near(hybrid, np.array([size, 0.0]), hybrid.H0, 2.0 * np.pi))

@@ -1,0 +1,26 @@
+"""The first page of a report: what it says of a loop that oscillates, and of one that rests."""
+
+from __future__ import annotations
+
+import eppanalysis as epp
+from tests.made_bounds import GAIN, wheelchair
+
+
+def test_a_loop_that_oscillates_is_told_how_far_its_parameter_must_go():
+    case = wheelchair()
+    run = epp.simulate(case)
+    branch = epp.continue_branch(case, "loop.gain", start=1.0, stop=0.6)
+    page = epp.first_page(case, run, branch=branch)
+    assert page.verdict == f"Oscillates: {run.limit_cycle.size_of(case.expected.signal)}."
+    assert page.numbers[2] == ("loop gain at which the oscillation ends", f"{GAIN:.4g}", "exact: fold of its branch")
+    # The fold is at 0.84625...: to the safe side, not to the nearest.
+    assert page.advice.startswith("Bring the loop gain from 1 under 0.8462, where this oscillation ceases to exist")
+    assert dict(page.known)["Proved"].startswith("Nothing was asked to be proved")
+    assert page.picture.startswith(b"\x89PNG") and 'class="numbers"' in page._repr_html_()
+
+
+def test_a_loop_that_rests_is_told_what_was_not_looked_at():
+    case = wheelchair().with_values({"loop.gain": 0.5})
+    page = epp.first_page(case, epp.simulate(case))
+    assert page.verdict == "Comes to rest from its own start; other starts were not looked at."
+    assert page.advice == "Nothing, at these values." and page.numbers[0][0] == "at rest from"
