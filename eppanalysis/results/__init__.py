@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown as written
 from eppanalysis.readable import at_rest, number, percent, quantity, readable, with_unit, words
+from eppanalysis.results.events import Event as Event
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.result import (
     Brief as Brief,
@@ -50,27 +51,6 @@ class Outcome(StrEnum):
         return {Status.LIMIT_CYCLE: cls.OSCILLATE, Status.SETTLED: cls.SETTLE}.get(status, cls.UNDECIDED)
 
 
-class Event(NamedTuple):
-    """One switch of one element.
-
-    Attributes
-    ----------
-    time : float
-        When [s].
-    element : str
-        Name of the element.
-    name : str
-        What happened ("contact lost", "sticks", ...).
-    mode : str
-        The element's mode after it.
-    """
-
-    time: float
-    element: str
-    name: str
-    mode: str
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitCycle(Result):
     """A periodic motion as one method sees it.
@@ -93,7 +73,7 @@ class LimitCycle(Result):
         Floquet multipliers, where the method has them.
     residual, error_estimate : float
         Residual of the method's own equation; estimated relative error against the true cycle (nan when unknown).
-    events : tuple of Event
+    events : sequence of Event
     time, waveform : array, dict of str to array
         One period, sampled.
     state, memory : array, shape (n,), tuple
@@ -123,7 +103,7 @@ class LimitCycle(Result):
     multipliers: NDArray[np.complex128] | None = None
     residual: float = float("nan")
     error_estimate: float = float("nan")
-    events: tuple[Event, ...] = ()
+    events: Sequence[Event] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     waveform: dict[str, Array] = field(default_factory=dict)
     state: Array = field(default_factory=lambda: np.zeros(0))
@@ -237,7 +217,7 @@ class Trajectory(Result):
         Times [s].
     signals : dict of str to array, shape (nt,)
         Named signals in SI units.
-    events : tuple of Event
+    events : sequence of Event
         Every switch of every element; the last 20,000 where there were more (see `n_events`).
     status : Status
         SETTLED, LIMIT_CYCLE, UNDECIDED, DIVERGED or EVENT_LIMIT.
@@ -255,7 +235,7 @@ class Trajectory(Result):
 
     t: Array
     signals: dict[str, Array]
-    events: tuple[Event, ...]
+    events: Sequence[Event]
     status: Status
     limit_cycle: LimitCycle | None = None
     settled_at: dict[str, float] = field(default_factory=dict)

@@ -84,28 +84,29 @@ def slow_growth(balance: Balance, p: Point) -> float | None:
     (the describing function itself only holds for slow ones).
     """
     rates = p.omega * np.geomspace(1e-6, 3.0, 90)
-    signs = np.array([_perturbation_sign(balance, p, mu) for mu in rates])
+    signs = _perturbation_signs(balance, p, rates)
     change = np.flatnonzero(signs[1:] * signs[:-1] < 0)
     return float(np.sqrt(rates[change[-1]] * rates[change[-1] + 1])) if change.size else None
 
 
-def _perturbation_sign(balance: Balance, p: Point, mu: float) -> float:
+def _perturbation_signs(balance: Balance, p: Point, rates: Array) -> Array:
     """Sign of the determinant of the perturbed balance, times that of det(mu - A), which takes its poles out."""
     m, system = balance.m, balance.system
     selector = _selector(balance)
     Z = p.amplitude * np.exp(1j * p.phase)
-    fast, slow = _linear_at(balance, 1j * p.omega + mu), _linear_at(balance, mu + 0j).real
-    gain = p.gain - 1j * p.slopes_of_gain[2] * mu / p.omega
+    fast, slow = _linear_at(balance, 1j * p.omega + rates), _linear_at(balance, rates + 0j).real
+    gain = p.gain - 1j * p.slopes_of_gain[2] * rates[:, None] / p.omega
     relative = fast * Z[balance.owner] / Z[:, None]
-    in_a = relative @ (selector * (gain + p.slopes_of_gain[0])[:, None]) - np.eye(m)
-    in_phase = 1j * (relative @ (selector * gain[:, None]) - np.eye(m))
+    in_a = relative @ (selector * (gain + p.slopes_of_gain[0])[..., None]) - np.eye(m)
+    in_phase = 1j * (relative @ (selector * gain[..., None]) - np.eye(m))
     in_bias = relative @ (selector * p.slopes_of_gain[1][:, None])
     means = slow @ (selector * p.slopes_of_mean[0][:, None]), slow @ (selector * p.slopes_of_mean[1][:, None])
-    top = np.hstack([in_a, in_phase, in_bias * p.amplitude])
-    static = np.hstack([means[0] / p.amplitude[:, None], np.zeros((m, m)), _scaled(means[1], p.amplitude) - np.eye(m)])
-    sign = np.linalg.slogdet(np.vstack([top.real, top.imag, static]))[0]
-    poles = system.characteristic_matrix(mu).real
-    return float(sign * np.linalg.slogdet(poles)[0]) if poles.size else float(sign)
+    top = np.concatenate([in_a, in_phase, in_bias * p.amplitude], axis=-1)
+    by_bias = _scaled(means[1], p.amplitude) - np.eye(m)
+    static = np.concatenate([means[0] / p.amplitude[:, None], np.zeros(by_bias.shape), by_bias], axis=-1)
+    signs = np.linalg.slogdet(np.concatenate([top.real, top.imag, static], axis=-2))[0]
+    poles = system.characteristic_matrix(rates).real
+    return np.asarray(signs * np.linalg.slogdet(poles)[0] if system.A.size else signs)
 
 
 def _scaled(matrix: Array, amplitude: Array) -> Array:
@@ -113,9 +114,9 @@ def _scaled(matrix: Array, amplitude: Array) -> Array:
     return matrix * amplitude[None, :] / amplitude[:, None]
 
 
-def _linear_at(balance: Balance, s: complex) -> ComplexArray:
-    """Response from all outputs to the first inputs at any complex s, shape (m, nw)."""
-    return balance.system.response_at(s)[balance.rows]
+def _linear_at(balance: Balance, s: ComplexArray) -> ComplexArray:
+    """Response from all outputs to the first inputs at any complex s (r,), shape (r, m, nw)."""
+    return balance.system.response_at(s)[:, balance.rows]
 
 
 def stability(balance: Balance, p: Point) -> tuple[bool, str]:

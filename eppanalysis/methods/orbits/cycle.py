@@ -12,7 +12,8 @@ from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.starts import remembered
-from eppanalysis.results import EXACT_ORBIT, Event, LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
+from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ def sample_arcs(orbit: Orbit, times: Array) -> Array:
     return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)
 
 
-def _events(orbit: Orbit) -> tuple[Event, ...]:
+def _events(orbit: Orbit) -> Events:
     """The events within the period, the one that closes it last."""
     hybrid, it = orbit.hybrid, orbit.arcs.event_sequence
     real = it.guards >= 0

@@ -111,13 +111,15 @@ class _Pieces:
     @classmethod
     def cut(cls, corners: Array, first: float, longest: float) -> _Pieces:
         """Pieces between corners, short behind each, where fast modes die out, and then growing to `longest`."""
-        marks = [corners[:1]]
-        for a, b in zip(corners, corners[1:], strict=False):
-            growing = a + first * np.cumsum(4.0 ** np.arange(np.log(max(longest / first, 1.0)) / np.log(4.0)))
-            growing = np.append(a, growing[growing < a + 0.5 * (b - a)])
-            rest = int(np.ceil((b - growing[-1]) / longest))
-            marks.append(np.append(growing[1:], np.linspace(growing[-1], b, rest + 1)[1:]))
-        all_marks = np.concatenate(marks)
+        begin, length = corners[:-1], np.diff(corners)
+        growing = first * np.cumsum(4.0 ** np.arange(np.log(max(longest / first, 1.0)) / np.log(4.0)))
+        short = growing < 0.5 * length[:, None]
+        grown = (growing * short).max(axis=1, initial=0.0)
+        rest = np.ceil((length - grown) / longest).astype(int)
+        gap = np.repeat(np.arange(length.size), rest - 1)
+        number = np.arange(gap.size) - np.repeat(np.cumsum(rest - 1) - (rest - 1), rest - 1) + 1
+        even = (begin + grown)[gap] + number * ((length - grown) / rest)[gap]
+        all_marks = np.sort(np.concatenate([corners, (begin[:, None] + growing)[short], even]))
         return cls(all_marks[:-1], np.diff(all_marks))
 
     @property
@@ -164,7 +166,9 @@ class _Pieces:
         turn = np.exp(-2j * np.pi * (self.times - begin) / period)
         phases = np.vstack([w, np.broadcast_to(turn, (N_HARMONICS, turn.size))])
         np.cumprod(phases, axis=0, out=phases)
-        series = 2.0 * np.einsum("kt,st->sk", phases, np.ascontiguousarray(values.T))
+        rows = np.ascontiguousarray(values.T)
+        series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), rows) + 0j
+        series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), rows)
         series[:, 0] /= 2.0
         c = self.coefficients(values)
         fine = np.einsum("sij,kj->sik", c, on_grid)

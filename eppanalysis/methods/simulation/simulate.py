@@ -30,7 +30,8 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, sampled_among
 from eppanalysis.models.systems.starts import remembered
 from eppanalysis.models.systems.subject import CaseLike, system_of
-from eppanalysis.results import SIMULATION, Event, LimitCycle, Status, Trajectory
+from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
+from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -315,28 +316,29 @@ def _statistics(run: Run) -> dict[str, Any]:
     return {name: float(run.stats[i]) if i == 0 else int(run.stats[i]) for i, name in enumerate(_COUNTED.values())}
 
 
-def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> tuple[Event, ...]:
+def _events(hybrid: HybridSystem, run: Run, first: int = 0, origin: float = 0.0) -> Events:
     """The kept events from place `first` on, as sentences."""
     rows = run.order[first:]
     return named_events(hybrid, run.time[rows] - origin, run.guard[rows], run.modes[rows])
 
 
-def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> tuple[Event, ...]:
+def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: IntArray) -> Events:
     """Switches in words, from their times, guards (n,), and the modes of all elements after each, shape (n, E)."""
     elements = hybrid.model.guard_element[guards]
     # Not that a controller takes a sample, nor that the observer behind the elements marks an extremum.
-    listed = (elements < len(hybrid.elements)) & ~np.isin(elements, list(sampled_among(hybrid.elements)))
-    times, guards, modes, elements = times[listed], guards[listed], modes[listed], elements[listed]
-    switches = list(zip(elements.tolist(), modes[np.arange(guards.size), elements].tolist(), strict=True))
-    names = {g: hybrid.guard_name(g) for g in set(guards.tolist())}
-    behind = {(e, mode): hybrid.mode_name(e, mode) for e, mode in set(switches)}
-    columns = (
-        times.tolist(),
-        [hybrid.element_names[e] for e, _ in switches],
-        [names[g] for g in guards.tolist()],
-        [behind[switch] for switch in switches],
-    )
-    return tuple(map(Event._make, zip(*columns, strict=True)))
+    listed = elements < len(hybrid.elements)
+    for sampled in sampled_among(hybrid.elements):
+        listed &= elements != sampled
+    times, guards, elements = times[listed], guards[listed], elements[listed]
+    # A guard is one of one element, whose mode after it makes the second half of what happened.
+    most = int(modes.max(initial=0)) + 1
+    kinds = guards * most + modes[listed, elements]
+    words = {}
+    for kind in np.unique(kinds).tolist():
+        guard, mode = divmod(kind, most)
+        e = int(hybrid.model.guard_element[guard])
+        words[kind] = hybrid.element_names[e], hybrid.guard_name(guard), hybrid.mode_name(e, mode)
+    return Events(times, kinds, words)
 
 
 def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:

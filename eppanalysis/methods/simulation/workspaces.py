@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eppanalysis.models.systems.hybrid import HybridSystem
 
@@ -14,32 +14,46 @@ if TYPE_CHECKING:
     from eppanalysis.kernels.engine.workspace import EventBuffer
 
 
+#: Workspaces that a thread keeps.
+_STRUCTURES = 2
+
+
+class _Kept(NamedTuple):
+    """Workspaces, and the model and step whose mode combinations they hold."""
+
+    structure: tuple[Any, ...]
+    model: Model
+    base: float
+    workspaces: tuple[Any, Any, Any]
+
+
 class _Own(threading.local):
     """What a thread keeps from run to run, because to make it costs as much as a short run.
 
-    The workspaces are those of the last model: all runs of one model find its mode combinations compiled, and models of
-    one structure follow each other in the same workspaces. What a run gives does not depend on the runs before it.
+    All runs of one model find its mode combinations compiled, and models of one structure follow each other in the same
+    workspaces; those of the last few structures are kept, as the period of a cycle is run once more without the inputs'
+    breakpoints. What a run gives does not depend on the runs before it.
     """
 
-    model: Model | None = None
-    structure: tuple[Any, ...] = ()
-    base: float = 0.0
-    kept: tuple[Any, Any, Any] | None = None
-    events: EventBuffer | None = None
+    def __init__(self) -> None:
+        self.kept: dict[tuple[Any, ...], _Kept] = {}
+        self.events: EventBuffer | None = None
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
         from eppanalysis.kernels.engine.workspace import make_workspaces
 
         model = hybrid.model
-        known = self.model is model
-        structure = self.structure if known else _structure(model)
-        if self.kept is None or self.structure != structure:
-            self.kept = make_workspaces(model)
-        elif not known or self.base != base:
-            self.kept[0].count[0] = 0
-        self.model, self.structure, self.base = model, structure, base
-        return self.kept
+        known = next((k for k in self.kept.values() if k.model is model), None)
+        structure = _structure(model) if known is None else known.structure
+        kept = self.kept.pop(structure, None)
+        workspaces = make_workspaces(model) if kept is None else kept.workspaces
+        if kept is not None and (kept.model is not model or kept.base != base):
+            workspaces[0].count[0] = 0
+        self.kept[structure] = _Kept(structure, model, base, workspaces)
+        while len(self.kept) > _STRUCTURES:
+            del self.kept[next(iter(self.kept))]
+        return workspaces
 
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,12 +104,25 @@ class HybridSystem:
         if unknown:
             known = ", ".join(system.input_names) or "none"
             raise ModelError(f"{system.name} has no input {sorted(unknown)[0]!r}", expected=f"one of: {known}")
+        key = tuple(sorted((input_signals or {}).items(), key=itemgetter(0))), observed
+        made, hybrid = _MADE.get(system, (None, None))
+        if hybrid is None or made != key:
+            hybrid = cls._packed(system, input_signals or {}, observed)
+            _MADE[system] = key, hybrid
+        return hybrid
+
+    @classmethod
+    def _packed(cls, system: LureSystem, input_signals: Mapping[str, InputSignal], observed: bool) -> HybridSystem:
         automata = [e.automaton() for e in system.elements]
         names = list(system.element_names)
         if observed or not any(a.guards for a in automata):
             automata.append(_observer())
             names.append("observer")
-        return _Packer(system, automata, names, input_signals or {}).pack()
+        return _Packer(system, automata, names, input_signals).pack()
+
+
+#: The hybrid system last made of each loop, and of what: a loop, which does not change, is run many times.
+_MADE: WeakKeyDictionary[LureSystem, tuple[tuple[Any, ...], HybridSystem]] = WeakKeyDictionary()
 
 
 def _observer() -> Automaton:

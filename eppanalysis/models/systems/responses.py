@@ -72,9 +72,10 @@ class Responses(ABC):
         C = self.C @ T
         return np.asarray(C @ x + self.D, complex), np.asarray(C @ dx, complex)
 
-    def response_at(self, s: complex) -> NDArray[np.complex128]:
-        """Response from the elements' outputs to their inputs at any complex frequency s [1/s], shape (nz, nw)."""
-        x = solved(self.characteristic_matrix(s), self.B + 0j) * np.exp(-s * self.delays)
+    def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """Response from the elements' outputs to their inputs at any complex s [1/s], shape (..., nz, nw)."""
+        s = np.asarray(s, complex)
+        x = solved(self.characteristic_matrix(s), self.B + 0j) * np.exp(-s[..., None] * self.delays)[..., None, :]
         return np.asarray(self.C @ x + self.D, complex)
 
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:

@@ -286,9 +286,9 @@ class SampledController(Nonlinearity):
         """:meth:`response` and its derivative by `omega`, both of shape (..., p, m)."""
         return self._response(floats(omega, "response: omega"))
 
-    def response_at(self, s: complex) -> NDArray[np.complex128]:
-        """:meth:`response` at any complex s but zero [1/s], shape (p, m)."""
-        return self._response(np.asarray(-1j * s))[0]
+    def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """:meth:`response` at any complex s but zero [1/s], shape (..., p, m)."""
+        return self._response(-1j * np.asarray(s))[0]
 
     def _response(self, w: NDArray[Any]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         T = self.sample_time

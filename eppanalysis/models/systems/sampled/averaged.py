@@ -9,6 +9,7 @@ rate is left out of both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -85,10 +86,10 @@ class AveragedSystem(LureSystem):
         )
         return _at(G, p.z, p.w) + through @ S @ into, slope
 
-    def response_at(self, s: complex) -> ComplexArray:
+    def response_at(self, s: ArrayLike) -> ComplexArray:
         """:meth:`frequency_response` at any complex s but zero."""
         p, G = self.layout, self.origin.response_at(s)
-        K = scipy.linalg.block_diag(*(c.response_at(s) for c in p.controllers))
+        K = p.side_by_side([c.response_at(s) for c in p.controllers])
         S = p.closing(G, K)[0]
         return np.asarray(_at(G, p.z, p.w) + _at(G, p.z, p.held) @ S @ _at(G, p.read, p.w), complex)
 
@@ -158,13 +159,17 @@ class Places:
 
     def responses(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Responses of all controllers and their derivatives by the frequency, shape (..., held, read)."""
-        K = np.zeros((*omega.shape, self.held.size, self.read.size), complex)
-        dK, i, j = K.copy(), 0, 0
-        for c in self.controllers:
-            p, m = c.n_outputs, c.n_inputs - 1
-            K[..., i : i + p, j : j + m], dK[..., i : i + p, j : j + m] = c.response_and_slope(omega)
+        both = [c.response_and_slope(omega) for c in self.controllers]
+        return self.side_by_side([k for k, _ in both]), self.side_by_side([dk for _, dk in both])
+
+    def side_by_side(self, responses: Sequence[ComplexArray]) -> ComplexArray:
+        """What each controller makes of what it reads, as one response of shape (..., held, read)."""
+        K, i, j = np.zeros((*responses[0].shape[:-2], self.held.size, self.read.size), complex), 0, 0
+        for k in responses:
+            p, m = k.shape[-2:]
+            K[..., i : i + p, j : j + m] = k
             i, j = i + p, j + m
-        return K, dK
+        return K
 
     def closing(self, G: ComplexArray, K: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """From what the others bring to what is read, to what is held: ``K before``, and ``behind K`` alike."""
