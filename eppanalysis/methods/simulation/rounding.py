@@ -135,6 +135,8 @@ def _own_sizes(hybrid: HybridSystem, states: Array, memory: Array, moves: Array)
 def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
     """How far each smooth channel may vary on a motion, shape (channels,)."""
     m = hybrid.model
+    if not m.smooth_kind.size:
+        return np.zeros(0)
     u, beyond = states @ m.smooth_x.T + memory @ m.smooth_H.T, np.abs(m.smooth_x) @ moves
     low, high = u.min(axis=0) - beyond, u.max(axis=0) + beyond
     # These functions are monotonic beyond one, where they do not repeat themselves.
