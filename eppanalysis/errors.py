@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import util
-from typing import Any
+from typing import Any, NamedTuple
 
 _LONGEST_SHOWN = 80
 #: Packages that are not called as their modules are.
@@ -61,6 +61,34 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(names) or 'none'}"
 
 
+class UnknownName(NamedTuple):
+    """Fault: a name that stands for nothing."""
+
+    name: str
+
+
+class OpenInput(NamedTuple):
+    """Fault: an input of a diagram that nothing drives, as connections call it."""
+
+    port: str
+
+
+class IdleInput(NamedTuple):
+    """Fault: an external input that drives nothing."""
+
+    name: str
+
+
+class AlgebraicLoop(NamedTuple):
+    """Fault: parts of a diagram that act straight on themselves, without one answer."""
+
+    parts: tuple[str, ...]
+
+
+#: What a refusal is about, for another part of the program; its sentence is for people alone.
+Fault = UnknownName | OpenInput | IdleInput | AlgebraicLoop
+
+
 class EppError(Exception):
     """A request that cannot be carried out, in one sentence that says why and what was expected."""
 
@@ -94,16 +122,18 @@ class CaseError(EppError):
         What was found.
     expected : str
         What was expected in its place.
+    fault : Fault, optional
+        What it is about, where another part of the program asks.
     """
 
-    def __init__(self, source: str, field: str, value: object, expected: str) -> None:
-        self.source, self.field, self.value, self.expected = source, field, value, expected
+    def __init__(self, source: str, field: str, value: object, expected: str, fault: Fault | None = None) -> None:
+        self.source, self.field, self.value, self.expected, self.fault = source, field, value, expected, fault
         where = f"{source}: {_cut(visible(field))}" if field else source
         super().__init__(f"{where} is {shown(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
-    def __reduce__(self) -> tuple[type[CaseError], tuple[str, str, object, str]]:
+    def __reduce__(self) -> tuple[type[CaseError], tuple[Any, ...]]:
         """Made again from its fields, so that another process can send it back."""
-        return type(self), (self.source, self.field, self.value, self.expected)
+        return type(self), (self.source, self.field, self.value, self.expected, self.fault)
 
 
 #: Stands where an error has no single value to show.
@@ -125,6 +155,8 @@ class ModelError(EppError):
         Field of the model that is meant, as its class calls it; empty where it is none, or several.
     beside : (str, object), optional
         Another field that `expected` ends with, and its value [SI].
+    fault : Fault, optional
+        What it is about, where another part of the program asks.
 
     Examples
     --------
@@ -142,8 +174,10 @@ class ModelError(EppError):
         *,
         field: str = "",
         beside: tuple[str, object] | None = None,
+        fault: Fault | None = None,
     ) -> None:
-        self.what, self.value, self.expected, self.field, self.beside = what, value, expected, field, beside
+        self.what, self.value, self.expected, self.field = what, value, expected, field
+        self.beside, self.fault = beside, fault
         super().__init__(f"{self.found}; expected {self.wanted()}." if expected else what)
 
     @property
@@ -170,7 +204,8 @@ class ModelError(EppError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Made again from its fields, so that another process can send it back."""
         value = () if self.value is _NO_VALUE else (self.value,)
-        return partial(type(self), expected=self.expected, field=self.field, beside=self.beside), (self.what, *value)
+        named = {name: getattr(self, name) for name in ("expected", "field", "beside", "fault")}
+        return partial(type(self), **named), (self.what, *value)
 
 
 class NotConverged(EppError):

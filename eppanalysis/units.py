@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, Fault
 
 if TYPE_CHECKING:
     import pint
@@ -92,10 +92,10 @@ SPELLINGS = str.maketrans({"°": "deg", "·": "*", "⋅": "*", "−": "-", "²":
 
 
 class QuantityError(ValueError):
-    """A value that is not the quantity wanted; `expected` says what is."""
+    """A value that is not the quantity wanted; `expected` says what is, `fault` what another part asks about."""
 
-    def __init__(self, expected: str) -> None:
-        self.expected = expected
+    def __init__(self, expected: str, fault: Fault | None = None) -> None:
+        self.expected, self.fault = expected, fault
         super().__init__(expected)
 
 

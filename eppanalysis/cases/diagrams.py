@@ -23,7 +23,7 @@ from eppanalysis.cases.values.dimensions import check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
-from eppanalysis.errors import CaseError, ModelError, did_you_mean
+from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
 from eppanalysis.models.diagrams import BLOCKS, Block, Diagram
 from eppanalysis.models.elements import Nonlinearity
@@ -113,7 +113,7 @@ def _refused(error: ModelError, raw: RawCase) -> CaseError:
         expected = f"a diagram that makes a loop ({found})"
     else:
         expected = error.wanted() if error.has_value else f"{error.wanted()} ({found})"
-    return CaseError(raw.origin(field), field, value, expected)
+    return CaseError(raw.origin(field), field, value, expected, error.fault)
 
 
 def _require_driving(diagram: Diagram, raw: RawCase) -> None:
@@ -121,7 +121,7 @@ def _require_driving(diagram: Diagram, raw: RawCase) -> None:
     for name in diagram.idle_inputs:
         field = f"inputs.{name}"
         expected = f"a connection such as '{name} -> ...', as the external input {name} drives nothing"
-        raise CaseError(raw.origin(field), field, raw.typed_or(field, name), expected)
+        raise CaseError(raw.origin(field), field, raw.typed_or(field, name), expected, IdleInput(name))
 
 
 def _require_different_names(file: Any, raw: RawCase) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,15 +15,12 @@ from typing import Any, NamedTuple
 
 from eppanalysis.cases.files import Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
-from eppanalysis.errors import CaseError, EppError
+from eppanalysis.errors import AlgebraicLoop, CaseError, EppError, IdleInput, OpenInput, UnknownName
+from eppanalysis.models.diagrams.wiring import NAME, NOTHING
 from eppanalysis.readable import listed
 
 #: A file with more mistakes than these is something else.
 _MOST = 200
-#: How a refusal tells the name that it does not know, and the connection that leaves an input at zero.
-_UNKNOWN, _AT_ZERO = re.compile(r"in place of '([A-Za-z_]\w*)"), re.compile(r"'(0 -> [\w.]+)'")
-_AROUND = re.compile(r"the algebraic loop through (\w+)")
-_NAME = re.compile(r"[A-Za-z_]\w*")
 #: Sections of things with names, and what stands in for what a file cannot be without.
 _NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
 _STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_end": "1 s"}
@@ -103,16 +99,15 @@ class _Reading:
 
     def follows(self, error: CaseError) -> bool:
         """Whether a mistake is there only because of what was taken out."""
-        unknown = _UNKNOWN.search(error.expected)
-        if unknown and unknown[1] in self.gone:
-            self.missed[unknown[1]] = None
-            return True
-        if error.field in self.gone or (isinstance(error.value, Missing) and _part(error.field) in self.gone):
-            return True
-        open_input = _AT_ZERO.search(error.expected)
-        if open_input:
-            return open_input[1].split()[-1].partition(".")[0] in self.fed
-        return "drives nothing" in error.expected and error.field.rpartition(".")[2] in self.fed
+        match error.fault:
+            case UnknownName(name) if name in self.gone:
+                self.missed[name] = None
+                return True
+            case OpenInput(port) if port.partition(".")[0] in self.fed:
+                return True
+            case IdleInput(name) if name in self.fed:
+                return True
+        return error.field in self.gone or (isinstance(error.value, Missing) and _part(error.field) in self.gone)
 
     def as_written(self, error: CaseError) -> CaseError:
         """The same with the connection's number in the file."""
@@ -122,21 +117,19 @@ class _Reading:
         number = int(place)
         for taken in sorted(self.cut):
             number += taken <= number
-        return CaseError(error.source, f"{section}.{number}", error.value, error.expected)
+        return CaseError(error.source, f"{section}.{number}", error.value, error.expected, error.fault)
 
     def take_out(self, error: CaseError) -> bool:
         """Take out what is wrong; whether there was anything to be taken out."""
         data, at = copy.deepcopy(self.left.data), error.field
         self.left = replace(self.left, data=data)
-        open_input = _AT_ZERO.search(error.expected)
-        if at == "connect" and open_input:
-            data["connect"].append(open_input[1])
-            return True
-        around = _AROUND.search(error.expected)
-        if at == "connect" and around:
-            at = next(
-                (f"{place}.{around[1]}" for place in ("blocks", "elements") if around[1] in data.get(place, {})), at
-            )
+        match error.fault:
+            case OpenInput(port):
+                data["connect"].append(f"{NOTHING} -> {port}")
+                return True
+            case AlgebraicLoop(parts):
+                places = (place for place in ("blocks", "elements") if parts[0] in data.get(place, {}))
+                at = ".".join((*places, parts[0]))
         if at == "kind" and at not in self.gone:
             self.gone.add(at)
             data["kind"] = "diagram" if "connect" in data else "loop"
@@ -155,7 +148,7 @@ class _Reading:
         """Take out the field at a path, or the list of numbers that it stands in."""
         if path[0] == "connect" and len(path) == 2:
             self.cut.append(int(self.as_written(CaseError("", ".".join(path), "", "")).field.partition(".")[2]))
-            self.fed |= set(_NAME.findall(str(data["connect"].pop(int(path[1])))))
+            self.fed |= set(NAME.findall(str(data["connect"].pop(int(path[1])))))
             return True
         here: Any = data
         for i, key in enumerate(path):
@@ -173,7 +166,7 @@ class _Reading:
         if path[0] in _NAMED and len(path) == 2:
             self.gone.add(path[1])
         elif path[0] in _NAMED and len(path) == 1:
-            self.gone |= set(_NAME.findall(str(taken)))
+            self.gone |= set(NAME.findall(str(taken)))
         return True
 
 

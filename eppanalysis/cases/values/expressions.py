@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
+from eppanalysis.errors import UnknownName
 from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, parse_any, unit_of
 
 LONGEST = 200
@@ -140,7 +141,7 @@ class Expression:
         """
         for name in self.names:
             if name not in values:
-                raise QuantityError(in_place_of(name, values))
+                raise unknown_name(name, values)
         found = self._compute(self._tree, values)
         unit = {name: power for name, power in found.unit.items() if name != "radian" or power.denominator == 1}
         if any(power.denominator != 1 or abs(float(power)) > LARGEST_POWER for power in unit.values()):
@@ -260,14 +261,15 @@ def _extreme(chosen: Callable[[Iterable[float]], float], unit: Unit, values: Seq
     return Value(number, unit, {name: found.pop() if len(found) == 1 else math.nan for name, found in slopes.items()})
 
 
-def in_place_of(name: str, known: Iterable[str], what: str = "parameter") -> str:
-    """What was expected where a name is not known."""
+def unknown_name(name: str, known: Iterable[str], what: str = "parameter") -> QuantityError:
+    """The refusal of a name that is not known."""
     names = list(known)
     close = [k for k in names if k.lower() == name.lower()] or difflib.get_close_matches(name, names, n=1)
     if close:
-        return f"a known {what} in place of {name!r}: did you mean {close[0]!r}?"
-    listed = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
-    return f"a known {what} in place of {name!r}: " + (f"one of {listed}" if names else "there is none")
+        hint = f"did you mean {close[0]!r}?"
+    else:
+        hint = f"one of {', '.join(names[:20])}{', ...' if len(names) > 20 else ''}" if names else "there is none"
+    return QuantityError(f"a known {what} in place of {name!r}: {hint}", UnknownName(name))
 
 
 def is_expression(given: object) -> bool:
@@ -355,7 +357,7 @@ def _check(node: ast.expr, text: str, names: dict[str, None], depth: int) -> Non
 
 def _check_call(name: str, count: int) -> None:
     if name not in FUNCTIONS:
-        raise QuantityError(in_place_of(name, FUNCTIONS, "function"))
+        raise unknown_name(name, FUNCTIONS, "function")
     if name in ("min", "max"):
         if count < 2:
             raise QuantityError(f"two or more arguments of {name}")

@@ -17,10 +17,10 @@ from eppanalysis.cases.values.expressions import (
     Expression,
     Value,
     alike,
-    in_place_of,
     is_expression,
     name_of_unit,
     parse,
+    unknown_name,
 )
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity, place_of
 from eppanalysis.errors import CaseError
@@ -70,7 +70,7 @@ def read(
             return _computed(parse(text), table, parameters, kind)
         parameter = kind.read(given)
     except QuantityError as error:
-        raise CaseError(raw.origin(place), place, text, error.expected) from None
+        raise CaseError(raw.origin(place), place, text, error.expected, error.fault) from None
     except PydanticCustomError as error:
         context = error.context or {}
         field = place_of(place, error)
@@ -184,9 +184,10 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
             used[name] = parse(text).names if is_expression(text) else ()
             for other in used[name]:
                 if other not in tables:
-                    raise QuantityError(in_place_of(other, (known for known in tables if known != name)))
+                    raise unknown_name(other, (known for known in tables if known != name))
         except QuantityError as error:
-            raise CaseError(raw.origin(f"{place}.{name}"), f"{place}.{name}", text, error.expected) from None
+            at = f"{place}.{name}"
+            raise CaseError(raw.origin(at), at, text, error.expected, error.fault) from None
     try:
         order = list(TopologicalSorter(used).static_order())
     except CycleError as error:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import AlgebraicLoop, ModelError
 from eppanalysis.models.systems.lure import LureSystem
 
 Array = NDArray[np.float64]
@@ -28,6 +29,13 @@ def parts_on_loops(acts: Array) -> NDArray[np.int64]:
 def acyclic(acts: Array) -> bool:
     """Whether nothing acts on itself, straight or through others."""
     return not len(acts) or not parts_on_loops(acts).size
+
+
+def no_unique_answer(who: str, parts: Iterable[str], expected: str) -> ModelError:
+    """The refusal of a loop that these parts close without one answer."""
+    loop = AlgebraicLoop(tuple(dict.fromkeys(parts)))
+    what = f"{who}: the algebraic loop through {', '.join(loop.parts)} has no unique answer"
+    return ModelError(what, expected=expected, field="connect", fault=loop)
 
 
 def require_unique(system: LureSystem) -> None:
@@ -52,12 +60,8 @@ def require_unique(system: LureSystem) -> None:
     ends = [_finite(system.elements[single[i]].slope_bounds(), D) for i in on]
     signs = {float(np.sign(np.linalg.det(np.eye(len(on)) - D * np.array(k)))) for k in product(*ends)}
     if signs not in ({1.0}, {-1.0}):
-        names = ", ".join(system.element_names[single[i]] for i in on)
-        raise ModelError(
-            f"{system.name}: the algebraic loop through {names} has no unique answer",
-            expected="a block with states in it, or slopes around it that stay below one",
-            field="connect",
-        )
+        names = (system.element_names[single[i]] for i in on)
+        raise no_unique_answer(system.name, names, "a block with states in it, or slopes around it that stay below one")
 
 
 def _finite(bounds: tuple[float, float], D: Array) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.diagrams.algebraic import acyclic, parts_on_loops
+from eppanalysis.models.diagrams.algebraic import acyclic, no_unique_answer, parts_on_loops
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.diagrams.wiring import Port, incidence
 from eppanalysis.models.systems.linear import StateSpace
@@ -87,10 +87,6 @@ def _straight_through(DW: Array, outputs: Sequence[Port], who: str) -> Array:
             total = total + term
         return total
     if np.linalg.cond(unit - DW) > 1e12:
-        loop = ", ".join(dict.fromkeys(outputs[i][0] for i in parts_on_loops(DW)))
-        raise ModelError(
-            f"{who}: the algebraic loop through {loop} has no unique answer",
-            expected="a gain other than one around it, or a block with states in it",
-            field="connect",
-        )
+        loop = (outputs[i][0] for i in parts_on_loops(DW))
+        raise no_unique_answer(who, loop, "a gain other than one around it, or a block with states in it")
     return np.asarray(np.linalg.inv(unit - DW))

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import ModelError, did_you_mean
+from eppanalysis.errors import ModelError, OpenInput, UnknownName, did_you_mean
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.own_states import ports as port_counts
@@ -107,9 +107,8 @@ class Ports:
         part, _, port = text.partition(".")
         if part not in ports:
             known = [*ports, *(self.external if what == "output" else ())]
-            raise ModelError(
-                self.who, text, f"a part of the diagram in place of {part!r}: {did_you_mean(part, known)}", field=field
-            )
+            expected = f"a part of the diagram in place of {part!r}: {did_you_mean(part, known)}"
+            raise ModelError(self.who, text, expected, field=field, fault=UnknownName(part))
         of_part = ports[part]
         if port in of_part:
             return part, port
@@ -227,10 +226,12 @@ def driven(ports: Ports, connect: Sequence[str]) -> dict[Port, list[tuple[float,
             found[port], where[port] = terms, text
     for port in ports.targets:
         if port not in found:
+            name = written(port)
             raise ModelError(
-                f"{ports.who}: nothing drives {written(port)}",
-                expected=f"a connection to {written(port)}, '{NOTHING} -> {written(port)}' where it is to stay at zero",
+                f"{ports.who}: nothing drives {name}",
+                expected=f"a connection to {name}, '{NOTHING} -> {name}' where it is to stay at zero",
                 field="connect",
+                fault=OpenInput(name),
             )
     return found
 
