@@ -17,9 +17,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.elements.memory import Play
 from eppanalysis.models.elements.phases import broadcast
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 Array = NDArray[np.float64]
 Wave = Literal["sine", "triangle"]
@@ -156,9 +154,9 @@ def smoothed(element: Nonlinearity, amplitude: float, wave: Wave = "sine") -> No
     """
     if not (np.isfinite(amplitude) and amplitude > 0):
         raise ModelError("smoothed: amplitude", amplitude, "a positive number")
-    if isinstance(element, Play):
-        left = element.gap - 2.0 * amplitude
-        return Play(gap=left) if left > 1e-12 * element.gap else PiecewiseLinear([], [1.0], [0.0])
+    left = element.under_dither(amplitude)
+    if left is not None:
+        return left
     if not (element.is_single and element.n_inputs == 1 and element._isstatic()):
         raise ModelError(
             f"smoothed: {type(element).__name__} has memory, or several inputs",

@@ -18,7 +18,7 @@ from eppanalysis.methods.margins.crossovers import Response
 from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linearised
 from eppanalysis.methods.margins.olop_result import BOUNDARY, OnsetPoint
 from eppanalysis.methods.margins.stability import is_stable
-from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
+from eppanalysis.models.elements.base import RateLimit
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import refuse_samples
 from eppanalysis.models.systems.subject import CaseLike, facts_of, system_of
@@ -110,13 +110,13 @@ def olop(
     )
 
 
-def _limiter(system: LureSystem, element: str | None) -> tuple[str, RateLimiter | RateLimitedServo]:
-    """Name and element of the limiter that is meant."""
+def _limiter(system: LureSystem, element: str | None) -> tuple[str, RateLimit]:
+    """Name and limit of the limiter that is meant."""
     given = system if system.given is None else system.given
     found = {
-        name: e
+        name: e.rate_limit
         for name, e in zip(given.element_names, given.elements, strict=True)
-        if isinstance(e, RateLimiter | RateLimitedServo)
+        if e.rate_limit is not None
     }
     if not found:
         raise ModelError(f"olop: {system.name} has no rate limiter", expected="a RateLimiter or a RateLimitedServo")
@@ -139,14 +139,14 @@ def _input(system: LureSystem, name: str | None) -> int | None:
 
 
 def _moves(
-    linearised: Linearised, name: str, limiter: RateLimiter | RateLimitedServo, column: int | None
+    linearised: Linearised, name: str, limiter: RateLimit, column: int | None
 ) -> Callable[[Array], ComplexArray]:
     """Response (m,) from the input to the limiter's output in the linear loop, at frequencies (m,) [rad/s]."""
     system, K = linearised.system, linearised.gains
     i = system.element_names.index(name)
     row, n, nz = system.input_slices[i].start, len(system.A), len(system.C)
     # Without an external input the sine is added before the limiter, of which a servo's lag is a part.
-    lag = limiter.bandwidth if column is None and isinstance(limiter, RateLimitedServo) else np.inf
+    lag = limiter.bandwidth if column is None else np.inf
     B = system.B_input[:, [column]] if column is not None else np.zeros((n, 1))
     D = system.D_input[:, [column]] if column is not None else np.eye(nz)[:, [row]]
 

@@ -7,6 +7,7 @@ from eppanalysis.models.elements.curves.sliding import StribeckFriction, Viscous
 from eppanalysis.models.elements.curves.smooth import Arctan, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
 from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
+from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.dynamic.presliding import DahlFriction
 from eppanalysis.models.elements.dynamic.rate import RateLimitedServo, RateLimiter
 from eppanalysis.models.elements.dynamic.reset import CleggIntegrator, FirstOrderReset
@@ -15,7 +16,6 @@ from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.hysteresis import HysteresisRelay, HysteresisRelayDeadZone
 from eppanalysis.models.elements.memory import BacklashCompensator, JumpAndFollow, Play, Slip, StictionPulley
 from eppanalysis.models.elements.own import AutomatonElement
-from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import (
     Coulomb,
     Cube,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError, shown
 from eppanalysis.models.elements.automaton import Automaton, slopes_of, switching_levels
+from eppanalysis.models.elements.exact import Exact, Reading
 
 if TYPE_CHECKING:
     import control
@@ -121,6 +122,13 @@ class MeanAndGain(NamedTuple):
         return complex(gain.item())
 
 
+class RateLimit(NamedTuple):
+    """How fast the output of an element may move [its unit per s], and its bandwidth below that [rad/s; or infinite]."""
+
+    rate: float
+    bandwidth: float
+
+
 class _OfMore(MeanAndGain):
     """The same of an element whose gain hangs on more than an amplitude."""
 
@@ -171,6 +179,8 @@ class Nonlinearity(ABC):
         Element that stands in a loop between the own states, where this one is described together with them.
     small_signal : Nonlinearity or None
         Of such an element, what it is for margins of the linearised loop.
+    rate_limit : RateLimit or None
+        Of an element whose output follows its input no faster than that.
     of_frequency : bool
         Whether the describing function depends on the frequency though there is one input.
     linear_gain_is : str
@@ -197,6 +207,7 @@ class Nonlinearity(ABC):
     own_states: OwnStates | None = None
     inside: Nonlinearity | None = None
     small_signal: Nonlinearity | None = None
+    rate_limit: RateLimit | None = None
     of_frequency: ClassVar[bool] = False
 
     def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
@@ -304,6 +315,20 @@ class Nonlinearity(ABC):
         """
         low, high = slopes_of(self.automaton())
         return np.where(np.abs(low) > np.abs(high), low, high)
+
+    def exact(self, read: Reading) -> Exact | None:
+        """What it does in exact numbers, for certificates; None where none can state it.
+
+        `read` gives the rational number that a field stands for. May raise a ModelError that says why there is none.
+        """
+        return None
+
+    def under_dither(self, amplitude: float) -> Nonlinearity | None:
+        """The element that slow signals find while a fast dither of that amplitude rides on its input.
+
+        None where it is no element of its own: without a memory it is a mean over the dither, with one unknown.
+        """
+        return None
 
     @property
     def sticks_and_slips(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -14,6 +15,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import OUT, Nonlinearity
+from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
     angle,
@@ -138,6 +140,13 @@ class Friction(Nonlinearity, kind="friction"):
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x`` over all x."""
         return 0.0, np.inf if self.breakaway > 0 else 0.0
+
+    def exact(self, read: Reading) -> Pieces | None:
+        """As it slips, where its force does not fall with speed."""
+        if self.stribeck > 0:
+            return None
+        half = Half(Fraction(0), jumps=((Fraction(0), read(self.coulomb)),))
+        return Pieces(half, half)
 
     def automaton(self) -> Automaton:
         """Slips either way, sticks at rest."""

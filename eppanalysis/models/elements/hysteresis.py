@@ -13,6 +13,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
+from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     amplitude_and_bias,
     angle,
@@ -113,6 +114,19 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         """Least and greatest ``y/x``: `low` up to the upper threshold, `high` from the lower one on."""
         return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
 
+    def exact(self, read: Reading) -> Named:
+        """By its name.
+
+        Raises
+        ------
+        ModelError
+            If thresholds or levels are not symmetric.
+        """
+        for lesser, greater in (("lower", "upper"), ("low", "high")):
+            symmetric = getattr(self, lesser) == -getattr(self, greater)
+            require(self, lesser, symmetric, f"a relay that is not biased, with it at minus {greater}", greater)
+        return Named("hysteresis_relay", {"threshold": read(self.upper), "level": read(self.high)})
+
     def automaton(self) -> Automaton:
         """Two modes, one a level."""
         return automata.hysteresis_relay(self.lower, self.upper, self.low, self.high)
@@ -169,6 +183,10 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x``: zero, and the level where it goes off."""
         return 0.0, self.level / self.off if self.off else np.inf
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, "hysteresis_relay_dead_zone", read, "on", "off", "level")
 
     def automaton(self) -> Automaton:
         """Three modes, one a level."""

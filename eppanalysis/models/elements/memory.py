@@ -21,6 +21,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import (
     amplitude_and_bias,
     angle,
@@ -30,6 +31,7 @@ from eppanalysis.models.elements.phases import (
     squared_sine,
     with_nan,
 )
+from eppanalysis.models.elements.piecewise import UNITY
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
@@ -130,6 +132,15 @@ class Play(Nonlinearity, kind="play"):
     def memory_of(self, output: NDArray[np.float64]) -> float | None:
         """The output itself."""
         return float(output[0])
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, "play", read, "gap")
+
+    def under_dither(self, amplitude: float) -> Nonlinearity:
+        """A play whose gap is narrower by the dither's width; where nothing is left of it, its input."""
+        left = self.gap - 2.0 * amplitude
+        return Play(gap=left) if left > 1e-12 * self.gap else UNITY
 
     def automaton(self) -> Automaton:
         """Rests in the gap, pushed up, pushed down."""
@@ -317,6 +328,10 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
     def memory_of(self, output: NDArray[np.float64]) -> float | None:
         """The output itself."""
         return float(output[0])
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, "jump_and_follow", read, "stick_band", "slip_jump", "slope")
 
     def automaton(self) -> Automaton:
         """Stuck, follows up, follows down."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
@@ -14,6 +15,7 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
+from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, distances
 
 Array = NDArray[np.float64]
@@ -173,6 +175,26 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         """The steepest slope, infinite at a jump."""
         return np.array([[max(self.slope_bounds(), key=abs)]])
 
+    def exact(self, read: Reading) -> Pieces:
+        """Its pieces on either side of zero; an output that is not zero with its input is a jump there."""
+        b, m, c = ([read(x) for x in values.tolist()] for values in (self.breakpoints, self.slopes, self.intercepts))
+        jumps = self.jumps.tolist()  # zero where pieces meet to rounding
+        steps = [(m[i + 1] - m[i]) * b[i] + c[i + 1] - c[i] if jumps[i] else Fraction(0) for i in range(len(b))]
+        turned = _half([-x for x in b[::-1]], m[::-1], [-x for x in c[::-1]], steps[::-1])
+        return Pieces(_half(b, m, c, steps), turned)
+
     def automaton(self) -> Automaton:
         """Modes, guards and resets: one mode a piece, and one that slides along each jump."""
         return automata.static_map(self.breakpoints, self.slopes, self.intercepts)
+
+
+#: The element without an effect, of which a linear one is made by its states.
+UNITY = PiecewiseLinear([], [1.0], [0.0])
+
+
+def _half(b: list[Fraction], m: list[Fraction], c: list[Fraction], steps: list[Fraction]) -> Half:
+    """The pieces for x > 0."""
+    first = sum(x <= 0 for x in b)
+    bends = [(b[i], m[i + 1] - m[i]) for i in range(first, len(b))]
+    jumps = [(Fraction(0), c[first]), *zip(b[first:], steps[first:], strict=True)]
+    return Half(m[first], tuple(bend for bend in bends if bend[1]), tuple(jump for jump in jumps if jump[1]))

@@ -7,6 +7,7 @@ The named shapes only work out breakpoints, slopes and intercepts; everything th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -17,6 +18,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.exact import Half, Named, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, require, require_numbers
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
@@ -126,6 +128,11 @@ class Saturation(PiecewiseLinear, kind="saturation"):
         edges = [self.lower / self.slope, self.upper / self.slope]
         self._set_pieces(edges, [0.0, self.slope, 0.0], [self.lower, 0.0, self.upper])
 
+    def exact(self, read: Reading) -> Pieces:
+        """From its own fields, of which the breakpoints are quotients."""
+        k = read(self.slope)
+        return Pieces(*(Half(k, ((read(side) / k, -k),)) for side in (self.upper, -self.lower)))
+
 
 @dataclass(frozen=True)
 class DeadZone(PiecewiseLinear, kind="dead_zone"):
@@ -187,6 +194,12 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
         else:
             offsets = [-self.limit, k * d, 0.0, -k * d, self.limit]
             self._set_pieces([-top, -d, d, top], [0.0, k, 0.0, k, 0.0], offsets)
+
+    def exact(self, read: Reading) -> Pieces:
+        """From its own fields."""
+        d, k = read(self.dead_zone), read(self.slope)
+        half = Half(Fraction(0), ((d, k), (d + read(self.limit) / k, -k)))
+        return Pieces(half, half)
 
 
 @dataclass(frozen=True)
@@ -354,6 +367,12 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
             self.step * (np.arange(-n, n) + 0.5), np.zeros(2 * n + 1), self.step * np.arange(-n, n + 1, dtype=float)
         )
 
+    def exact(self, read: Reading) -> Pieces:
+        """From its step."""
+        step = read(self.step)
+        half = Half(Fraction(0), jumps=tuple((step * (2 * i + 1) / 2, step) for i in range(int(self.levels))))
+        return Pieces(half, half)
+
     def linear_gain(self) -> Array:
         """The mean slope of its steps: each is as high as it is wide."""
         return np.ones((1, 1))
@@ -414,6 +433,10 @@ class Cube(Nonlinearity, kind="cube"):
     def linear_gain(self) -> Array:
         """The steepest slope, which is infinite."""
         return np.array([[max(self.slope_bounds(), key=abs)]])
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, "cube", read, "scale")
 
     def automaton(self) -> Automaton:
         """One smooth mode."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
+from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from tests.shared import cycles_of
 
 ELBOWS = [name for name in epp.shipped_cases() if epp.case(name).kind == "elbow"]

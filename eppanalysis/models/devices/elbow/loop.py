@@ -23,9 +23,9 @@ from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.elements.contact import LockPin
+from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.friction import Friction
 from eppanalysis.models.elements.memory import StictionPulley
-from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import FiveBandLaw, PiecewiseLinear, Quantiser, Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
+from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
 from eppanalysis.models.elements.static import Coulomb
 
@@ -96,6 +98,11 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
             If an amplitude is negative.
         """
         return self._coulomb_and_viscous(amplitude, bias, omega)
+
+    def exact(self, read: Reading) -> Pieces:
+        """As it slips."""
+        half = Half(read(self.viscous), jumps=((Fraction(0), read(self.coulomb)),))
+        return Pieces(half, half)
 
     def automaton(self) -> Automaton:
         """Slips either way, sticks at rest."""

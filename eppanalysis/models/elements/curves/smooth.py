@@ -14,6 +14,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Nonlinearity
+from eppanalysis.models.elements.exact import Named, Reading
 from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
 
 Array = NDArray[np.float64]
@@ -94,6 +95,10 @@ class Drag(Nonlinearity, kind="drag"):
     def linear_gain(self) -> Array:
         """The slope at zero, which is none."""
         return np.zeros((1, 1))
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, "drag", read, "scale")
 
     def automaton(self) -> Automaton:
         """Forward and backward, a square either way."""

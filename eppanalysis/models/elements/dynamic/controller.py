@@ -8,10 +8,9 @@ from types import MappingProxyType
 import numpy as np
 
 from eppanalysis.models.elements.base import OUT, SLOPE, Nonlinearity, OwnStates, Role
-from eppanalysis.models.elements.dynamic.state import UNITY
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import require, require_numbers
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 _PER_TIME: Role = (-1, 1, -1)
 _TIMES_TIME: Role = (-1, 1, 1)

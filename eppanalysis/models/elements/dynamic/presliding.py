@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, Nonlinearity, Role
-from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput, lag, state_of_law
+from eppanalysis.models.elements.dynamic.state import StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
@@ -25,6 +25,7 @@ from eppanalysis.models.elements.phases import (
     require,
     require_numbers,
 )
+from eppanalysis.models.elements.piecewise import UNITY
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.models.elements.base import Nonlinearity, OwnStates, Role
-from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput, lag
+from eppanalysis.models.elements.base import Nonlinearity, OwnStates, RateLimit, Role
+from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import broadcast, broadcast_with_frequency, require, require_numbers
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
+from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
@@ -71,6 +71,7 @@ class _RateLimited(StateOutput):
         C, D = np.array([[-1.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0]])
         state = OwnStates(np.zeros((1, 1)), np.array([[0.0, 1.0]]), C, D)
         self._set_parts(state, _Chasing(self.rate, bandwidth), small_signal)
+        object.__setattr__(self, "rate_limit", RateLimit(self.rate, bandwidth))
 
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Array]:
         """Output for an input `x` that is approached slowly: x itself."""

@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
-from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 Array = NDArray[np.float64]
-#: The element without an effect, of which a linear one is made by its states.
-UNITY = PiecewiseLinear([], [1.0], [0.0])
 
 
 class StateOutput(Nonlinearity):

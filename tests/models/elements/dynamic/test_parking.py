@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.parking import ParkingBandLaw, SampledLaw
+from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.static import FiveBandLaw
 
 LAW = FiveBandLaw(slack=5.0, low=10.0, high=11.0, max=16.0, supply_voltage=16.0, offset_voltage=1.0)
