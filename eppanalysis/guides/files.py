@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
-from eppanalysis.guides.result import in_words
+from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.readable import cut_text
 from eppanalysis.results.shown import png
@@ -64,7 +64,7 @@ def write_guide(guide: Guide, path: Path) -> None:
 
 def title(guide: Guide) -> str:
     """What the table is about."""
-    which = "Largest" if guide.side == "below" else "Smallest"
+    which = "Largest" if guide.side is Side.BELOW else "Smallest"
     return f"{which} {in_words(guide.limit)} without a limit cycle: {guide.case.title or guide.case.name}"
 
 

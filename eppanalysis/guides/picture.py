@@ -13,7 +13,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import limit_grid
-from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, in_words
+from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, Side, in_words
 from eppanalysis.methods.bounds.result import Known
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, put_verdict, root_figure
 from eppanalysis.readable import with_unit
@@ -99,7 +99,7 @@ def _draw_grid(ax: Axes, guide: Guide) -> None:
     ax.set_ylabel(in_words(over), fontsize=8)
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
-    side = "at most" if guide.side == "below" else "at least"
+    side = "at most" if guide.side is Side.BELOW else "at least"
     ax.set_xlabel(f"{with_unit(in_words(guide.limit), unit)}, {side}, in steps of {step}", fontsize=8)
     known = [k for k in Known if any(row.cell.known is k for row in guide.rows)]
     handles = [Patch(facecolor=_KNOWN[k][0], alpha=0.35, label=str(k)) for k in known]
@@ -112,7 +112,7 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
     x = x_factor * np.array([row.values[guide.over] for row in rows])
     bound = factor * np.array([row.allowed for row in rows])
     own = factor * rows[0].own
-    sign = 1.0 if guide.side == "below" else -1.0
+    sign = 1.0 if guide.side is Side.BELOW else -1.0
     edges, ends = _edges(factor, rows, bound, own, sign)
     # A single value has no width: its regions are drawn as a strip around it.
     strip = x.size == 1

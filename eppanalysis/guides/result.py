@@ -31,6 +31,13 @@ GAIN, LIMIT = "bands.range", "lock_pin.backlash"
 _NAN = float("nan")
 
 
+class Side(StrEnum):
+    """Side of a limit."""
+
+    BELOW = "below"
+    ABOVE = "above"
+
+
 class Region(StrEnum):
     """What a design does, by where it stands to its limit; in words that stand in a manual."""
 
@@ -141,9 +148,9 @@ class Guide(Result):
         return self.limit == LIMIT
 
     @property
-    def side(self) -> str:
+    def side(self) -> Side:
         """On which side of the limits the design is free of oscillation."""
-        return "above" if any(row.cell.sign < 0 and math.isfinite(row.allowed) for row in self.rows) else "below"
+        return Side.ABOVE if any(row.cell.sign < 0 and math.isfinite(row.allowed) for row in self.rows) else Side.BELOW
 
     def variants(self) -> dict[tuple[float, ...], list[GuideRow]]:
         """The rows by the values of the parameters that make the variants, each over the parameter that runs."""
@@ -165,7 +172,7 @@ class Guide(Result):
 
     def rounded(self) -> pandas.DataFrame:
         """The table as texts, its numbers of four significant digits on the safe side; a dash where there is none."""
-        return self.to_frame().map(partial(cut_text, up=self.side == "above"))
+        return self.to_frame().map(partial(cut_text, up=self.side is Side.ABOVE))
 
     def _line(self, row: GuideRow) -> dict[str, Any]:
         line: dict[str, Any] = {}
@@ -173,7 +180,7 @@ class Guide(Result):
             unit, factor = self.case.readable(name)
             line[with_unit(in_words(name), unit)] = factor * value
         unit, factor = self.case.readable(self.limit)
-        side = "largest" if self.side == "below" else "smallest"
+        side = "largest" if self.side is Side.BELOW else "smallest"
         line[with_unit(f"{side} {in_words(self.limit)}", unit)] = factor * row.allowed
         if self.of_backlash:
             line["at the pulley [mm]"] = 1e3 * row.pulley
@@ -188,9 +195,10 @@ class Guide(Result):
         if self._applied:
             line["margins taken off"] = ", ".join(self._applied)
         begins = "oscillates from rest" if self.of_backlash else "own run oscillates"
+        beyond = Side.ABOVE if self.side is Side.BELOW else Side.BELOW
         line |= {
             with_unit("first order", unit): factor * row.cell.first_order,
-            with_unit(f"{begins} {'above' if self.side == 'below' else 'below'}", unit): factor * row.from_rest,
+            with_unit(f"{begins} {beyond}", unit): factor * row.from_rest,
             with_unit(f"own {in_words(self.limit)}", unit): factor * row.own,
         }
         if self.of_backlash:
@@ -205,7 +213,7 @@ class Guide(Result):
     def less_margin(self, bound: float) -> float:
         """A bound on the limited parameter with the margin on it taken off, in its SI unit."""
         factor = self.margins.get(self.limit, 1.0)
-        return bound / factor if self.side == "below" else bound * factor
+        return bound / factor if self.side is Side.BELOW else bound * factor
 
     @property
     def _applied(self) -> list[str]:

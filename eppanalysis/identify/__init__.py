@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case, Parameter
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, brief_estimates, estimates_frame
 from eppanalysis.identify.reading import Recording, read_recording
 from eppanalysis.progress import Progress
@@ -160,19 +161,23 @@ def identify(
     if tray is not None:
         from eppanalysis.identify.tray import fit_tray
 
-        recording = read_recording(tray, ("force", "voltage"), ("time",), columns, progress=progress)
+        recording = read_recording(tray, (Role.FORCE, Role.VOLTAGE), (Role.TIME,), columns, progress=progress)
         fits.append(fit_tray(recording, wrap=wrap))
         found = with_estimates(found, fits[-1])
     if backlash is not None:
         from eppanalysis.identify.backlash import fit_backlash
 
-        recording = read_recording(backlash, ("angle", "force"), ("time", "torque"), columns, progress=progress)
+        recording = read_recording(
+            backlash, (Role.ANGLE, Role.FORCE), (Role.TIME, Role.TORQUE), columns, progress=progress
+        )
         fits.append(fit_backlash(recording, found, press=press))
         found = with_estimates(found, fits[-1])
     if step is not None:
         from eppanalysis.identify.step import fit_step
 
-        recording = read_recording(step, ("time", "angle"), ("force", "harness"), columns, progress=progress)
+        recording = read_recording(
+            step, (Role.TIME, Role.ANGLE), (Role.FORCE, Role.HARNESS), columns, progress=progress
+        )
         fits.append(fit_step(recording, found, fit, seed=seed, progress=progress))
         found = with_estimates(found, fits[-1])
     return Identification(_titled(found, fits), tuple(fits), provenance=fits[-1].provenance)

@@ -21,6 +21,7 @@ from scipy.ndimage import uniform_filter1d
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.plausible import mistaken
@@ -143,12 +144,12 @@ class _Line:
 
 def _find_stays(recording: Recording, radius: float) -> _Stays:
     """Where the forearm rests at either end of its travel: by its angle, or where known by the torque on the pin."""
-    angle, source = recording["angle"], recording.source
+    angle, source = recording[Role.ANGLE], recording.source
     low, high = np.quantile(angle, [0.02, 0.98])
     span = float(high - low)
     noise = float(np.std(np.diff(angle))) / math.sqrt(2)
     steps = np.abs(np.diff(angle))
-    noise = min(noise, float(np.median(steps)) / 0.954 + recording.resolution["angle"] / math.sqrt(12))
+    noise = min(noise, float(np.median(steps)) / 0.954 + recording.resolution[Role.ANGLE] / math.sqrt(12))
     if not span > 6 * noise:
         raise EppError(
             f"{source}: the angle moves no farther than its noise; expected travel from end to end of the gap."
@@ -159,8 +160,8 @@ def _find_stays(recording: Recording, radius: float) -> _Stays:
     places = np.flatnonzero(sure)
     turns = places[np.flatnonzero(np.diff(sure[places])) + 1] if places.size else places
     edges = [int(places[0]) if places.size else 0, *turns.tolist(), angle.size]
-    reach = max(4 * noise, 0.5 * recording.resolution["angle"])
-    pressed = None if "torque" not in recording else _pressed(recording, sure, radius)
+    reach = max(4 * noise, 0.5 * recording.resolution[Role.ANGLE])
+    pressed = None if Role.TORQUE not in recording else _pressed(recording, sure, radius)
     found = []
     for first, last in zip(edges, edges[1:], strict=False):
         if pressed is None:
@@ -193,7 +194,7 @@ def _stay(angle: Array, first: int, last: int, reach: float, upper: bool) -> tup
 
 def _pressed(recording: Recording, sure: NDArray[np.int64], radius: float) -> NDArray[np.bool_]:
     """Rows in which the forearm surely presses against the pin on the side that it is on."""
-    net = recording["torque"] + radius * recording["force"]
+    net = recording[Role.TORQUE] + radius * recording[Role.FORCE]
     return net * sure > 0.2 * float(np.quantile(np.abs(net), 0.9))
 
 
@@ -208,15 +209,15 @@ def _middle(places: NDArray[np.int64], first: int) -> tuple[int, int] | None:
 
 
 def _means(recording: Recording, found: list[tuple[int, int]], sides: Array, noise: float) -> _Stays:
-    torque = recording.columns.get("torque")
-    creep = [_creep(recording["angle"][a:b]) for a, b in found]
+    torque = recording.columns.get(Role.TORQUE)
+    creep = [_creep(recording[Role.ANGLE][a:b]) for a, b in found]
     pieces, side = [], []
     for (a, b), s in zip(found, sides, strict=True):
         parts = 1 if torque is None else max(1, min(PARTS, (b - a) // FEWEST_ROWS))
         cuts = np.linspace(a, b, parts + 1).astype(int)
         pieces += list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
         side += [s] * parts
-    time = recording["time"]
+    time = recording[Role.TIME]
     span = float(np.ptp(time)) or 1.0
 
     def mean(values: Array) -> Array:
@@ -225,8 +226,8 @@ def _means(recording: Recording, found: list[tuple[int, int]], sides: Array, noi
     return _Stays(
         side=np.array(side),
         time=(mean(time) - float(time.mean())) / span,
-        angle=mean(recording["angle"]),
-        force=mean(recording["force"]),
+        angle=mean(recording[Role.ANGLE]),
+        force=mean(recording[Role.FORCE]),
         torque=None if torque is None else mean(torque),
         noise=noise,
         creep=abs(float(np.mean(np.array(creep) * sides))),
@@ -266,7 +267,7 @@ def _held_back(recording: Recording, stays: _Stays, case: Case) -> Array | None:
     if pulley is None:
         return share
     width = max(1, int(0.2 * float(np.mean(stays.ends - stays.starts))))
-    angle = uniform_filter1d(recording["angle"], width, mode="nearest")
+    angle = uniform_filter1d(recording[Role.ANGLE], width, mode="nearest")
     for _ in range(6):
         force = stays.force / share
         slope = -_contrast(force, stays.side) / _contrast(stays.angle, stays.side)
@@ -300,7 +301,7 @@ def _backlash(angle: _Line, force: _Line, stays: _Stays, recording: Recording, c
     stiffness = case.elbow_parameters.lock_pin.stiffness
     radius = case.elbow_parameters.pulley.radius
     value, half = float(angle.p[2]), angle.half(2)
-    rounded = _TWO_ENDS * rounding(recording.resolution["angle"], stays.noise)
+    rounded = _TWO_ENDS * rounding(recording.resolution[Role.ANGLE], stays.noise)
     half = math.hypot(half, rounded) + 2.0 * (stays.creep if stays.creep > 0.5 * stays.noise else 0.0)
     note = "the pin's yielding under the hand taken out"
     below = 0.0
@@ -327,9 +328,9 @@ def _slope(force: _Line, stays: _Stays, recording: Recording) -> tuple[float, fl
             "and fixed at the harness."
         )
     resolution = 1.55 * rounding(
-        recording.resolution["force"], float(np.std(np.diff(recording["force"]))) / math.sqrt(2)
+        recording.resolution[Role.FORCE], float(np.std(np.diff(recording[Role.FORCE]))) / math.sqrt(2)
     )
-    turned = 1.55 * rounding(recording.resolution["angle"], stays.noise)
+    turned = 1.55 * rounding(recording.resolution[Role.ANGLE], stays.noise)
     parts = (math.hypot(force.half(2), resolution) / change, math.hypot(travel.half(2), turned) / travel.p[2])
     return float(-change / travel.p[2]), math.hypot(*parts)
 
@@ -407,7 +408,7 @@ def _result(
 
 def _curves(recording: Recording, stays: _Stays, angle: _Line, force: _Line, share: Array) -> dict[str, Any]:
     """Angle and force at every stay with the fit, over time; the whole record thin behind them."""
-    time = recording["time"]
+    time = recording[Role.TIME]
     span = float(np.ptp(time)) or 1.0
     at = stays.time * span + float(time.mean())
     unit = "s" if recording.timed else ""
@@ -415,9 +416,9 @@ def _curves(recording: Recording, stays: _Stays, angle: _Line, force: _Line, sha
     return {
         "panels": {
             "angle": {"x": at, "y": stays.angle, "fit": stays.angle - angle.residual, "residual": angle.residual,
-                      "units": (unit, "rad"), "behind": (time, recording["angle"])},
+                      "units": (unit, "rad"), "behind": (time, recording[Role.ANGLE])},
             "force": {"x": at, "y": stays.force, "fit": stays.force - left, "residual": left,
-                      "units": (unit, "N"), "behind": (time, recording["force"])},
+                      "units": (unit, "N"), "behind": (time, recording[Role.FORCE])},
         },
         "x": "time" if recording.timed else "row",
     }  # fmt: skip

@@ -6,14 +6,26 @@ import difflib
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 from eppanalysis.errors import CaseError
 from eppanalysis.units import QuantityError, parse_any, parse_quantity
 
-#: SI unit of every role that a column can have.
-ROLES: dict[str, str] = {"time": "s", "force": "N", "voltage": "V", "angle": "rad", "torque": "N*m", "harness": "m"}
-#: What people write in a header, for messages.
-_EXAMPLES = {"time": "ms", "force": "lbf", "voltage": "V", "angle": "deg", "torque": "N*m", "harness": "mm"}
+
+class Role(StrEnum):
+    """What a column of a measured file holds."""
+
+    TIME = "time"
+    FORCE = "force"
+    VOLTAGE = "voltage"
+    ANGLE = "angle"
+    TORQUE = "torque"
+    HARNESS = "harness"
+
+
+#: SI unit of each role, and what people write in a header, for messages.
+ROLES: Mapping[str, str] = dict(zip(Role, ("s", "N", "V", "rad", "N*m", "m"), strict=True))
+_EXAMPLES: Mapping[str, str] = dict(zip(Role, ("ms", "lbf", "V", "deg", "N*m", "mm"), strict=True))
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTALL)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.response import Channel, Response
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def _size(channel: Channel, values: Array) -> float:
 def _text(channel: Channel, value: float) -> str:
     from eppanalysis.units import format_si
 
-    return format_si(float(value), *(("rad", "deg") if channel.role == "angle" else ("N", "N")), 3)
+    return format_si(float(value), *(("rad", "deg") if channel.role == Role.ANGLE else ("N", "N")), 3)
 
 
 def mistaken(role: str, ratio: float) -> str:

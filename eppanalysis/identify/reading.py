@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases.files import Missing
 from eppanalysis.errors import CaseError
-from eppanalysis.identify.columns import ROLES, Column, find_columns
+from eppanalysis.identify.columns import ROLES, Column, Role, find_columns
 from eppanalysis.progress import Progress
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Recording:
     timed: bool
 
     def __len__(self) -> int:
-        return len(self.columns["time"])
+        return len(self.columns[Role.TIME])
 
     def __getitem__(self, role: str) -> Array:
         return self.columns[role]
@@ -151,9 +151,9 @@ def _read(
         )
     rows = blocks.rows()
     columns = {c.role: rows[:, i].copy() for i, c in enumerate(found)}
-    timed = "time" in columns
+    timed = Role.TIME in columns
     if not timed:
-        columns["time"] = np.arange(float(len(rows)))
+        columns[Role.TIME] = np.arange(float(len(rows)))
     return Recording(source, columns, table.n_rows, table.n_holes, blocks.block, table.resolution(), timed)
 
 
@@ -229,7 +229,7 @@ class _Table:
     def __init__(self, source: str, n_cells: int, separator: str, columns: Sequence[Column]) -> None:
         self.source, self.n_cells, self.separator, self.columns = source, n_cells, separator, columns
         self.factors = np.array([c.factor for c in columns])
-        self.time = next((i for i, c in enumerate(columns) if c.role == "time"), None)
+        self.time = next((i for i, c in enumerate(columns) if c.role == Role.TIME), None)
         self.last = -math.inf
         self.n_rows = self.n_holes = 0
         self.steps = np.full(len(columns), math.inf)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.intervals import rounding
 from eppanalysis.identify.reading import Recording
 from eppanalysis.methods.simulation.simulate import run_hybrid
@@ -21,7 +22,7 @@ from eppanalysis.models.systems.inputs import InputSignal, Recorded, input_signa
 Array = NDArray[np.float64]
 
 #: Signal of the model behind a column.
-SIGNALS = {"angle": "theta", "force": "sensor_force"}
+SIGNALS = {Role.ANGLE: "theta", Role.FORCE: "sensor_force"}
 #: A shorter dead time than this makes no difference, but stiff equations [s].
 SHORTEST_DELAY = 2e-5
 #: Longest span of averaged rows that leaves the motion as it is [s]; most switches of a run.
@@ -96,7 +97,7 @@ class Channel:
 
     Attributes
     ----------
-    role : str
+    role : Role
     data : array, shape (n,)
     nuisance : array, shape (n, 2)
         Zero and drift.
@@ -106,7 +107,7 @@ class Channel:
         Rows in which the column does not saturate; only these count.
     """
 
-    role: str
+    role: Role
     data: Array
     nuisance: Array
     noise: float
@@ -129,7 +130,7 @@ class Response:
     def __init__(self, recording: Recording, case: Case, unknowns: Sequence[Unknown]) -> None:
         self.case, self.unknowns = case, tuple(unknowns)
         self.base: ElbowParameters = case.elbow_parameters
-        time = recording["time"]
+        time = recording[Role.TIME]
         self.input_signal, self.time = _input_signal(recording, case)
         if recording.block > 1 and float(np.ptp(time)) / len(time) > LONGEST_BLOCK:
             raise EppError(
@@ -172,11 +173,11 @@ class Response:
         after = times[times >= 0]
         run = run_hybrid(hybrid, float(after[-1]) * (1 + 1e-12), after, 2.0 * hybrid.time_scale, MOST_EVENTS, 1)
         done = int(run.stats[2])
-        out = {}
+        out: dict[str, Array] = {}
         for channel in self.channels:
             place = system.signals.names.index(SIGNALS[channel.role])
             values = np.empty(times.size)
-            values[: times.size - after.size] = 0.0 if channel.role == "angle" else self.base.bands.parking_centre
+            values[: times.size - after.size] = 0.0 if channel.role == Role.ANGLE else self.base.bands.parking_centre
             values[times.size - after.size :] = run.samples[:, place]
             values[times.size - after.size + done :] = run.samples[max(done - 1, 0), place]
             out[channel.role] = values
@@ -207,17 +208,17 @@ class Response:
 
 def _input_signal(recording: Recording, case: Case) -> tuple[InputSignal, Array]:
     """What the harness does, and the times of the record on its clock."""
-    time = recording["time"]
-    if "harness" not in recording:
+    time = recording[Role.TIME]
+    if Role.HARNESS not in recording:
         input_signal = input_signals_by_name(case.to_system().input_names, case.input).get("harness_position")
         if input_signal is None:
             raise EppError(f"{recording.source}: the case {case.name!r} has no input; expected a step of the harness.")
         return input_signal, time
-    harness = recording["harness"]
+    harness = recording[Role.HARNESS]
     return Recorded(time - time[0], harness - harness[0]), time - time[0]
 
 
-def _channel(recording: Recording, role: str, time: Array) -> Channel:
+def _channel(recording: Recording, role: Role, time: Array) -> Channel:
     data = recording[role]
     steps = np.diff(data, 2) / np.sqrt(6.0)
     # Most second differences are noise; the few at switches are not.
@@ -226,7 +227,7 @@ def _channel(recording: Recording, role: str, time: Array) -> Channel:
     noise = max(noise, step / np.sqrt(12.0), rounding(step, noise) / np.sqrt(3.0), 1e-12)
     span = float(np.ptp(time))
     columns = np.column_stack([np.ones(time.size), (time - time.mean()) / span])
-    live = _unsaturated(data, step) if role == "force" else np.ones(data.size, bool)
+    live = _unsaturated(data, step) if role == Role.FORCE else np.ones(data.size, bool)
     return Channel(role, data, columns, noise, live)
 
 

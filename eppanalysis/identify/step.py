@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, weighted
 from eppanalysis.identify.plausible import LEAST_SHARE, explained, refuse_what_is_no_response
@@ -434,13 +435,15 @@ def _estimates(solution: _Solution, names: Sequence[str]) -> tuple[Estimate, ...
 def _result(recording: Recording, solution: _Solution, names: Sequence[str], seed: int) -> BenchFit:
     response = solution.response
     now = response.signals(solution.q)
-    panels, residuals, worst, shares = {}, {}, 0.0, {}
+    panels: dict[str, object] = {}
+    residuals: dict[str, Residual] = {}
+    worst, shares = 0.0, {}
     for channel in response.channels:
         r = channel.data - now[channel.role]
         share = np.linalg.lstsq(channel.nuisance[channel.live], r[channel.live], rcond=None)[0]
         left = np.where(channel.live, r - channel.nuisance @ share, 0.0)
         drift = float(share[1] * np.ptp(channel.nuisance[:, 1]))
-        unit = "rad" if channel.role == "angle" else "N"
+        unit = "rad" if channel.role == Role.ANGLE else "N"
         residuals[channel.role] = Residual(float(np.std(left)), lag_one(left), drift, unit)
         worst = max(worst, float(np.std(left)) / channel.noise)
         shares[channel.role] = explained(channel, left)

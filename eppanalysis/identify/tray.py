@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.estimate import BenchFit, Estimate, Residual, lag_one
 from eppanalysis.identify.intervals import Weighted, confounded, rounding, weighted
 from eppanalysis.identify.reading import Recording
@@ -98,7 +99,7 @@ def _best(loop: _Loop, start: Array) -> tuple[Array, float]:
 
 def _prepare(recording: Recording) -> _Data:
     """Rows in order; where weights stand for many readings, the mean of the readings at each weight."""
-    force, voltage, time = recording["force"], recording["voltage"], recording["time"]
+    force, voltage, time = recording[Role.FORCE], recording[Role.VOLTAGE], recording[Role.TIME]
     if float(force.min()) < -0.02 * float(np.ptp(force)):
         raise EppError(
             f"{recording.source}: the force goes down to {force.min():.4g} N; expected forces that only pull."
@@ -118,7 +119,7 @@ def _prepare(recording: Recording) -> _Data:
         weight = lengths / lengths.mean()
     force = np.maximum(force, 0.0)
     span = float(np.ptp(time)) or 1.0
-    noise = float(np.median(np.abs(np.diff(force)))) if starts.size >= recording["force"].size / 3 else 0.0
+    noise = float(np.median(np.abs(np.diff(force)))) if starts.size >= recording[Role.FORCE].size / 3 else 0.0
     pieces = strokes(force, max(_TURN * float(np.ptp(force)), min(4 * noise, 0.2 * float(np.ptp(force)))))
     used = ~_after_gaps(force, pieces)
     return _Data((time - time.mean()) / span, force, voltage, np.sqrt(weight), used, pieces)
@@ -331,8 +332,8 @@ def _estimates(
     ends = gain * np.exp(np.array([-half[2], half[2]]))
     out = [friction, ratio, Estimate("sensor.gain", gain, float(ends[0]), float(ends[1]), "V/N", "V/lbf")]
     if best.size > 4:
-        scatter = float(np.std(np.diff(recording["voltage"]))) / math.sqrt(2)
-        wide = math.hypot(float(half[4]), 0.95 * rounding(recording.resolution["voltage"], scatter))
+        scatter = float(np.std(np.diff(recording[Role.VOLTAGE]))) / math.sqrt(2)
+        wide = math.hypot(float(half[4]), 0.95 * rounding(recording.resolution[Role.VOLTAGE], scatter))
         level = float(best[4])
         out.append(Estimate("sensor.full_scale", level, level - wide, level + wide, "V", "V", note="saturation"))
     return tuple(out)
@@ -344,7 +345,7 @@ def _result(
     notes = recording.sentences()
     if len(best) == 4:
         notes.append(f"The voltage never saturates: full scale is above {data.voltage.max():.4g} V.")
-    if not any(data.weight != 1.0) or data.weight.size == recording["force"].size:
+    if not any(data.weight != 1.0) or data.weight.size == recording[Role.FORCE].size:
         notes.append(f"{len(data.pieces)} strokes of the force.")
     else:
         notes.append(f"{data.force.size} weights in {len(data.pieces)} strokes, each the mean of its readings.")

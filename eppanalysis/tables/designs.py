@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from eppanalysis.methods.bounds.result import Finding
+from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.readable import signed_percent, with_unit
 from eppanalysis.tables.cells import cell, table_of
 
@@ -67,7 +67,7 @@ def design_table(design: Design) -> Table:
     for place, best in rows:
         shown = [f"{design.readable[n][1] * best.at[n]:.7g}" if best.feasible else "-" for n in names]
         first_order = cell(design.readable[design.objective][1] * best.first_order)
-        active = (best.kind if best.kind != "end" else "own range") if best.feasible else "infeasible"
+        active = (best.kind if best.kind is not Turn.END else "own range") if best.feasible else "infeasible"
         table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
     return table
 

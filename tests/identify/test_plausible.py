@@ -10,6 +10,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.identify import sampling, step
+from eppanalysis.identify.columns import Role
 from eppanalysis.identify.plausible import moves
 from eppanalysis.identify.response import Channel
 from tests.reference.benches import Bench, step_response
@@ -110,7 +111,7 @@ def test_noise_alone_does_not_move_and_a_small_step_in_long_noise_does(n) -> Non
     live = np.ones(n, bool)
     step_of = np.where(np.arange(n) > n // 3, 1.0, 0.0)
     shown = [
-        moves(Channel("angle", size * step_of + 3.0 * drift[:, 1] + rng.normal(size=n), drift, 1.0, live))
+        moves(Channel(Role.ANGLE, size * step_of + 3.0 * drift[:, 1] + rng.normal(size=n), drift, 1.0, live))
         for size in (*[0.0] * 300, *[16.0 / np.sqrt(n / 20)] * 20)
     ]
     assert not any(shown[:300]) and all(shown[300:])

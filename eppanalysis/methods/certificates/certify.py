@@ -13,7 +13,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError, did_you_mean, require_packages
 from eppanalysis.methods.certificates.numbers import NotCovered
-from eppanalysis.methods.certificates.registry import of_text
+from eppanalysis.methods.certificates.registry import Asked, of_text
 from eppanalysis.methods.certificates.result import Certificate, Check, enclosure, sentence
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 #: Longest time that a checker may take [s].
 _PATIENCE = 600.0
 _MOST_SECTORS = 200
-#: The statements that are asked of a loop by `certify`.
-_ASKED = ("roots", "absence")
 #: Absence of cycles is no stability: said where all motions may grow.
 _GROWS = " While the play moves, the loop is not stable: motions that do not rest may grow without bound."
 
@@ -97,27 +95,27 @@ def certify(
     >>> print(epp.certify(slack, "absence"))
     Proved: slack has no periodic motion but rest, for any gap (a function that falls, quadratic in 8 sectors).
     """
-    _require_statement(statement)
+    asked = _asked(statement)
     if not 2 <= sectors <= _MOST_SECTORS:
         raise EppError(f"certify: sectors is {sectors}; expected 2 to {_MOST_SECTORS}.")
-    if box is not None and statement == "absence":
+    if box is not None and asked is Asked.ABSENCE:
         raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
     require_packages("certify", "proof", "flint")
     from eppanalysis.methods.certificates.rational import rational_loop
 
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
-    settings = {"system": system.name, "statement": statement, "input": dict(at.inputs)}
+    settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs)}
     try:
         stated, off = rational_loop(system)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
-        if statement == "roots":
+        if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made_by)
         return _absence(system, stated, sectors, at, made_by)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
-        return Certificate(statement, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+        return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
 
 
 def _roots(
@@ -136,7 +134,7 @@ def _roots(
     document = roots.find(stated, box_of(system, stated["element"], box))
     _accepted(document)
     return Certificate(
-        "roots",
+        Asked.ROOTS,
         Status.INCOMPLETE if document["claim"]["undecided"] else Status.CONVERGED,
         sentence(document),
         document,
@@ -160,10 +158,10 @@ def _absence(
     document = absence.find(stated, sectors)
     if isinstance(document, str):
         message = f"Not decided: {document}"
-        return Certificate("absence", Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+        return Certificate(Asked.ABSENCE, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
     _accepted(document)
     message = sentence(document) + (_GROWS if play and _grows(system) else "")
-    return Certificate("absence", Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
+    return Certificate(Asked.ABSENCE, Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
 
 
 def _grows(system: LureSystem) -> bool:
@@ -264,6 +262,8 @@ def _text(path: Path) -> str:
         raise EppError(f"{path}: {why}; expected the file of a certificate.") from error
 
 
-def _require_statement(statement: str) -> None:
-    if statement not in _ASKED:
-        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, _ASKED)}.")
+def _asked(statement: str) -> Asked:
+    """The statement that is meant."""
+    if statement not in list(Asked):
+        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, list(Asked))}.")
+    return Asked(statement)

@@ -10,6 +10,7 @@ from matplotlib.collections import PolyCollection
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
+from eppanalysis.methods.certificates.registry import Asked
 from eppanalysis.plotting import BLUE, VERMILLION, place_of, with_name
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
     if not certificate.document:
         raise EppError(f"There is no picture of a certificate that is none. {certificate.message}")
     figure, ax = place_of(ax, (5.6, 4.4))
-    if certificate.statement == "roots":
+    if certificate.statement is Asked.ROOTS:
         _plot_cover(certificate, ax)
     elif "sectors" in certificate.document["claim"]:
         plot_level(certificate.document["evidence"], ax)

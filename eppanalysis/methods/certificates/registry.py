@@ -5,9 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+
+class Asked(StrEnum):
+    """What `certify` is asked to prove."""
+
+    ROOTS = "roots"
+    ABSENCE = "absence"
 
 
 @dataclass(frozen=True)
@@ -67,8 +75,8 @@ def of_text(text: str) -> Statement:
 
 #: By the word that `certify` takes; "absence" has three proofs, and `certify_orbit` has its own.
 STATEMENTS = {
-    "roots": Statement("all roots of the first-order balance in a box", "check_roots"),
-    "absence": Statement("no periodic motion but rest", "check_absence"),
+    Asked.ROOTS: Statement("all roots of the first-order balance in a box", "check_roots"),
+    Asked.ABSENCE: Statement("no periodic motion but rest", "check_absence"),
     "orbit": Statement("one closed orbit of a sequence of affine arcs in a box, and no event earlier", "check_orbit"),
     "absence_by_cells": Statement("no periodic motion but rest, by cells of a return map", "check_cells"),
     "absence_with_play": Statement("no periodic motion but rest, for any gap of the play", "check_play"),

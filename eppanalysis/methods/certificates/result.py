@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, visible
-from eppanalysis.methods.certificates.registry import STATEMENTS
+from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
 from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.results.shown import frame_of
@@ -56,8 +56,8 @@ class Certificate(WithFile):
 
     Attributes
     ----------
-    statement : str
-        What was asked: "roots" or "absence".
+    statement : Asked
+        "roots" or "absence".
     status : Status
         CONVERGED where all of it is proved; INCOMPLETE where boxes are undecided, nothing is decided, or the loop is
         not covered.
@@ -71,7 +71,7 @@ class Certificate(WithFile):
         Of "roots": boxes of which nothing is proved.
     """
 
-    statement: str
+    statement: Asked
     status: Status
     message: str
     document: Mapping[str, Any] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class Certificate(WithFile):
 
     def to_frame(self) -> pandas.DataFrame:
         """The enclosures of the roots, and of what is undecided, one a row; of absence, the claim."""
-        if self.statement != "roots":
+        if self.statement is not Asked.ROOTS:
             claim = {name: str(value) for name, value in self.document.get("claim", {}).items()}
             return frame_of([{"statement": self.statement, "proved": self.proved} | claim])
         rows = [
@@ -150,9 +150,9 @@ def sentence(document: Mapping[str, Any]) -> str:
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
     name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
-    if document["statement"] == STATEMENTS["roots"].text:
+    if document["statement"] == STATEMENTS[Asked.ROOTS].text:
         return _roots_sentence(name, claim, document["box"])
-    if document["statement"] == STATEMENTS["absence"].text:
+    if document["statement"] == STATEMENTS[Asked.ABSENCE].text:
         low, high = claim["sector"]
         multiplier = (
             "the circle criterion" if claim["multiplier"] == "0" else f"Popov's, multiplier {claim['multiplier']}"

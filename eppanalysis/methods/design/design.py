@@ -22,7 +22,7 @@ from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.design.frontier import Frontier
-from eppanalysis.methods.design.result import Design, Optimum
+from eppanalysis.methods.design.result import Design, Goal, Optimum
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
@@ -140,7 +140,7 @@ def design(
     return Design(
         case=case.name,
         objective=objective,
-        goal="largest" if sign > 0 else "smallest",
+        goal=Goal.LARGEST if sign > 0 else Goal.SMALLEST,
         tune=ranges,
         optimum=optimum,
         front_over=over,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.design.result import Goal
 from eppanalysis.plotting import BLUE, GREEN, ORANGE, VERMILLION, place_of
 from eppanalysis.readable import with_unit, words
 
@@ -39,7 +40,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.objective), y_unit))
     ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
     rule = "on the safe side of it (tested at the optimum)"
-    edge = y * design.tune[design.objective][0 if design.goal == "largest" else 1]
+    edge = y * design.tune[design.objective][0 if design.goal is Goal.LARGEST else 1]
     ax.fill_between(x * known[:, 0], y * known[:, 1], edge, color=GREEN, alpha=0.12, linewidth=0, label=rule)
     at, safe = (x * best.at[other], y * best.at[design.objective]), y * best.values[design.objective]
     confirmed = "confirmed" if best.confirmed else "not confirmed"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,6 +81,13 @@ class Optimum(Brief):
         return bool(self.at)
 
 
+class Goal(StrEnum):
+    """Which value of the objective is looked for."""
+
+    LARGEST = "largest"
+    SMALLEST = "smallest"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Result):
     """The best design without a limit cycle, or with none above what is allowed.
@@ -89,7 +97,7 @@ class Design(Result):
     case : str
     objective : str
         The parameter that is maximised or minimised.
-    goal : {"largest", "smallest"}
+    goal : Goal
     tune : dict of str to (float, float)
         Ranges of the tuned parameters [SI].
     optimum : Optimum
@@ -108,7 +116,7 @@ class Design(Result):
 
     case: str
     objective: str
-    goal: str
+    goal: Goal
     tune: dict[str, tuple[float, float]]
     optimum: Optimum
     front_over: str = ""

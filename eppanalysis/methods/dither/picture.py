@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.methods.dither.runs import Start
 from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of, with_name
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
             known[:, 0], 100.0 * known[:, 1] / found.size, ".:", color="black", markersize=3, label="first order"
         )
     for gone, (label, colour, marker) in _ENDS.items():
-        rows = [run for run in found.runs if run.gone is gone and run.start == "cycle"]
+        rows = [run for run in found.runs if run.gone is gone and run.start is Start.CYCLE]
         if rows:
             x, y = [run.amplitude for run in rows], [100.0 * run.left for run in rows]
             upper.plot(x, y, marker, color=colour, linestyle="none", markersize=5, label=label)

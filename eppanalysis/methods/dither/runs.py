@@ -7,6 +7,7 @@ switch that it brings about is located. Seen once a period of the dither, at its
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,13 @@ GONE, _STAYS = 0.02, 0.995
 _MOST_EVENTS = 2_000_000
 
 
+class Start(StrEnum):
+    """Where a run under dither begins: on the limit cycle, or as the loop itself does."""
+
+    CYCLE = "cycle"
+    OWN = "own"
+
+
 @dataclass(frozen=True)
 class DitherRun:
     """What is left of a limit cycle under a dither.
@@ -39,8 +47,7 @@ class DitherRun:
     ----------
     amplitude : float
         Of the dither, in the unit of the element's input.
-    start : {"cycle", "own"}
-        On the limit cycle, or from the loop's own start.
+    start : Start
     left : float
         Peak-to-peak of the slow motion at the element's input in the last periods, relative to that of the cycle.
     periods : float
@@ -50,7 +57,7 @@ class DitherRun:
     """
 
     amplitude: float
-    start: str
+    start: Start
     left: float
     periods: float
     gone: bool | None
@@ -102,9 +109,9 @@ class Rig:
     def size_of_cycle(self) -> float:
         """Peak-to-peak of the element's input on the cycle, without dither."""
         times = np.linspace(0.0, self.cycle.period, 1001)
-        return float(np.ptp(simulate(self._begun("cycle"), {}, self.cycle.period, times).signals[_SLOW]))
+        return float(np.ptp(simulate(self._begun(Start.CYCLE), {}, self.cycle.period, times).signals[_SLOW]))
 
-    def run(self, amplitude: float, start: str, size: float) -> DitherRun:
+    def run(self, amplitude: float, start: Start, size: float) -> DitherRun:
         """What is left of the cycle in a run under a dither; longer runs are made until it tells."""
         made, left = 0.0, float("nan")
         for doubled in range(_DOUBLED + 1):
@@ -121,15 +128,15 @@ class Rig:
 
     def removes(self, amplitude: float, size: float) -> tuple[DitherRun, ...]:
         """Runs from the cycle and from the loop's own start; the second one only where the first leaves nothing."""
-        first = self.run(amplitude, "cycle", size)
-        return (first, self.run(amplitude, "own", size)) if first.gone else (first,)
+        first = self.run(amplitude, Start.CYCLE, size)
+        return (first, self.run(amplitude, Start.OWN, size)) if first.gone else (first,)
 
-    def _begun(self, start: str) -> LureSystem:
-        if start == "own":
+    def _begun(self, start: Start) -> LureSystem:
+        if start is Start.OWN:
             return self.system
         return replace(self.system, x0=self.cycle.state, memory=self.cycle.memory)
 
-    def _spans(self, amplitude: float, start: str, periods: float) -> Array | None:
+    def _spans(self, amplitude: float, start: Start, periods: float) -> Array | None:
         """Peak-to-peak of the slow motion in three windows of a run, each twice as late; None where it ends early."""
         end = np.ceil(periods * self.cycle.period * self.frequency)
         long = np.ceil(_LENGTH * self.cycle.period * self.frequency)

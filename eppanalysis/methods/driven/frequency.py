@@ -13,7 +13,7 @@ from eppanalysis.methods.driven.drive import Drive, drive_of
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoid_branches
 from eppanalysis.methods.driven.follow import Place, Road, Walk, between
 from eppanalysis.methods.driven.forced import Search, some_responses
-from eppanalysis.methods.driven.result import FrequencyResponse, ResponseBranch, SpecialResponse, Turning
+from eppanalysis.methods.driven.result import FrequencyResponse, Over, ResponseBranch, SpecialResponse, Turning
 from eppanalysis.methods.driven.runs import by_runs
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
@@ -101,7 +101,7 @@ def frequency_response(
     low, high = _range("frequency_response", "frequencies", frequencies)
     drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
     road = Road(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)))
-    return _Response("frequency", drive, road, _output(drive, output), n_points, max_step).found(system)
+    return _Response(Over.FREQUENCY, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
 def amplitude_response(
@@ -158,7 +158,7 @@ def amplitude_response(
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
     drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
     road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)))
-    return _Response("amplitude", drive, road, _output(drive, output), n_points, max_step).found(system)
+    return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
 def _range(analysis: str, name: str, given: tuple[float, float]) -> tuple[float, float]:
@@ -190,7 +190,7 @@ def _output(drive: Drive, output: str | None) -> str:
 class _Response:
     """One response over a range under way; lives for one call."""
 
-    over: str
+    over: Over
     drive: Drive
     road: Road
     output: str
@@ -214,9 +214,13 @@ class _Response:
                 "and forced_response says how its run goes on."
             )
         exact = sorted((self._branch(*walk) for walk in self.walks), key=len, reverse=True)
-        settings = {"system": self.drive.system.name, "limits": np.exp(self.road.limits).tolist(), "over": self.over}
-        settings |= {"amplitude": self.drive.amplitude} if self.over == "frequency" else {}
-        settings |= {"frequency": self.drive.frequency} if self.over == "amplitude" else {}
+        settings = {
+            "system": self.drive.system.name,
+            "limits": np.exp(self.road.limits).tolist(),
+            "over": self.over.value,
+        }
+        settings |= {"amplitude": self.drive.amplitude} if self.over is Over.FREQUENCY else {}
+        settings |= {"frequency": self.drive.frequency} if self.over is Over.AMPLITUDE else {}
         whole = not self.continua and not any(_within(end) for b in exact for end in b.ends)
         signals = self.drive.system.signals
         units = dict(zip(signals.names, signals.units or [""] * len(signals.names), strict=True))
@@ -305,7 +309,7 @@ class _Response:
         low, high = (float(v) for v in np.exp(self.road.limits))
         of, unit = quantity(self.drive.amplitude, self.drive.unit, 6), self.drive.unit
         what = f"of amplitude {of} from {low:.6g} to {high:.6g} Hz"
-        if self.over == "amplitude":
+        if self.over is Over.AMPLITUDE:
             what = f"of {self.drive.frequency:.6g} Hz, from {quantity(low, unit, 6)} to {quantity(high, unit, 6)},"
         folds = sorted((s for b in exact for s in b.folds), key=lambda s: float(getattr(s, self.over)))
         parts = [
@@ -326,7 +330,7 @@ class _Response:
         return self._at(special.frequency, special.amplitude)
 
     def _at(self, frequency: float, amplitude: float) -> str:
-        return f"{frequency:.6g} Hz" if self.over == "frequency" else quantity(amplitude, self.drive.unit, 6)
+        return f"{frequency:.6g} Hz" if self.over is Over.FREQUENCY else quantity(amplitude, self.drive.unit, 6)
 
 
 def _within(end: str) -> bool:

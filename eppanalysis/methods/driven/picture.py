@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, ResponseBranch, Turning
+from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse, Over, ResponseBranch, Turning
 from eppanalysis.plotting import (
     BLUE,
     GREEN,
@@ -47,7 +47,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
     upper.set_title(with_name(_title(response), response.provenance.subject), fontsize=10)
     label, factor = label_of(response.output, response.units)
-    unit, across = ("Hz", 1.0) if response.over == "frequency" else readable(response.units.get(response.input, ""))
+    unit, across = ("Hz", 1.0) if response.over is Over.FREQUENCY else readable(response.units.get(response.input, ""))
     for branch in response.first_order:
         x = across * getattr(branch, response.over)
         thin: dict[str, Any] = {"color": "black", "linewidth": 1.0, "label": "first order", "zorder": 2.5}
@@ -76,7 +76,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
 
 def _title(response: FrequencyResponse) -> str:
     first = response.branches[0]
-    if response.over == "frequency":
+    if response.over is Over.FREQUENCY:
         what = f"amplitude {quantity(float(first.amplitude[0]), response.units.get(response.input, ''))}"
     else:
         what = f"{float(first.frequency[0]):.4g} Hz"

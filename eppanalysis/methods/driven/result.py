@@ -41,6 +41,13 @@ class Turning(StrEnum):
     BRANCH_POINT = "branch point"
 
 
+class Over(StrEnum):
+    """What runs along a branch of periodic responses: a property of the sine."""
+
+    FREQUENCY = "frequency"
+    AMPLITUDE = "amplitude"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicResponse(Brief):
     """A motion that repeats itself after a whole number of the input's periods.
@@ -253,7 +260,7 @@ class ResponseBranch(Brief):
         """Where the branch turns back: a stable and an unstable response meet, and the motion jumps."""
         return tuple(s for s in self.special if s.kind == Turning.FOLD)
 
-    def parts(self, over: str = "frequency") -> list[slice]:
+    def parts(self, over: Over = Over.FREQUENCY) -> list[slice]:
         """Stretches between the folds, on which there is one response for each frequency (or amplitude)."""
         value = getattr(self, over)
         turns = np.flatnonzero(np.diff(np.sign(np.diff(value))) != 0) + 1
@@ -268,8 +275,8 @@ class FrequencyResponse(Result):
     Attributes
     ----------
     input, output : str
-    over : str
-        What runs: "frequency" or "amplitude".
+    over : Over
+        "frequency" or "amplitude".
     branches : tuple of ResponseBranch
         Exact responses, the longest branch first.
     first_order : tuple of ResponseBranch
@@ -283,7 +290,7 @@ class FrequencyResponse(Result):
 
     input: str
     output: str
-    over: str
+    over: Over
     branches: tuple[ResponseBranch, ...]
     first_order: tuple[ResponseBranch, ...]
     status: Status
@@ -340,7 +347,7 @@ class FrequencyResponse(Result):
         """
         import control
 
-        if self.over != "frequency":
+        if self.over is not Over.FREQUENCY:
             raise EppError("to_control: the response runs over the amplitude; expected one over the frequency.")
         branch = self.branches[0]
         parts = branch.parts()

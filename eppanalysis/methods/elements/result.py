@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.methods.elements.rules import Finding
+from eppanalysis.methods.elements.rules import Finding, Flaw
 from eppanalysis.readable import number
 from eppanalysis.results import Result, Status
 from eppanalysis.results.shown import frame_of
@@ -68,12 +68,12 @@ class ElementCheck(Result):
 
         An endless chain of events in no time leads nowhere, and counts as not deterministic.
         """
-        return not any(f.kind in ("overlap", "endless") for f in self.findings) if self.decided else None
+        return not any(f.kind in (Flaw.OVERLAP, Flaw.ENDLESS) for f in self.findings) if self.decided else None
 
     @property
     def can_chatter(self) -> bool | None:
         """Whether events can take one another back without a gap while the output jumps; None: not decided."""
-        return any(f.kind in ("chatter", "endless") for f in self.findings) if self.decided else None
+        return any(f.kind in (Flaw.CHATTER, Flaw.ENDLESS) for f in self.findings) if self.decided else None
 
     @property
     def gives_off_over_way(self) -> Array:
@@ -114,8 +114,7 @@ class ElementCheck(Result):
         said = {True: "deterministic", False: "not deterministic"}[bool(self.deterministic)]
         said += " and can chatter" if self.can_chatter else " and cannot chatter"
         # The worst of them, with its example.
-        order = ("endless", "overlap", "chatter", "tie")
-        worst = min(self.findings, key=lambda f: order.index(f.kind), default=None)
+        worst = min(self.findings, key=lambda f: list(Flaw).index(f.kind), default=None)
         return said if worst is None else f"{said} ({sentence(worst)})"
 
     def _where(self, over: str, given: Array) -> str:
@@ -137,8 +136,8 @@ def sentence(finding: Finding) -> str:
     named = (f"{what} {', '.join(number(v) for v in values)}" for what, values in parts if values)
     where = f"in mode {finding.mode!r}, for instance at {', '.join(named)}"
     return {
-        "overlap": f"{guards} rise together {where}",
-        "tie": f"{guards} meet {where}: there the first counts",
-        "endless": f"{guards} begins events without end {where}",
-        "chatter": f"{guards} follow one another without a gap {where}",
+        Flaw.OVERLAP: f"{guards} rise together {where}",
+        Flaw.TIE: f"{guards} meet {where}: there the first counts",
+        Flaw.ENDLESS: f"{guards} begins events without end {where}",
+        Flaw.CHATTER: f"{guards} follow one another without a gap {where}",
     }[finding.kind]

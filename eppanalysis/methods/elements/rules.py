@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
@@ -23,16 +24,27 @@ _MOST_PROGRAMS, _LONGEST = 20_000, 1000
 _DOES = ("target", "bypass", "memory_from_input", "memory_from_memory", "memory_constant", "impulse")
 
 
+class Flaw(StrEnum):
+    """What may be wrong with rules, the worst first.
+
+    Events that follow one another without end in no time; guards that do different things and rise at once; events that
+    take one another back without a gap, with a jump of the output; guards that rise at once only where their surfaces
+    meet.
+    """
+
+    ENDLESS = "endless"
+    OVERLAP = "overlap"
+    CHATTER = "chatter"
+    TIE = "tie"
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something about the rules that is not as one would have it.
 
     Attributes
     ----------
-    kind : str
-        "overlap" (two guards that do different things rise at once), "tie" (they do so only where their surfaces meet),
-        "endless" (events follow one another without end in no time) or "chatter" (events take one another back without
-        a gap, with a jump of the output).
+    kind : Flaw
     mode : str
         Where it begins.
     guards : tuple of str
@@ -41,7 +53,7 @@ class Finding:
         An example [SI].
     """
 
-    kind: str
+    kind: Flaw
     mode: str
     guards: tuple[str, ...]
     inputs: tuple[float, ...] = ()
@@ -139,7 +151,7 @@ class Rules:
             value, point = self._highest(self._face(whole, pair), [])
             if value > 0.0:
                 one, other = (whole.row(g, whole.place(mode), leaves=True) for g in pair)
-                self._note("overlap" if _alike(one, other) else "tie", mode, pair, point)
+                self._note(Flaw.OVERLAP if _alike(one, other) else Flaw.TIE, mode, pair, point)
 
     def _behind(self, region: Region, guard: Guard, place: Place) -> Iterator[Place]:
         """Where an event leads; past a sticking mode, too, which the loop need not admit."""
@@ -154,7 +166,7 @@ class Rules:
         above = [(g, row) for g, row in rows if self._highest(region, [row])[0] > ROUNDING]
         for (one, its), (other, others) in combinations(above, 2):
             if _differ(one, other) and (found := self._highest(region, [its, others]))[0] > ROUNDING:
-                self._note("overlap", place.mode, (one, other), found[1])
+                self._note(Flaw.OVERLAP, place.mode, (one, other), found[1])
         if self._sticks(place.mode):
             return  # what leaves it hangs on the loop, and takes time
         for guard, row in above:
@@ -163,7 +175,7 @@ class Rules:
                 if behind.mode not in passed:
                     self._follow(beyond, behind, (*passed, behind.mode))
                 elif not self._ends(*(found := self._highest(region, [row]))[1:], place):
-                    self._note("endless", place.mode, (guard,), found[1])
+                    self._note(Flaw.ENDLESS, place.mode, (guard,), found[1])
 
     def _ends(self, point: Array, place: Place) -> bool:
         """Whether events come to an end in no time at a point."""
@@ -195,11 +207,11 @@ class Rules:
                 value, point = self._highest(touching, [again])
                 closed = touching.within(again)
                 if value >= -ROUNDING and any(closed.jumps(g, p) for g, p in zip(chain, at, strict=True)):
-                    self._note("chatter", path[0].mode, chain, point)
+                    self._note(Flaw.CHATTER, path[0].mode, chain, point)
             elif guard.target not in {g.mode for g in path}:
                 self._back(touching, here, chain, at)
 
-    def _note(self, kind: str, mode: int, guards: Sequence[Guard], point: Array) -> None:
+    def _note(self, kind: Flaw, mode: int, guards: Sequence[Guard], point: Array) -> None:
         n_z = self.automaton.n_inputs
         parts = np.split(point[: 2 * n_z + self.automaton.n_memory], [n_z, 2 * n_z])
         example = (tuple((part + 0.0).tolist()) for part in parts)

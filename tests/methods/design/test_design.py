@@ -16,7 +16,7 @@ from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.design import _described, _refine, _Task
 from eppanalysis.methods.design.frontier import Frontier, first_turn
-from eppanalysis.methods.design.result import Optimum
+from eppanalysis.methods.design.result import Goal, Optimum
 from eppanalysis.methods.design.shrinking import shrinks
 from tests import made_bounds
 
@@ -57,7 +57,7 @@ def found(servo: epp.Case) -> epp.Design:
     here = max(frontier.bounds, key=lambda T: frontier.worth(frontier.bounds[T]))
     best = replace(_described(frontier, task, here, frontier.at(here)), message="it was not tested.")
     readable = {"k": ("", 1.0), "T": ("", 1.0)}
-    return epp.Design("servo", "k", "largest", task.ranges, best, margin=0.01, readable=readable)
+    return epp.Design("servo", "k", Goal.LARGEST, task.ranges, best, margin=0.01, readable=readable)
 
 
 def turn_from(case: epp.Case, low: float, value: float) -> float:
@@ -166,9 +166,8 @@ def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
     best = Optimum({"lock_pin.backlash": 0.01}, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
     readable = {"lock_pin.backlash": ("deg", 180 / np.pi)}
     units = {"lock_pin.backlash": "rad"}
-    made = epp.Design(
-        "elbow", "lock_pin.backlash", "largest", {"lock_pin.backlash": (0.0, 0.1)}, best, readable=readable, units=units
-    )
+    tune = {"lock_pin.backlash": (0.0, 0.1)}
+    made = epp.Design("elbow", "lock_pin.backlash", Goal.LARGEST, tune, best, readable=readable, units=units)
     frame, table = made.to_frame(), design_columns(made)
     assert frame.attrs["units"] == table.units
     assert table.header()[:3] == ["lock_pin.backlash [rad]", "first_order [rad]", "frequency [Hz]"]

@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.special import ellipe
 
 import eppanalysis as epp
+from eppanalysis.methods.dither.runs import Start
 
 #: 1/(s (s + 1)(s + 2)): its gain where it turns the phase by 180 degrees, at sqrt(2) rad/s, is 1/6.
 GAIN, DITHER = 1.0 / 6.0, 4.0
@@ -54,10 +55,7 @@ def test_runs_settle_it_on_both_sides(found: epp.Dither) -> None:
     assert found.status.ok and found.stays < found.amplitude <= 1.02 * found.stays * (1 + 1e-12)
     assert found.amplitude == pytest.approx(found.first_order, rel=0.1)
     gone = {run.amplitude for run in found.runs if run.gone} - {run.amplitude for run in found.runs if not run.gone}
-    assert min(gone) == found.amplitude and {run.start for run in found.runs if run.amplitude in gone} == {
-        "cycle",
-        "own",
-    }
+    assert min(gone) == found.amplitude and {run.start for run in found.runs if run.amplitude in gone} == set(Start)
 
 
 def test_an_independent_run_has_the_cycle_on_one_side_alone(found: epp.Dither) -> None:
