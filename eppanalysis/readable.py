@@ -141,6 +141,22 @@ def listed(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
+def reasons(by_place: Iterable[tuple[str, str]]) -> str:
+    """Sentences, each once, and at which places each of them holds where they differ.
+
+    Examples
+    --------
+    >>> reasons([("1 Hz", "It rests."), ("2 Hz", "It rests."), ("3 Hz", "It oscillates.")])
+    'At 1 Hz and 2 Hz: It rests. At 3 Hz: It oscillates.'
+    """
+    places: dict[str, list[str]] = {}
+    for place, sentence in by_place:
+        places.setdefault(sentence, []).append(place)
+    if len(places) < 2:
+        return "".join(places)
+    return " ".join(f"At {listed(at)}: {sentence}" for sentence, at in places.items())
+
+
 def with_unit(text: str, unit: str) -> str:
     """What is shown, with its unit in brackets where it has one.
 

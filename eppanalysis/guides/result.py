@@ -19,7 +19,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.cases import Case
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
-from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, with_unit, words
+from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, reasons, with_unit, words
 from eppanalysis.results import PlainData, Result
 
 if TYPE_CHECKING:
@@ -234,12 +234,16 @@ class Guide(Result):
         shown = cut(factor * value, 3, up=sign < 0)
         return f"{'under' if sign > 0 else 'above'} {self.case.text(self.limit, shown / factor, 3)}"
 
+    def _place(self, row: GuideRow) -> str:
+        """The design of a row in words."""
+        return " and ".join(f"a {in_words(n)} of {self.case.text(n, v, DIGITS)}" for n, v in row.values.items())
+
     def _sentence(self, row: GuideRow) -> str:
-        place = " and ".join(f"{in_words(n)} of {self.case.text(n, v, 4)}" for n, v in row.values.items())
+        place = self._place(row)
         if not math.isfinite(row.allowed):
-            return f"At a {place}: {row.cell.message}"
+            return f"At {place}: {row.cell.message}"
         sign = row.cell.sign
-        out = f"At a {place} keep {in_words(self.limit)} {self._kept(row.allowed, sign)}"
+        out = f"At {place} keep {in_words(self.limit)} {self._kept(row.allowed, sign)}"
         if self.of_backlash:
             lbf = self.case.readable(GAIN)[1]
             out += (
@@ -284,17 +288,16 @@ class Guide(Result):
         known = [row for row in self.rows if math.isfinite(row.allowed)]
         name = in_words(self.limit)
         if not known:
-            why = " ".join(dict.fromkeys(row.cell.message or row.cell.finding.sentence for row in self.rows))
+            why = reasons((self._place(row), row.cell.message or row.cell.finding.sentence) for row in self.rows)
             at = count(len(self.rows), "design")
             return f"No bound on the {name} of {self.case.name} was found at {at}. {why}".strip()
         strictest = min(known, key=lambda row: row.cell.sign * row.allowed)
-        at = " and ".join(f"{in_words(n)} of {self.case.text(n, v, DIGITS)}" for n, v in strictest.values.items())
         tested = sum(row.cell.verified for row in known)
         missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
         how = f"{tested} of them verified" if not self.not_covered else "found by search"
         return (
             f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}, the strictest of "
-            f"{count(len(known), 'bound')} (at a {at}); {how}{missing}."
+            f"{count(len(known), 'bound')} (at {self._place(strictest)}); {how}{missing}."
         )
 
     @checked

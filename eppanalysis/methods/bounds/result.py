@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
-from eppanalysis.readable import count, percent, span, with_unit, words
+from eppanalysis.readable import count, percent, reasons, span, with_unit, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -389,7 +389,9 @@ class DesignBounds(Result):
         found = [c for c in self.cells if c.finding is Finding.BOUND]
         at = f"{words(self.over)} {self._span(self.over, [c.value for c in self.cells])}"
         if not found:
-            why = " ".join(dict.fromkeys(c.message or c.finding.sentence for c in self.cells))
+            own = words(self.over)
+            places = (f"{own} {self._span(self.over, [c.value])}" for c in self.cells)
+            why = reasons(zip(places, (c.message or c.finding.sentence for c in self.cells), strict=True))
             return f"No bound on {words(self.limit)} for {at}. {why} {self.not_covered}".rstrip()
         side = "below" if found[0].sign > 0 else "above"
         tested = f"{sum(c.verified for c in found)} of {count(len(found), 'bound')} verified by runs and orbits"
