@@ -168,7 +168,7 @@ def _show(result: Guide) -> None:
         first = next(cell for cell in row if cell is not None)
         more = [first.region, first.cell.known] if len(heads) == 1 else []
         table.add_row(result.case.text(result.over, first.values[result.over], 4), *shown, *more)
-    table.caption = f"{what.capitalize()}, rounded to the safe side in steps of {step}."
+    table.caption = f"{what.capitalize()}, where tests took place on the safe side of the limit, in steps of {step}."
     print_table(table)
     for sentence in result.sentences():
         typer.echo(sentence)
