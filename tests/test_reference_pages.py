@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import re
 
@@ -17,9 +16,8 @@ from eppanalysis.models.diagrams import BLOCKS
 from eppanalysis.models.diagrams.wiring import port_names
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
-from studies.pages import blocks, elements
+from studies.pages import api, blocks, elements
 
-API = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
 LOOPS = (DOCS / "reference" / "loops.md").read_text(encoding="utf-8")
 DIAGRAMS = (DOCS / "reference" / "diagrams.md").read_text(encoding="utf-8")
 #: Elements whose ports are not called "in" and "out".
@@ -34,26 +32,16 @@ def _literals(page):
     return set(re.findall(r"[A-Za-z_]+", " ".join(re.findall(r"`+([^`]+)`+", page))))
 
 
-def _listed_in_api():
-    """Names by their module, as the page of the Python interface lists them."""
-    found = {}
-    module = "eppanalysis"
-    for block in re.findall(r"```\{eval-rst\}\n(.*?)```", API, re.DOTALL):
-        module = (re.findall(r"currentmodule:: (\S+)", block) or [module])[0]
-        found.setdefault(module, set()).update(re.findall(r"^   (\w+)$", block, re.MULTILINE))
-    return found
+def test_the_page_on_the_interface_is_that_of_the_code():
+    assert api.PAGE.read_text(encoding="utf-8") == api.page(), "run python -m studies.pages.api"
 
 
 def test_every_public_name_stands_on_the_page_of_the_interface():
-    listed, public = _listed_in_api(), set(dir(epp)) - {"__version__"}
-    modules = {name for name in public if inspect.ismodule(getattr(epp, name))}
-    assert listed["eppanalysis"] == public - modules
-    assert all(f"`eppanalysis.{name}`" in API for name in modules)
-    own = {name for name, value in vars(epp.inputs).items() if getattr(value, "__module__", "") == epp.inputs.__name__}
-    signals = {name for name in own if dataclasses.is_dataclass(getattr(epp.inputs, name)) and not name.startswith("_")}
-    assert listed[epp.inputs.__name__] == signals
-    known = listed["eppanalysis"] | listed["eppanalysis.models.elements"]
-    assert set(model_elements.__all__) - {"ELEMENTS"} <= known
+    page = api.page()
+    listed = re.findall(r"^   (\w+)$", page, re.MULTILINE)
+    modules = {name for name in dir(epp) if inspect.ismodule(getattr(epp, name))}
+    every = {*dir(epp), *api.signals(), *model_elements.__all__} - {"__version__", "ELEMENTS"} - modules
+    assert every <= set(listed) and all(f"`eppanalysis.{name}`" in page for name in modules)
 
 
 def test_the_page_on_elements_is_that_of_the_code():

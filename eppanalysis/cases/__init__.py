@@ -18,8 +18,9 @@ from eppanalysis.cases.files import (
     shipped_cases,
     shipped_cases_folder,
 )
-from eppanalysis.cases.model import Case, json_schema, load
+from eppanalysis.cases.model import KINDS, Case, json_schema, load
 from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.variation import Variation
 from eppanalysis.errors import CaseError
 from eppanalysis.models.diagrams import Diagram
 from eppanalysis.models.systems.lure import LureSystem
@@ -38,6 +39,7 @@ __all__ = [
     "read_case",
     "shipped_cases",
     "shipped_cases_folder",
+    "variation_of",
 ]
 
 
@@ -132,3 +134,15 @@ def case(name: str) -> Case:
         )
         raise CaseError(str(name)[:100], "", Missing(), expected)
     return load(read_raw(shipped_cases_folder() / f"{name}.toml", f"{name}.toml"))
+
+
+def variation_of(case: Case) -> Variation:
+    """What is worth varying in a case.
+
+    Examples
+    --------
+    >>> from eppanalysis.cases import case
+    >>> [slider.label() for slider in variation_of(case("backlash_servo")).sliders()]
+    ['loop gain', 'play gap']
+    """
+    return KINDS[case.kind].variation(case)

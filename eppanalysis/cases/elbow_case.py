@@ -14,6 +14,7 @@ from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.variation import Slider, Variation, Varied
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.declared import declared_fields
 from eppanalysis.models.devices.elbow.loop import elbow
@@ -24,6 +25,56 @@ from eppanalysis.units import parse_quantity
 _WIDTHS, _THRESHOLDS = Bands.WIDTHS, Bands.THRESHOLDS
 #: How far bands that count as symmetric may be off it, relative to F_max.
 _SYMMETRIC = 1e-12
+_MASS = "forearm.prehensor_mass"
+#: Of an elbow: field, words, unit, lowest, highest, step; most telling first.
+_ELBOW = (
+    ("bands.range", "Gain: profile range", "lbf", 1.0, 5.0, 0.05),
+    ("lock_pin.backlash", "Backlash", "deg", 0.0, 4.0, 0.05),
+    ("pulley.friction", "Pulley friction", "", 0.0, 0.15, 0.002),
+    ("cable.stiffness", "Cable stiffness", "N/m", 500.0, 15000.0, 50.0),
+    (_MASS, "Mass in the hand", "kg", 0.05, 1.5, 0.01),
+    ("controller.delay", "Delay", "ms", 0.0, 20.0, 0.25),
+)
+
+
+class ElbowVariation(Variation):
+    """Of an elbow: its gain and its backlash before all else."""
+
+    guided = ("bands.range", "lock_pin.backlash")
+    example = "lock_pin.backlash = 0.5 deg"
+
+    def sliders(self) -> Iterable[Slider]:
+        """The parameters of its design; the forearm's inertia where the shell has all of it."""
+        for name, title, unit, low, high, step in _ELBOW:
+            value = current(self.case, name)
+            if value is None:
+                name, title, unit, low, high, step = "forearm.inertia", "Forearm inertia", "kg*m^2", 0.005, 0.2, 0.001
+                value = self.case.value(name)
+            per_unit = self.case.si(name, f"1 {unit}".strip())
+            shown = value / per_unit
+            yield Slider(name, title, unit.replace("*", "·"), per_unit, min(low, shown), max(high, shown), step, shown)
+
+    def over(self) -> list[str]:
+        """The backlash."""
+        return ["lock_pin.backlash"]
+
+    def branch(self, name: str) -> tuple[float, float, float]:
+        """From a backlash at which the elbow oscillates, down through the fold."""
+        return max(1.3 * self.case.value(name), math.radians(0.5)), math.radians(4.0), math.radians(0.1)
+
+    def axes(self) -> dict[str, str]:
+        """Gain against backlash."""
+        return {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
+
+
+def current(case: Varied, name: str) -> float | None:
+    """Value of a field [SI], also of the mass where the case gives the inertia; None where there is none."""
+    try:
+        return case.value(name)
+    except CaseError:
+        if name != _MASS:
+            raise
+        return None
 
 
 class ElbowKind(Kind):
@@ -31,6 +82,7 @@ class ElbowKind(Kind):
 
     name = "elbow"
     input_unit = "m"
+    variation = ElbowVariation
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
         """The parameters, the harness' step unless another input is given, and the elbow."""

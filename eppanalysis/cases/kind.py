@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.values.quantities import Parameter
+from eppanalysis.cases.variation import LoopVariation, Variation
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
@@ -44,10 +45,13 @@ class Kind(ABC):
         What its files call it.
     input_unit : str
         SI unit of the external input; empty where it has none.
+    variation : type of Variation
+        What is worth varying in its cases.
     """
 
     name: ClassVar[str]
     input_unit: ClassVar[str]
+    variation: ClassVar[type[Variation]] = LoopVariation
 
     @abstractmethod
     def parts(self, file: Any, raw: RawCase) -> Parts:

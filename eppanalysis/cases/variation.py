@@ -1,27 +1,16 @@
-"""What is worth varying in a case: the parameters of an elbow's design, the positive ones of another loop."""
+"""What is worth varying in a case; of any loop that does not say it better, its positive parameters."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol
 
-from eppanalysis.cases.model import Case
+from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
 from eppanalysis.readable import with_unit, words
-
-_MASS = "forearm.prehensor_mass"
-#: Of an elbow: field, words, unit, lowest, highest, step; most telling first.
-_ELBOW = (
-    ("bands.range", "Gain: profile range", "lbf", 1.0, 5.0, 0.05),
-    ("lock_pin.backlash", "Backlash", "deg", 0.0, 4.0, 0.05),
-    ("pulley.friction", "Pulley friction", "", 0.0, 0.15, 0.002),
-    ("cable.stiffness", "Cable stiffness", "N/m", 500.0, 15000.0, 50.0),
-    (_MASS, "Mass in the hand", "kg", 0.05, 1.5, 0.01),
-    ("controller.delay", "Delay", "ms", 0.0, 20.0, 0.25),
-)
 
 
 @dataclass(frozen=True)
@@ -50,13 +39,33 @@ class Slider:
         return with_unit(self.title, self.unit)
 
 
+class Varied(Protocol):
+    """What is asked of a case here; the case itself stands above."""
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Every scalar parameter that is given."""
+
+    def value(self, name: str) -> float:
+        """Value of a field [SI]."""
+
+    def si(self, name: str, value: object) -> float:
+        """SI value of a quantity in a field."""
+
+    def unit(self, name: str) -> tuple[str, str]:
+        """SI unit of a field, and the one that people use."""
+
+    def with_values(self, values: Mapping[str, Any]) -> Any:
+        """The case with other values."""
+
+
 @dataclass(frozen=True)
 class Variation(ABC):
     """What is worth varying in a case of one kind.
 
     Attributes
     ----------
-    case : Case
+    case : Varied
     guided : (str, str) or None
         The parameter that guidelines run over and the one that they bound, where nothing else is asked for.
     example : str
@@ -66,7 +75,7 @@ class Variation(ABC):
     guided: ClassVar[tuple[str, str] | None] = None
     example: ClassVar[str]
 
-    case: Case
+    case: Varied
 
     @abstractmethod
     def sliders(self) -> Iterable[Slider]:
@@ -85,38 +94,8 @@ class Variation(ABC):
         """Axes of a map of designs, as sweeps take them; none where there are less than two."""
 
 
-class ElbowVariation(Variation):
-    """Of an elbow: its gain and its backlash before all else."""
-
-    guided = ("bands.range", "lock_pin.backlash")
-    example = "lock_pin.backlash = 0.5 deg"
-
-    def sliders(self) -> Iterable[Slider]:
-        """The parameters of its design; the forearm's inertia where the shell has all of it."""
-        for name, title, unit, low, high, step in _ELBOW:
-            value = current(self.case, name)
-            if value is None:
-                name, title, unit, low, high, step = "forearm.inertia", "Forearm inertia", "kg*m^2", 0.005, 0.2, 0.001
-                value = self.case.value(name)
-            per_unit = self.case.si(name, f"1 {unit}".strip())
-            shown = value / per_unit
-            yield Slider(name, title, unit.replace("*", "·"), per_unit, min(low, shown), max(high, shown), step, shown)
-
-    def over(self) -> list[str]:
-        """The backlash."""
-        return ["lock_pin.backlash"]
-
-    def branch(self, name: str) -> tuple[float, float, float]:
-        """From a backlash at which the elbow oscillates, down through the fold."""
-        return max(1.3 * self.case.value(name), math.radians(0.5)), math.radians(4.0), math.radians(0.1)
-
-    def axes(self) -> dict[str, str]:
-        """Gain against backlash."""
-        return {"bands.range": "1:5:17:lbf", "lock_pin.backlash": "0.25:3:12:deg"}
-
-
 class LoopVariation(Variation):
-    """Of any other loop: its gain and whatever is positive."""
+    """Of any loop: its gain and whatever is positive."""
 
     example = "loop.gain = 2"
 
@@ -163,37 +142,6 @@ class LoopVariation(Variation):
         return f"{0.25 * value!r}:{2.0 * value!r}:9" + (f":{unit}" if unit else "")
 
 
-class DiagramVariation(LoopVariation):
-    """Of a diagram: its parameters, those that are marked tunable first."""
-
-    example = "controller.kp = 2"
-
-
-_KINDS: dict[str, type[Variation]] = {"elbow": ElbowVariation, "loop": LoopVariation, "diagram": DiagramVariation}
-
-
-def variation_of(case: Case) -> Variation:
-    """What is worth varying in a case.
-
-    Examples
-    --------
-    >>> from eppanalysis.cases import case
-    >>> [slider.label() for slider in variation_of(case("backlash_servo")).sliders()]
-    ['loop gain', 'play gap']
-    """
-    return _KINDS[case.kind](case)
-
-
-def current(case: Case, name: str) -> float | None:
-    """Value of a field [SI], also of the mass where the case gives the inertia; None where there is none."""
-    try:
-        return case.value(name)
-    except CaseError:
-        if name != _MASS:
-            raise
-        return None
-
-
 #: The two sides of what need not be symmetric; alone, one of them makes an element that nobody builds.
 _SIDES = {"upper": "lower", "lower": "upper", "high": "low", "low": "high"}
 
@@ -204,7 +152,7 @@ def _other_side(name: str) -> str:
     return f"{element}.{_SIDES[last]}" if last in _SIDES else ""
 
 
-def _takes(case: Case, name: str, value: float) -> bool:
+def _takes(case: Varied, name: str, value: float) -> bool:
     """Whether a field may have a value: a transfer function has a gain in front of it, a count is a whole number."""
     try:
         return bool(case.with_values({name: value}))

@@ -14,8 +14,9 @@ from bokeh.events import DocumentReady
 from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.models.widgets import Button, Div, Select, Slider as SliderWidget, TextInput
 
-from eppanalysis.cases import Case
-from eppanalysis.cases.variation import Slider, current, variation_of
+from eppanalysis.cases import Case, variation_of
+from eppanalysis.cases.elbow_case import current
+from eppanalysis.cases.variation import Slider
 from eppanalysis.errors import EppError
 from eppanalysis.explorer import quick, slow
 from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture

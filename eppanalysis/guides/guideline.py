@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.cases import Case, as_case
-from eppanalysis.cases.variation import variation_of
+from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_bounds, range_within

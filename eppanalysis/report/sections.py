@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from eppanalysis.cases.variation import variation_of
+from eppanalysis.cases import variation_of
 from eppanalysis.methods.bounds.searched import is_by_search
 
 if TYPE_CHECKING:

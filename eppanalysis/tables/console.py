@@ -11,6 +11,7 @@ from rich.table import Table
 
 from eppanalysis.readable import ROUNDING, at_rest, percent, readable, signed_percent, with_unit
 from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
+from eppanalysis.results.shown import for_people
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse
     from eppanalysis.methods.margins.result import Margins
     from eppanalysis.methods.search.trigger import Trigger
-    from eppanalysis.results import LimitCycle, Trajectory
+    from eppanalysis.results import LimitCycle, Result, Trajectory
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
@@ -32,6 +33,15 @@ _BEYOND = (
     "than they are; where they move it by more than its own size (> 100 %) the estimate cannot say how wrong it is. "
     "Compare with the exact cycles (validate, cycles)."
 )
+
+
+def result_table(result: Result) -> Table:
+    """The table of a result in the units that people read, a long one cut in the middle."""
+    frame = for_people(result.in_brief())
+    table = table_of(*map(str, frame.columns))
+    for row in frame.itertuples(index=False):
+        table.add_row(*row)
+    return table
 
 
 def parameters_table(case: Case) -> Table:

@@ -17,7 +17,7 @@ from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.design.result import Design
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.search.trigger import Trigger
-from eppanalysis.results import LimitCycle, Trajectory
+from eppanalysis.results import LimitCycle, Result, Trajectory
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables import console, designs
 
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 _SHORT = 28
 _LIKED = (
-    "a case, a ladder, a run, bounds, a design, margins, provenance, a certificate, a certified orbit, limit cycles, "
-    "disturbances, or cases with their ladders"
+    "a case, a result, provenance, the margins of a prediction, limit cycles, disturbances, or cases with their ladders"
 )
 
 
@@ -82,11 +81,11 @@ def table(what: Any) -> ShownTable:
 
     Parameters
     ----------
-    what : Case, Ladder, Trajectory, Prediction, CycleSearch, DesignBounds, Design, mapping, or sequence
+    what : Case, Result, mapping, or sequence
         Of a case its parameters with where they come from; of a ladder all methods side by side; of a run its cycle, or
         where it rests; of a prediction or a search its limit cycles; of bounds one a row, of a design its optimum and
         its front. A mapping is the margins of a prediction, or the provenance of a case. A sequence holds limit cycles,
-        disturbances, or pairs of a case and its ladder.
+        disturbances, or pairs of a case and its ladder. Of any other result it is its `to_frame`, in brief.
 
     Returns
     -------
@@ -117,6 +116,8 @@ def table(what: Any) -> ShownTable:
                 return ShownTable(make(cycles))
     elif isinstance(cycles, Sequence) and not isinstance(cycles, str):
         return ShownTable(console.sentence_table("none"))
+    if isinstance(what, Result):
+        return ShownTable(console.result_table(what))
     raise EppError(f"table: there is none of {type(what).__name__}; expected {_LIKED}.")
 
 

@@ -1,7 +1,6 @@
 """The page on the elements of a case file, made from their signatures: ``python -m studies.pages.elements``.
 
-It is under version control, for it is read where nothing is built; a test compares it with the code. The command also
-lists new elements on the page of the Python interface.
+It is under version control, for it is read where nothing is built; a test compares it with the code.
 """
 
 from __future__ import annotations
@@ -14,9 +13,7 @@ from eppanalysis.cases.blocks import element_class
 from eppanalysis.models.elements import ELEMENTS
 from studies import DOCS
 
-PAGE, API = DOCS / "reference" / "elements.md", DOCS / "reference" / "api.md"
-#: Behind the elements of case files stand what elements of one's own are made from.
-_BEHIND = "   AutomatonElement\n"
+PAGE = DOCS / "reference" / "elements.md"
 
 _INTRODUCTION = """\
 # Elements of a case file
@@ -97,13 +94,6 @@ def page() -> str:
     return _INTRODUCTION + "".join(f"\n{_section(kind)}" for kind in ELEMENTS)
 
 
-def interface(text: str) -> str:
-    """The page of the Python interface with every element of a case file on it."""
-    listed = text.split()
-    new = [f"   {made.__name__}\n" for made in ELEMENTS.values() if made.__name__ not in listed]
-    return text.replace(_BEHIND, "".join([*new, _BEHIND]))
-
-
 def meanings(kind: str) -> dict[str, str]:
     """What each field of an element means, from its docstring where that lists them."""
     section = _PARAMETERS.search((inspect.getdoc(element_class(kind)) or "") + "\n")
@@ -147,4 +137,3 @@ def _markdown(text: str) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
-    API.write_text(interface(API.read_text(encoding="utf-8")), encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.cases.variation import variation_of
+from eppanalysis.cases import variation_of
 from eppanalysis.errors import CaseError
 
 

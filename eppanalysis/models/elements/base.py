@@ -123,7 +123,7 @@ class MeanAndGain(NamedTuple):
 
 
 class RateLimit(NamedTuple):
-    """How fast the output of an element may move [its unit per s], and its bandwidth below that [rad/s; or infinite]."""
+    """How fast the output of an element may move [its unit per s], and below that its bandwidth [rad/s]."""
 
     rate: float
     bandwidth: float

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from eppanalysis.cases import case, json_schema
-from eppanalysis.cases.variation import variation_of
+from eppanalysis.cases import case, json_schema, variation_of
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.declared import Form, declared_fields
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters, declared
