@@ -6,6 +6,7 @@ import dataclasses
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from typing import Any, Literal, get_origin, get_type_hints
 
@@ -76,19 +77,25 @@ def element_class(kind: str) -> type[Nonlinearity]:
     return known_elements()[kind]
 
 
+class Held(Enum):
+    """What a field of an element holds."""
+
+    NUMBER, COUNT, LIST, TEXT = range(4)
+
+
 @cache
-def field_types(made: type[Nonlinearity]) -> dict[str, str]:
-    """What each field of an element holds by its annotation: a "number", a "count", a "list" or a "text"."""
+def field_types(made: type[Nonlinearity]) -> dict[str, Held]:
+    """What each field of an element holds by its annotation."""
     hints = get_type_hints(made)
     return {name: _field_type(hints[name]) for name in inspect.signature(made).parameters}
 
 
-def _field_type(hint: Any) -> str:
+def _field_type(hint: Any) -> Held:
     if get_origin(hint) is Literal:
-        return "text"
+        return Held.TEXT
     if get_origin(hint) is np.ndarray:
-        return "list"
-    return "count" if hint is int else "number"
+        return Held.LIST
+    return Held.COUNT if hint is int else Held.NUMBER
 
 
 def read_blocks(tables: list[dict[str, Any]], field: str, raw: RawCase) -> tuple[Block, ...]:
@@ -165,10 +172,10 @@ def _read_fields(
         place = f"{field}.{key}"
         if key not in known:
             raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {did_you_mean(key, known)}")
-        if types[key] == "list":
+        if types[key] is Held.LIST:
             lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]
-        elif types[key] == "text":
+        elif types[key] is Held.TEXT:
             others[key] = value
         else:
             parameters[key] = read_scalar(value, place, raw)
@@ -214,7 +221,7 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     """
     types = field_types(element_class(block.kind))
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items() if k in types}
-    for key in (key for key in values if types[key] == "count"):
+    for key in (key for key in values if types[key] is Held.COUNT):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
             raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
         values[key] = round(values[key])

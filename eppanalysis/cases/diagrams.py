@@ -10,6 +10,7 @@ from typing import Any
 from eppanalysis.cases.blocks import (
     FILE,
     Block as ElementTable,
+    Held,
     field_types,
     known_elements,
     make_element,
@@ -232,7 +233,7 @@ class _Reader:
         known = known_elements()
         types = field_types(known[kind]) if isinstance(kind, str) and kind in known else {}
         own = WORDS if kind == AUTOMATON else ()
-        words = {*_WORDS, FILE, *own, *(field for field, held in types.items() if held == "text")}
+        words = {*_WORDS, FILE, *own, *(field for field, held in types.items() if held is Held.TEXT)}
         return self._put_in(table, f"elements.{name}", words)
 
     def _put_in(self, value: Any, field: str, words: Container[str]) -> Any:

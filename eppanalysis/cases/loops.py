@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,14 @@ from eppanalysis.readable import count
 _MAY_BE_EMPTY = ("A", "B", "C")
 #: Scalar fields of a loop as a whole.
 _OF_LOOP = ("gain", "delay", "time_step")
+
+
+class Form(StrEnum):
+    """How the linear part of a loop is given."""
+
+    TRANSFER_FUNCTION = "transfer function"
+    BLOCKS = "blocks"
+    STATE_SPACE = "state space"
 
 
 class LoopKind(Kind):
@@ -89,11 +98,11 @@ def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> Lu
         If the parts do not fit: an improper transfer function, wrong shapes, forms mixed.
     """
     form = _form(loop, raw)
-    field = "loop.blocks" if form == "blocks" else "loop.elements"
+    field = "loop.blocks" if form is Form.BLOCKS else "loop.elements"
     made = {i: make_element(b, f"{field}.{i}", raw) for i, b in enumerate(blocks) if b.kind}
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
-            if form == "state space":
+            if form is Form.STATE_SPACE:
                 system = _from_state_space(loop, blocks, list(made.values()), raw)
             else:
                 system = _from_ring(loop, blocks, made, raw)
@@ -127,12 +136,12 @@ def _from_ring(loop: LoopSection, blocks: tuple[Block, ...], made: dict[int, Non
     )
 
 
-def _form(loop: LoopSection, raw: RawCase) -> str:
+def _form(loop: LoopSection, raw: RawCase) -> Form:
     """Which of the three forms of a loop is given; exactly one may be."""
     given = {
-        "transfer function": loop.num is not None or loop.den is not None,
-        "blocks": loop.blocks is not None,
-        "state space": any(m is not None for m in (loop.A, loop.B, loop.C)),
+        Form.TRANSFER_FUNCTION: loop.num is not None or loop.den is not None,
+        Form.BLOCKS: loop.blocks is not None,
+        Form.STATE_SPACE: any(m is not None for m in (loop.A, loop.B, loop.C)),
     }
     forms = [name for name, there in given.items() if there]
     if len(forms) != 1:
@@ -140,19 +149,19 @@ def _form(loop: LoopSection, raw: RawCase) -> str:
         raise CaseError(raw.origin("loop"), "loop", " and ".join(forms) or Missing(), expected)
     form = forms[0]
     needed = {
-        "transfer function": ("num", "den", "elements"),
-        "blocks": ("blocks",),
-        "state space": ("A", "B", "C", "elements"),
+        Form.TRANSFER_FUNCTION: ("num", "den", "elements"),
+        Form.BLOCKS: ("blocks",),
+        Form.STATE_SPACE: ("A", "B", "C", "elements"),
     }
     for name in needed[form]:
         if getattr(loop, name) in ((None,) if name in _MAY_BE_EMPTY else (None, [])):
             raise CaseError(raw.origin("loop"), f"loop.{name}", Missing(), f"a value: a {form} needs it")
-    if form == "transfer function" and len(loop.elements or []) != 1:
+    if form is Form.TRANSFER_FUNCTION and len(loop.elements or []) != 1:
         expected = "one element; put several into blocks or a state space"
         raise CaseError(raw.origin("loop.elements"), "loop.elements", f"{len(loop.elements or [])} elements", expected)
-    if form == "blocks" and loop.elements is not None:
+    if form is Form.BLOCKS and loop.elements is not None:
         raise CaseError(raw.origin("loop.elements"), "loop.elements", "given", "the elements inside blocks")
-    if form != "state space":
+    if form is not Form.STATE_SPACE:
         _refuse_state_space_fields(loop, raw)
     return form
 

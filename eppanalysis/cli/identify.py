@@ -48,6 +48,13 @@ Outputs = Annotated[
 ]
 
 
+def _roles() -> list[str]:
+    """Begins of what ``--column`` takes."""
+    from eppanalysis.identify.columns import Role
+
+    return [f"{role}=" for role in Role]
+
+
 def identify(
     case: Annotated[str, typer.Argument(metavar="CASE", help="What is known: a case file, or a shipped case.")],
     tray: Annotated[
@@ -68,6 +75,7 @@ def identify(
             "--column",
             metavar="ROLE=HEADER:UNIT",
             help=r'Which column is what, as in force="F (lbf):lbf"; by default headers are "force \[lbf]". Repeatable.',
+            autocompletion=lambda incomplete: [role for role in _roles() if role.startswith(incomplete)],
         ),
     ] = NOTHING,
     settings: Annotated[

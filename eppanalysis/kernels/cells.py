@@ -71,6 +71,8 @@ def run_cells(
         )  # fmt: skip
         out.verdict[c] = kind
         if kind == CYCLE:
+            # The run to the verdict takes no samples: the last period is run once more, from where it began, for its
+            # shape.
             p, period = int(found[0]), found[1]
             out.period[c], out.change[c, 0], out.change[c, 1] = period, found[2], found[3]
             k = (count - 1 - p) % keep
@@ -117,6 +119,7 @@ def _shape(signals, n, mean, low, high):
 @njit(**PART)
 def _refined(signals, n, i, j):
     a, b, c = signals[(i - 1) % n, j], signals[i, j], signals[(i + 1) % n, j]
+    # The vertex of the parabola through three samples; flat ones have none.
     bend = a - 2.0 * b + c
     if bend == 0.0:
         return b

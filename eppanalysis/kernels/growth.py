@@ -35,6 +35,7 @@ def grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, comp
         States that belong to the motion (clocks and inputs do not).
     """
     keep, n = ev_x.shape
+    # A sine or a cube is not homogeneous, however far out: nothing that is k times as large moves k times as fast.
     for j in range(model.smooth_kind.size):
         if model.smooth_kind[j] != DELAY_LINE:
             return False
@@ -50,6 +51,7 @@ def grows(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, x_end, rate_end, comp
     for p in range(1, min(count, keep) // 3 + 1):
         if repeats(ev_guard, count, keep, p):
             _reach(ev_t, ev_x, ev_v, count, keep, p, state, rate)
+            # Two periods by one factor, in all states and rates alike (docs/theory/simulation.md, Verdict).
             if _far(model, state, rate, compared):
                 now = _factor(ev_x, ev_v, count - 1, keep, p, state, rate, compared)
                 before = _factor(ev_x, ev_v, count - 1 - p, keep, p, state, rate, compared)

@@ -267,6 +267,7 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, memor
         for s in range(series.shape[0]):
             here[s] = series_at(series[s], phi)[0]
         when, best = math.inf, -1
+        # Between switches memory stands still, so a guard on the input is a level that the series has to pass.
         for t in range(table.first[mode], table.first[mode + 1]):
             offset = table.constant[t]
             for h in range(n_memory):

@@ -181,6 +181,8 @@ def _drive(error, kappa):
     """alpha at which the fundamental of the error ``alpha (u - y)`` has the size `error`, above the linear range."""
     if math.isinf(kappa) and error > _SATURATED:
         return math.sqrt(error * error + 4.0 - 16.0 / math.pi**2)
+    # alpha = 1/cos(beta) maps all drives onto a bounded interval; a regula falsi on it, with the end that stays halved
+    # (docs/theory/rate_limit.md).
     low = math.atan(1.0 / kappa)
     high = math.acos(1.0 / (error + 4.0 / math.pi + 1.0 / kappa))
     at_low, at_high, side = _excess(low, error, kappa), _excess(high, error, kappa), 0

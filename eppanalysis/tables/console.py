@@ -15,8 +15,6 @@ from eppanalysis.results.shown import for_people
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
-    import pandas
-
     from eppanalysis.cases import Case
     from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
@@ -313,14 +311,6 @@ def _error(share: float | None) -> str:
     if share is None or math.isnan(share):
         return "-"
     return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else signed_percent(share)
-
-
-def frame_table(frame: pandas.DataFrame) -> Table:
-    """A table of texts as it stands, each column folded at its unit."""
-    table = table_of(*(name.replace(" [", "\n[") for name in frame.columns))
-    for row in frame.itertuples(index=False):
-        table.add_row(*row)
-    return table
 
 
 class TruthTable:

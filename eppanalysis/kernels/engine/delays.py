@@ -102,6 +102,8 @@ def extend_lines(model, compiled, q, X, last, Sg, H, t, d, u1, line_t, line_h, l
             elif v != 0.0:
                 constant = False
             line_c[j, r, k] = v
+        # Where the series only goes on there was no switch: one segment more would come back as an end after every dead
+        # time.
         before = (line_n[j, 0] - 1) % size
         if _continues(line_c[j, before], line_t[j, before, 0], line_h[j, before], line_c[j, r], t, d, u1, p):
             line_t[j, before, 1] = t + u1 * d
@@ -132,6 +134,7 @@ def _shift(c, u, p):
         p[k] = c[k]
     if u == 0.0:
         return
+    # Horner's scheme, repeated: each pass takes off one factor of the new variable.
     for i in range(ORDER):
         for k in range(ORDER - 1, i - 1, -1):
             p[k] += u * p[k + 1]

@@ -112,6 +112,7 @@ def go_far(compiled, work, workspace, samples, now):
         )
         now.j_grid += steps
         now.t = now.origin + now.j_grid * h
+        # A few of them in a row, and the next longer one is tried.
         now.quiet += 4
         now.fast_steps += 1
         return True
@@ -123,6 +124,7 @@ def go_far(compiled, work, workspace, samples, now):
 @njit(**INLINE)
 def _long_step(compiled, q, level, xd, speed, g0, tol, stray, end):
     """Increments over a long step into `end`; False when an event inside cannot be excluded."""
+    # A bound on travel alone, whichever way a guard goes: enough at rest, where this step is for.
     row_sum_from(tol, compiled.reach[q, level], speed, 1.0, stray)
     for g in range(compiled.n_guards[q]):
         if not g0[g] + stray[g] < 0.0:
@@ -227,6 +229,7 @@ def predicted(compiled, q, g0, g1, tol, h, end):
             continue
         u = 0.05
         while u < first:
+            # Hermite's form of the cubic through end values and end rates.
             w = 1.0 - u
             v = w * w * ((1.0 + 2.0 * u) * a + u * b) + u * u * ((3.0 - 2.0 * u) * c - w * d)
             if v > 0.0:

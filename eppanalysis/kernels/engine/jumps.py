@@ -122,6 +122,7 @@ def _letting_go(model, compiled, e, mode, before, new, x, recent, H, Sg, last, u
     m, z0 = model.mode_first[e] + mode, model.first[e, 0]
     if not model.mode_lags[m]:
         return -1
+    # Held on a level, it is thrown off where the jump ends beyond it by more than rounding.
     if model.mode_stick[m]:
         off = input_at(compiled, new, z0, x, H, Sg, last, u) - model.mode_level[m]
         size = _input_size(compiled, new, z0, x, recent, H) + abs(model.mode_level[m])

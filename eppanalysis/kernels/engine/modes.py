@@ -20,6 +20,7 @@ def find_combination(model, compiled, work, modes, base_step):
                 break
         if same:
             return q
+    # A full table is begun anew: what is met again is compiled again.
     if compiled.count[0] == compiled.key.shape[0]:
         compiled.count[0] = 0
         compiled.next[:, :] = -1

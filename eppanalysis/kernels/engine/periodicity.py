@@ -61,6 +61,7 @@ def _whole_periods(buffer, workspace, samples, first, t, t_end, count, p, max_ev
     Returns how many periods, their length, and how many samples from `first` on fall into them.
     """
     keep = buffer.t.size
+    # Over two periods, which halves what the rounding of two times of events makes of it.
     period = 0.5 * (buffer.t[(count - 1) % keep] - buffer.t[(count - 1 - 2 * p) % keep])
     turns = 0
     # Switches that pile up at one instant have no period.
@@ -135,9 +136,12 @@ def closing(watch, count, buffer, largest):
         watch[1] = 0.0
         return 0
     watch[1] += 1.0
+    # Two periods of events near their predecessors are three periods that agree (docs/theory/engine.md, Repetition).
     if watch[1] < 2 * p:
         return 0
     watch[1] = p
+    # Back to where the change was still far above rounding: without a contraction that was seen, as on a cycle from the
+    # start, small changes prove nothing.
     change = max(_change(c, p, buffer, largest), 1e-16)
     for k in range(1, MOST_TURNS):
         if (k + 1) * p >= min(count, keep) or ev_guard[(c - k * p) % keep] != ev_guard[c % keep]:

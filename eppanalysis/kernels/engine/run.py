@@ -187,6 +187,8 @@ def _meet_inputs(model, compiled, work, workspace, buffer, now):
     t, x, modes, H = now.t, workspace.x, workspace.modes, workspace.H
     if not (now.i_breakpoint < model.breakpoint_time.size and model.breakpoint_time[now.i_breakpoint] <= t):
         return
+    # A jump of an input is a motion without duration: what follows its input and would be carried back lets go before
+    # it (docs/theory/simulation.md).
     if t > 0.0 and may_leave_behind(model, modes, modes.size):
         if not now.entered:
             enter(compiled, now.q, H, workspace.push, workspace.constant, workspace.lift, workspace.still)
@@ -229,6 +231,7 @@ def _happen(model, compiled, work, workspace, buffer, now):
     if now.last >= 0:
         rates(compiled, now.q, workspace.x, workspace.push, workspace.Sg, now.last, now.best, workspace.rate)
     now.armed = False
+    # Times closer than the rounding of a step are one instant: only a clock that has moved ends the count.
     if now.t - now.last_t > 1e-13 * now.h:
         now.same_instant = 0
     now.last_t = now.t
@@ -271,6 +274,8 @@ def _switch_over(model, compiled, work, workspace, buffer, now):
     k, x, modes, H, recent, Sg, last, best = (
         now.guard, workspace.x, workspace.modes, workspace.H, workspace.recent, workspace.Sg, now.last, now.best
     )  # fmt: skip
+    # Clearly above zero means passed by a jump that has taken place: what its own jump leaves behind was in the trial
+    # of that one.
     if may_leave_behind(model, modes, model.guard_element[k]) and not clearly_above(
         compiled, now.q, now.which, x, recent, H, Sg, last, best
     ):

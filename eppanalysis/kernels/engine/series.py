@@ -101,6 +101,7 @@ def smooth_term(model, j, k, X, H, Sg, arg, aux):
     if kind == SINE:
         _sine_term(j, k, scale, Sg, arg, aux)
     elif kind == CUBE:
+        # Products of series: the square is kept in `aux`, and the cube is its product with the argument.
         square, cube = 0.0, 0.0
         for i in range(k + 1):
             square += arg[i, j] * arg[k - i, j]
@@ -126,6 +127,7 @@ def _sine_term(j, k, scale, Sg, arg, aux):
         Sg[0, j] = scale * np.sin(arg[0, j])
         aux[0, j] = scale * np.cos(arg[0, j])
         return
+    # sin' = cos a' and cos' = -sin a', coefficient by coefficient.
     s, c = 0.0, 0.0
     for i in range(1, k + 1):
         s += i * arg[i, j] * aux[k - i, j]
@@ -150,6 +152,7 @@ def _reciprocal_term(j, k, scale, noise, Sg, arg, aux):
         before = max(before, abs(arg[i, j]))
     if before <= 1e-9 * abs(arg[k, j]) or before <= noise < abs(arg[k, j]):
         aux[0, j] = 1.0 if arg[k, j] > 0 else -1.0
+    # y (1 + |a|) = scale: of a product that is constant all coefficients but the first vanish.
     v = 0.0
     for i in range(1, k + 1):
         v -= aux[0, j] * arg[i, j] * Sg[k - i, j]

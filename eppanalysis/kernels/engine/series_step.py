@@ -40,6 +40,7 @@ def plan(model, compiled, workspace, now):
         now.t1, now.on_grid = now.t_stop, False
     take_larger(workspace.largest, workspace.x, workspace.largest)
     d = now.t1 - t
+    # The cubics of the fast step that failed tell how far its event is: a series over less of the step has fewer terms.
     if now.why == EVENT_AHEAD:
         u = predicted(compiled, now.q, workspace.g0, workspace.g1, workspace.tol, h, workspace.end)
         if u < 0.9:
@@ -69,6 +70,7 @@ def expand_step(model, compiled, workspace, now):
     now.best, now.last = 0.0 if now.which >= 0 else 2.0, -1
     while now.last < 0 and now.which < 0:
         read_lines(model, workspace, now.t, now.d)
+        # How far the series of smooth channels converges is not known beforehand, so the step is halved until it does.
         now.last = expand(
             model, compiled, now.q, workspace.x, workspace.push, workspace.H, now.d, workspace.largest,
             workspace.small, workspace.X, workspace.Sg, workspace.arg,

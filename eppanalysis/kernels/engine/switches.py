@@ -38,6 +38,8 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
     solution.
     """
     k = compiled.guard[q, which]
+    # What has jumped over a sticking level crosses it, and resets and impulses are of the inputs before the event: all
+    # is worked out before anything changes (docs/theory/engine.md, Rules at a switch).
     jumped = beyond_level(model, compiled, q, k, x, recent, H, Sg, last, u)
     strength = impulse(model, compiled, q, k, x, H, Sg, last, u)
     reset(model, compiled, q, k, x, H, Sg, last, u, modes, memory)
@@ -56,6 +58,7 @@ def switch(model, compiled, work, q, which, x, recent, H, Sg, last, u, modes, me
             new = find_combination(model, compiled, work, modes, base_step)
         if new < 0:
             return -1
+        # The way is remembered, unless the table was begun anew meanwhile: then its rows are of other combinations.
         if compiled.count[0] >= before and not jumped:
             compiled.next[q, which] = new
     if strength != 0.0:
@@ -160,6 +163,8 @@ def settle_on_level(model, compiled, q, e, modes, x, H):
                 left += c * x[i]
                 scale += c * model.B[i, w0]
                 alone, count = i, count + 1
+        # A state that is the input alone is put there exactly; of several each moves as the output of the element moves
+        # it.
         if count == 1:
             x[alone] = -rest / model.C[z0, alone]
         else:

@@ -132,6 +132,7 @@ def _event_map(model, compiled, q, guard, after, J):
                 if model.B[i, w0] != 0.0:
                     accumulate(J[i, :n], c * model.B[i, w0], compiled.Zx[q, z0 + b])
                     accumulate(J[i, n:], c * model.B[i, w0], compiled.ZH[q, z0 + b])
+    # As the engine settles it behind the event, so that both have the same map.
     m = model.mode_first[e] + after[e]
     if model.mode_stick[m]:
         _level_map(J, model.C[z0], model.Kz[z0], model.mode_level[m], model.B[:, w0])

@@ -189,6 +189,8 @@ def extreme(
         if found is None or step is None:
             path.back()
         elif step.genuine(found) < _GENUINE:
+            # A true solution ends the way, unless it lies at the rim of its trust region, or switches merge or differ
+            # there: then the next programme begins beyond it.
             smooth = not found.merging and step.same_switches(found)
             beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
             if beyond is None:

@@ -70,6 +70,8 @@ def across(border: Point, way: float) -> tuple[Point | None, bool]:
     orbit = None if guess is None else solve(border.orbit.hybrid, guess)
     if orbit is None or not orbit.residual < CONVERGED or not near(orbit, border.orbit):
         return None, False
+    # The shorter sequence has a branch to both sides of the border; the engine says on which of them its events are
+    # true (docs/theory/exact_orbits.md, Branches).
     for share in _BEYOND:
         for turns_back in (False, True):
             begin = make_point(border.family, border.value, orbit, None, -way if turns_back else way)

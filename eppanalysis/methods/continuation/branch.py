@@ -280,6 +280,8 @@ class Walk:
         while len(points) < n_points:
             new = step(points[-1], ds)
             lost = astray(points[-1], new) or (new is not None and not regular(new))
+            # Steps shrink first; only at the least of them is the sequence of events taken to have ended
+            # (docs/theory/exact_orbits.md, Branches).
             if lost and ds > LEAST_STEP:
                 ds *= 0.3
                 continue

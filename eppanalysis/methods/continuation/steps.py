@@ -262,6 +262,8 @@ def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: 
         (a, _, f_a), (b, _, f_b) = ends
         if abs(b - a) < 1e-14 * reach:
             break
+        # The line through both values tells where, the cubic through both orbits with their tangents what it is like
+        # there.
         c = (a * f_b - b * f_a) / (f_b - f_a)
         found = _between(point, row, ends[0][:2], ends[1][:2], c) or step(point, c)
         if found is None:

@@ -419,8 +419,3 @@ def _lend(
     took = todo[solved]
     X[took], loop[took], ok[took] = trial[solved], new_loop[solved], True
     return X, loop, ok
-
-
-def pivot_balance(system: LureSystem, value: Array) -> Balance:
-    """Balance of a loop with several elements, at the pivot that suits the search."""
-    return Balance.of(system, choose_pivot(system), value)

@@ -64,6 +64,8 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
         size = scales(balance, X[todo])
         guess = X[todo] + h[todo, None] * size * heading[todo]
         new, ok, J = newton_and_jacobian(balance, guess, heading[todo] / size, 6, ON_THE_WAY)
+        # Accepted where the curve has turned little and Newton has stayed near the tangent: farther off it may have
+        # changed over to another curve.
         turned, regular = tangents(balance, J, new, heading[todo])
         # A kink, where an element enters another regime, turns the curve at once: only small steps may pass it.
         least = np.where(h[todo] > 5 * _SMALLEST, 0.85, -0.3)

@@ -169,6 +169,7 @@ def _begin(orbit: Orbit) -> int:
     """The longest arc, of those on which nothing is on its way through a dead time if there are any."""
     source, p = orbit.arcs.event_sequence.source, orbit.arcs.n_arcs
     quiet = np.ones(p, bool)
+    # The timer of a delayed switch runs from its origin to its arrival: no run can begin on these arcs.
     for arrival in np.flatnonzero(orbit.arcs.event_sequence.guards < 0):
         origin, _, turns = source[arrival]
         under_way = p if turns else (arrival - origin - 1) % p + 1
@@ -266,6 +267,7 @@ def follow(hybrid: HybridSystem, guess: Guess) -> Guess | None:
         change = float(np.max(np.abs(step[: arcs.free.size]) / orbit.column_scale[: arcs.free.size]))
         if not np.isfinite(change):
             break
+        # At most a fifth of the motion's size: farther off the engine meets other events than the derivative is of.
         y, _ = orbit.moved(step * min(1.0, 0.2 / max(change, 1e-300)))
         run = run_from(orbit, 1.6 * guess.period, 4 * guess.tau.size + 40, y)
         found = first_return(

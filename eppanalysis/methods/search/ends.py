@@ -205,6 +205,8 @@ class Ends:
                     known = self._quiet_cycle(run, t)
             if known is not End.UNDECIDED:
                 return known
+            # Each turn is three times as long; where many switches have told nothing by the fourth, no longer run is
+            # made.
             if turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE:
                 break
             t *= 3.0

@@ -40,6 +40,8 @@ def return_map(A: Array, n_free: int) -> Array:
     numpy.linalg.LinAlgError
         If a guard is met without being crossed (grazing): then there is no derivative.
     """
+    # The guards' equations give the dwell times for any disturbed start; put into those of periodicity they leave the
+    # return map less one (docs/theory/exact_orbits.md, Floquet multipliers).
     m = n_free
     dwell = np.linalg.solve(A[m:, m:], A[m:, :m]) if A.shape[0] > m else np.zeros((0, m))
     return A[:m, :m] + np.eye(m) - A[:m, m:] @ dwell

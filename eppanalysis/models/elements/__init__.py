@@ -4,7 +4,7 @@ from eppanalysis.models.elements.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.elements.contact import LockPin, NordinShaft
 from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuantiser, MidRiseQuantiser
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
-from eppanalysis.models.elements.curves.smooth import Arctan, Drag, Polynomial, Tanh
+from eppanalysis.models.elements.curves.smooth import Arctan, Cube, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
 from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
@@ -18,7 +18,6 @@ from eppanalysis.models.elements.memory import BacklashCompensator, JumpAndFollo
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.static import (
     Coulomb,
-    Cube,
     DeadZone,
     DeadZoneSaturation,
     FiveBandLaw,

@@ -16,6 +16,8 @@ from eppanalysis.errors import ModelError
 
 Array = NDArray[np.float64]
 
+#: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
+_MOST_LEVELS = 100_000
 #: Stands for an amplitude of zero, so that quotients by the amplitude keep their limit.
 SMALLEST_AMPLITUDE = 1e-150
 #: Nodes of Gauss's rule on each panel: no pole is nearer to one than its own length.
@@ -48,6 +50,21 @@ def require_numbers(element: Any, *fields: str) -> None:
     """
     for name in fields:
         require(element, name, is_number(getattr(element, name)), "a finite number")
+
+
+def require_steps(quantiser: Any) -> None:
+    """Refuse a quantiser unless its `step` is positive and its `levels` are a whole number that a table can hold.
+
+    Raises
+    ------
+    ModelError
+        If one is not.
+    """
+    require_numbers(quantiser, "step", "levels")
+    require(quantiser, "step", quantiser.step > 0, "a positive number")
+    whole = quantiser.levels == int(quantiser.levels) and 1 <= quantiser.levels <= _MOST_LEVELS
+    expected = f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
+    require(quantiser, "levels", whole, expected)
 
 
 def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array, Array]:

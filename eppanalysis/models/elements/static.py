@@ -1,4 +1,4 @@
-"""Static elements: named shapes of the piecewise-linear map, and the two smooth ones.
+"""Static elements: named shapes of the piecewise-linear map, and the sine.
 
 The named shapes only work out breakpoints, slopes and intercepts; everything they do is in
 :class:`~eppanalysis.models.elements.piecewise.PiecewiseLinear`.
@@ -18,13 +18,12 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
-from eppanalysis.models.elements.exact import Half, Named, Pieces, Reading
-from eppanalysis.models.elements.phases import broadcast, require, require_numbers
+from eppanalysis.models.elements.exact import Half, Pieces, Reading
+from eppanalysis.models.elements.phases import broadcast, require, require_numbers, require_steps
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 __all__ = [
     "Coulomb",
-    "Cube",
     "DeadZone",
     "DeadZoneSaturation",
     "FiveBandLaw",
@@ -38,10 +37,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-
-#: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
-_MOST_LEVELS = 100_000
 
 
 @dataclass(frozen=True)
@@ -356,12 +351,7 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
     levels: int
 
     def __post_init__(self) -> None:
-        require_numbers(self, "step", "levels")
-        require(self, "step", self.step > 0, "a positive number")
-        whole = self.levels == int(self.levels) and 1 <= self.levels <= _MOST_LEVELS
-        require(
-            self, "levels", whole, f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
-        )
+        require_steps(self)
         n = int(self.levels)
         self._set_pieces(
             self.step * (np.arange(-n, n) + 0.5), np.zeros(2 * n + 1), self.step * np.arange(-n, n + 1, dtype=float)
@@ -383,64 +373,6 @@ class Quantiser(PiecewiseLinear, kind="quantiser"):
         # Breakpoints are symmetric: those passed or reached by the size of x, of the positive ones.
         passed = np.searchsorted(self.breakpoints[int(self.levels) :], np.abs(x), side="right")
         return np.asarray(np.where(np.isnan(x), np.nan, np.copysign(self.step * passed, x) + 0.0)), memory
-
-
-@dataclass(frozen=True)
-class Cube(Nonlinearity, kind="cube"):
-    """``y = scale * x**3``.
-
-    Raises
-    ------
-    ModelError
-        If the scale is not a finite number.
-    """
-
-    units = MappingProxyType({"scale": (-3, 1, 0)})
-
-    scale: float
-
-    def __post_init__(self) -> None:
-        require_numbers(self, "scale")
-
-    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
-        """Output for any array `x`; `memory` is handed through unused."""
-        return self.scale * floats(x, "output: x") ** 3, memory
-
-    def describing_function(
-        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
-    ) -> tuple[Array, NDArray[np.complex128]]:
-        """Mean ``scale (b^3 + 3 b A^2/2)`` and gain ``scale (3 b^2 + 3 A^2/4)``, by expanding the cube.
-
-        Raises
-        ------
-        ModelError
-            If an amplitude is negative.
-        """
-        a, b, _ = broadcast(amplitude, bias, omega)
-        return np.asarray(self.scale * b * (b * b + 1.5 * a * a)), np.asarray(
-            self.scale * (3 * b * b + 0.75 * a * a), complex
-        )
-
-    def slope_bounds(self) -> tuple[float, float]:
-        """Least and greatest slope; one of them is infinite."""
-        return self.sector()
-
-    def sector(self) -> tuple[float, float]:
-        """Least and greatest ``y/x``; one of them is infinite."""
-        far = np.copysign(np.inf, self.scale) if self.scale else 0.0
-        return float(min(far, 0.0)), float(max(far, 0.0))
-
-    def linear_gain(self) -> Array:
-        """The steepest slope, which is infinite."""
-        return np.array([[max(self.slope_bounds(), key=abs)]])
-
-    def exact(self, read: Reading) -> Named:
-        """By its name."""
-        return Named.of(self, "cube", read, "scale")
-
-    def automaton(self) -> Automaton:
-        """One smooth mode."""
-        return automata.smooth("cube", self.scale)
 
 
 @dataclass(frozen=True)

@@ -289,6 +289,7 @@ class _Box:
         question = self.at(place)
         moves = zip(self.widths.items(), near.place, place, strict=True)
         change = sum(near.slopes.get(n, 0.0) * w * (b - a) for (n, w), a, b in moves if np.isfinite(near.slopes[n]))
+        # Extrapolated in the logarithm: no bound passes zero.
         cycle: Cycle | None = replace(near.harmonic, value=near.value * math.exp(change / near.value))
         assert cycle is not None
         found: ExactBound | None = correct(question, cycle, self.sign)
@@ -301,6 +302,8 @@ class _Box:
 
     def worst(self) -> tuple[_Place, str, int]:
         """The corner with the worst bound, what is missing, and the number of corners checked besides."""
+        # Where the bound is monotone in each parameter it is worst at the corner to which its slopes point; they are
+        # asked for anew at every corner, until it points to itself.
         here, seen = self.centre, set()
         for _ in range(_MOST_CORNERS):
             corner = self._downhill(here)

@@ -11,12 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE
-from eppanalysis.models.elements.phases import require, require_numbers
+from eppanalysis.models.elements.phases import require, require_numbers, require_steps
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 Array = NDArray[np.float64]
-#: Steps of a quantiser on each side: each is a piece of its table, and a mode of the loop.
-_MOST_LEVELS = 100_000
 
 
 @dataclass(frozen=True)
@@ -74,12 +72,7 @@ class _Quantising(PiecewiseLinear):
 
     def _set_steps(self, shift: float) -> None:
         """Check the fields and store the steps: levels are the multiples of one, and `shift` of it."""
-        require_numbers(self, "step", "levels")
-        require(self, "step", self.step > 0, "a positive number")
-        whole = self.levels == int(self.levels) and 1 <= self.levels <= _MOST_LEVELS
-        require(
-            self, "levels", whole, f"a positive whole number of {_MOST_LEVELS} or less (those that the input meets)"
-        )
+        require_steps(self)
         n = int(self.levels)
         edges = np.arange(1 - n, n if shift else n + 1)
         levels = -n + shift + np.arange(edges.size + 1)

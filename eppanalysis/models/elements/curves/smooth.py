@@ -1,4 +1,4 @@
-"""Smooth curves: drag, polynomials, and two that saturate without a corner."""
+"""Smooth curves: cube, drag, polynomials, and two that saturate without a corner."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
+from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Named, Reading
@@ -24,7 +25,70 @@ _POWERS = {2: "square", 3: "cube", 4: "fourth_power", 5: "fifth_power"}
 
 
 @dataclass(frozen=True)
-class Drag(Nonlinearity, kind="drag"):
+class _Power(Nonlinearity):
+    """What cube and drag share: they grow without bound, and go by their names."""
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        require_numbers(self, "scale")
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Least and greatest slope; one of them is infinite."""
+        return self.sector()
+
+    def sector(self) -> tuple[float, float]:
+        """Least and greatest ``y/x``; one of them is infinite."""
+        far = np.copysign(np.inf, self.scale) if self.scale else 0.0
+        return float(min(far, 0.0)), float(max(far, 0.0))
+
+    def exact(self, read: Reading) -> Named:
+        """By its name."""
+        return Named.of(self, self.kind, read, "scale")
+
+
+@dataclass(frozen=True)
+class Cube(_Power, kind="cube"):
+    """``y = scale * x**3``.
+
+    Raises
+    ------
+    ModelError
+        If the scale is not a finite number.
+    """
+
+    units = MappingProxyType({"scale": (-3, 1, 0)})
+
+    def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
+        """Output for any array `x`; `memory` is handed through unused."""
+        return self.scale * floats(x, "output: x") ** 3, memory
+
+    def describing_function(
+        self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
+    ) -> tuple[Array, NDArray[np.complex128]]:
+        """Mean ``scale (b^3 + 3 b A^2/2)`` and gain ``scale (3 b^2 + 3 A^2/4)``, by expanding the cube.
+
+        Raises
+        ------
+        ModelError
+            If an amplitude is negative.
+        """
+        a, b, _ = broadcast(amplitude, bias, omega)
+        return np.asarray(self.scale * b * (b * b + 1.5 * a * a)), np.asarray(
+            self.scale * (3 * b * b + 0.75 * a * a), complex
+        )
+
+    def linear_gain(self) -> Array:
+        """The steepest slope, which is infinite."""
+        return np.array([[max(self.slope_bounds(), key=abs)]])
+
+    def automaton(self) -> Automaton:
+        """One smooth mode."""
+        return automata.smooth("cube", self.scale)
+
+
+@dataclass(frozen=True)
+class Drag(_Power, kind="drag"):
     """``y = scale * x*|x|``: what a flow resists with, of a velocity.
 
     Parameters
@@ -46,11 +110,6 @@ class Drag(Nonlinearity, kind="drag"):
     """
 
     units = MappingProxyType({"scale": (-2, 1, 0)})
-
-    scale: float
-
-    def __post_init__(self) -> None:
-        require_numbers(self, "scale")
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Output for any array `x`; `memory` is handed through unused."""
@@ -83,22 +142,9 @@ class Drag(Nonlinearity, kind="drag"):
         """The amplitude at which the input passes zero; none without a bias."""
         return np.array([abs(bias)] if bias else [])
 
-    def slope_bounds(self) -> tuple[float, float]:
-        """Least and greatest slope; one of them is infinite."""
-        return self.sector()
-
-    def sector(self) -> tuple[float, float]:
-        """Least and greatest ``y/x``; one of them is infinite."""
-        far = np.copysign(np.inf, self.scale) if self.scale else 0.0
-        return float(min(far, 0.0)), float(max(far, 0.0))
-
     def linear_gain(self) -> Array:
         """The slope at zero, which is none."""
         return np.zeros((1, 1))
-
-    def exact(self, read: Reading) -> Named:
-        """By its name."""
-        return Named.of(self, "drag", read, "scale")
 
     def automaton(self) -> Automaton:
         """Forward and backward, a square either way."""
