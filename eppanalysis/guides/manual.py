@@ -86,7 +86,7 @@ def _of_guide(guide: Guide, given: float | None) -> ManualTable:
     what = "Largest" if not up else "Smallest"
     named = guide.case.title or guide.case.name
     title = f"{what} {in_words(guide.limit)} without a self-sustained oscillation: {named}"
-    notes = _notes([row.cell for row in guide.rows], _rounded(up, steps))
+    notes = _notes([row.cell for row in guide.rows], _how_rounded(up, steps))
     said = [c.note for c in beside if c.note] + ([guide.not_covered] if guide.not_covered else [])
     made_by = source(guide)
     return ManualTable(title, heads, tuple(rows), (*notes, *said, *more, made_by), _shades(r.cell for r in guide.rows))
@@ -282,7 +282,7 @@ def _checked(cell: BoundCell) -> str:
     return "no"
 
 
-def _rounded(up: bool, steps: Iterable[str]) -> str:
+def _how_rounded(up: bool, steps: Iterable[str]) -> str:
     """Where the values of a table come from."""
     tested = "Values are where tests took place, on the safe side of each limit"
     return f"{tested}, rounded {_way(up)}, in steps of {', '.join(steps)}."
