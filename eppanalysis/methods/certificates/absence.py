@@ -112,6 +112,8 @@ def _multiplier(
         return Fraction(0)
     if remembers:
         return None
+    # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/certificates.md, No
+    # periodic motion).
     tilt = added(criterion(num, den, low, high, Fraction(1)), circle, Fraction(-1))
     for candidate in _candidates(circle, tilt):
         if positive(added(circle, tilt, candidate)):
@@ -121,6 +123,7 @@ def _multiplier(
 
 def _candidates(circle: Polynomial, tilt: Polynomial) -> list[Fraction]:
     """Multipliers r between all bounds that ``circle + r tilt > 0`` sets at the frequencies where they are tightest."""
+    # Each frequency bounds the multiplier by -circle/tilt; the tightest bounds are where that quotient turns.
     turning = added(times(_slope(circle), tilt), times(circle, _slope(tilt)), Fraction(-1))
     places = _positive_roots(turning) or [Fraction(1)]
     least, most = None, None
@@ -132,6 +135,7 @@ def _candidates(circle: Polynomial, tilt: Polynomial) -> list[Fraction]:
             most = -size / lean if most is None else min(most, -size / lean)
     if least is None and most is None:
         return []
+    # Bounded on one side alone: a little beyond the bound, and far beyond it.
     if least is None or most is None:
         bound, way = (most, -1) if least is None else (least, 1)
         assert bound is not None

@@ -49,6 +49,8 @@ def doubled(family: Family, point: Point, length: float) -> Point:
             f"continue_branch: the multiplier nearest to -1 is {values[k]:.6g}; expected a period doubling as origin."
         )
     start = vectors[:, k].real * scale
+    # Dwell times follow from the disturbance of the start by the equations of the guards; in the second turn both are
+    # reversed.
     dwell = -np.linalg.solve(orbit.A[m:, m:], orbit.A[m:, :m] @ start)
     twice = _gone_round_twice(orbit)
     w = weights(twice, family.width)

@@ -188,6 +188,8 @@ class _FoldWalk:
         begin = fold
         while abs(there - at) > 1e-12 * abs(there - here):
             d = there - at if abs(d) > abs(there - at) else d
+            # Beside a grazing contact steps fail however short they are; a branch at the new value still leads to the
+            # fold (docs/theory/exact_orbits.md, Branches).
             new = self._next(fold, self.family(at + d, fold.value + self.slope * d), d)
             if new is None:
                 d *= 0.5
@@ -215,6 +217,7 @@ class _FoldWalk:
                 return None
             if admissible(new):
                 return new
+            # The fold of a sequence that the engine does not meet: the one that it does meet is asked for its own.
             moved, _ = other_sequence(moved, new)
         return None
 
@@ -272,5 +275,6 @@ def _fold_near(point: Point) -> Point | None:
             best = new
         if f1 == f0:
             break
+        # A secant through two nearly equal values leads anywhere: no step beyond a share of the branch.
         s0, s1, f0 = s1, float(np.clip(s1 - f1 * (s1 - s0) / (f1 - f0), -0.3, 0.3)), f1
     return best if abs(best.turn) < 1e-9 else None

@@ -114,6 +114,7 @@ class Point:
 def weights(orbit: Orbit, width: float) -> Array:
     """Measure of the branch: mean square of the relative change of the start, and the parameter over its range."""
     m, p = orbit.arcs.free.size, orbit.tau.size
+    # Dwell times have no weight: they follow from the start and the parameter.
     w = np.zeros(m + p + 1)
     w[:m] = 1.0 / (m * orbit.scale[orbit.arcs.free] ** 2)
     w[-1] = 1.0 / width**2
@@ -201,6 +202,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
         still = (orbit.residual < TOLERANCE and size < 1e-9) or size < _STILL
         if orbit.residual < CONVERGED and (still or size > 0.5 * best):
             return _Found(float(u[-1]), orbit, u)
+        # A step that grows again after Newton has had his start will not converge.
         if i > 3 and size > best:
             return None
         best = min(best, size)

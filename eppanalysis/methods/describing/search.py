@@ -174,6 +174,8 @@ def search_one(balance: Balance) -> Found:
     amplitude = amplitude_nodes(scales, thresholds, 24)
     if single is not None:
         return _search_single(single, amplitude)
+    # Without a bias, for how far the frequencies must reach alone; cycles are sought along the curves of the static
+    # balance.
     N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
@@ -232,6 +234,7 @@ def _lowest_gain(N: ComplexArray) -> float:
     top = size.max(initial=0.0)
     if top == 0:
         return np.inf
+    # Greatest at the least amplitude and falling from there, as that of a jump, it has no bound.
     unbounded = size[0] == top and size[: len(size) // 20].min() < 0.9 * top
     return 0.0 if unbounded else 0.999 / top
 

@@ -127,6 +127,7 @@ class Rules:
         for row in (whole.row(g, place, leaves=True) for g in guards):
             face, rise = face.on(row), whole.rise(row)
             face = face if rise is None else face.within(rise)
+        # While it sticks the input stands on its level, and its rate is zero.
         if self._sticks(mode):
             still, rests = np.zeros((2, whole.scale.size + 1))
             still[0], still[-1], rests[self.automaton.n_inputs] = 1.0, -self.automaton.modes[mode].level, 1.0
@@ -174,6 +175,7 @@ class Rules:
             for behind in self._behind(beyond, guard, place):
                 if behind.mode not in passed:
                     self._follow(beyond, behind, (*passed, behind.mode))
+                # A mode that comes again on the way need not come for ever: one example is followed by itself.
                 elif not self._ends(*(found := self._highest(region, [row]))[1:], place):
                     self._note(Flaw.ENDLESS, place.mode, (guard,), found[1])
 

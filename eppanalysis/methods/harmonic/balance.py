@@ -110,6 +110,8 @@ def harmonic_balance(
         found, log = _fixed(loop, start, int(order)) if order is not None else _automatic(loop, start)
         if found.converged:
             found = _compared(loop, found)
+        # Orders that do not settle are no success where none was asked for: the orbit need not exist
+        # (docs/theory/harmonic_balance.md, Error estimate and choice of the order).
         if order is None:
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:

@@ -226,6 +226,8 @@ def inputs_of(loop: Loop, cycle: LimitCycle) -> ComplexArray:
     forced[:, 0] = system.B_input @ v + system.constant_state
     to_inputs = np.hstack([system.C[loop.rows], system.D[loop.rows]])
     Z = np.zeros((len(loop.rows), count), complex)
+    # One linear system a harmonic: the linear part moves with the outputs of the elements, and what it shows is the
+    # named signals.
     for k in range(count):
         pole = 1j * k * cycle.omega
         step = np.exp(pole * system.time_step) if system.time_step else pole

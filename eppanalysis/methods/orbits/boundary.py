@@ -73,6 +73,7 @@ def orbits_on_boundary(
     turns = _ENOUGH_TURNS
     for _ in range(_MOST_HALVINGS):
         together = _time_together(hybrid, *pair)
+        # As long as both runs keep together they are near the unstable cycle; their last turn is closed.
         if together > turns * period:
             orbit = line.closed(pair[0], together)
             if orbit is not None:

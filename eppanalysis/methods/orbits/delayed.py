@@ -226,6 +226,7 @@ def _closed(mesh: Mesh, arcs: Arcs, whole: Array, lines: tuple[IntArray, Array])
         change, shift = step
         span = np.ptp(whole[:, :, arcs.free], axis=(0, 1))
         largest = max(np.max(np.abs(shift)) / mesh.period, np.max(np.abs(change) / np.where(span > 0, span, np.inf)))
+        # Dwell times move the mesh itself, so they are changed by a tenth of the period at most.
         share = min(1.0, _LARGEST * mesh.period / max(float(np.max(np.abs(shift))), 1e-300))
         tau = mesh.tau + share * shift
         if not np.isfinite(largest) or np.any(tau <= 0):

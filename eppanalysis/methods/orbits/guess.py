@@ -181,6 +181,8 @@ def _delayed_guess(hybrid: HybridSystem, it: EventSequence, y: Array, tau: Array
     )
     model, T, t = hybrid.model, float(tau.sum()), np.cumsum(tau)
     rows = []
+    # An output that jumps at an event does so again one dead time later, perhaps turns later: that is an event of its
+    # own (docs/theory/exact_orbits.md, Closing an orbit).
     for line in np.flatnonzero(model.smooth_kind == DELAY_LINE):
         value = plain.W[:, model.smooth_w[line], -1]
         for k in np.flatnonzero(value != np.roll(value, -1)):

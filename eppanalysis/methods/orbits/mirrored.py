@@ -55,6 +55,7 @@ def mirror(hybrid: HybridSystem) -> Array | None:
     size = np.abs(rows) @ np.abs(centre) + np.abs(constant).sum(axis=1)
     if np.any(np.abs(rows @ centre - right) > _BALANCED * size):
         return None
+    # A reflection at the centre: what is odd changes its sign, and the 1 in y carries twice the centre.
     image = np.eye(hybrid.x0.size + hybrid.H0.size)
     odd = np.concatenate([np.arange(n), hybrid.x0.size + np.arange(int(model.first[-1, 2]))])
     image[odd, odd] = -1.0
@@ -106,6 +107,7 @@ def _half_returns(hybrid: HybridSystem, image: Array, run: Run, period: float) -
     state = np.hstack([run.state[order[free]], run.memory_values[order[free]]])
     imaged = (state @ image.T)[:, :n][:, compared]
     state, gap = state[:, :n][:, compared], time[free] - time[free][:, None]
+    # Events at which a run may be half a turn on: the period that was handed in is rough.
     i, j = np.nonzero((gap > 0.3 * period) & (gap < 0.8 * period))
     span = np.ptp(state, axis=0)
     away = np.max(np.abs(state[j] - imaged[i]) / np.where(span > 0, span, np.inf), axis=1, initial=0.0)

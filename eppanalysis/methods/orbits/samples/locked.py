@@ -170,6 +170,8 @@ class Round:
                 end = Phi @ y
             E = Phi @ D
             guard_at(arcs.channels, arcs.g[a], arcs.gs[a], arcs.smooth[a], end, sigma, slope, row)
+            # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
+            # disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
             sooner = row @ E
             if at_once[a] != 1 and np.any(sooner):  # the instant of a sample stands
                 rate = F @ end + arcs.S[a] @ sigma

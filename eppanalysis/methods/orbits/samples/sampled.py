@@ -290,6 +290,7 @@ def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> 
     middle = _middle(start, x.size)
     starts = middle + np.array(_SCALES)[:, None] * (x - middle)
     paths, marks = _runs(step, starts, memory, int(min(12 * length + 50, _MOST_SAMPLES)))
+    # A whole number of samples is taken at its word; any other is approximate, and its neighbours are all tried.
     if abs(length - round(length)) < 1e-9 * length:
         lengths: Iterable[int] = [round(length)]
     else:

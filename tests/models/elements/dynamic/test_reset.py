@@ -29,7 +29,7 @@ def harmonic(n: int, gain: float, pole: float, amplitude: float, bias: float, om
 
     def y(phi: float, begin: float) -> float:
         past = phi - begin
-        from_bias = past if kappa == 0 else (1 - np.exp(-kappa * past)) / kappa
+        from_bias = past if kappa == 0 else -np.expm1(-kappa * past) / kappa
         return drive * bias * from_bias + sine_part(phi) - sine_part(begin) * np.exp(-kappa * past)
 
     spans = [(-beta, np.pi + beta), (np.pi + beta, 2 * np.pi - beta)]
@@ -51,6 +51,7 @@ def harmonic(n: int, gain: float, pole: float, amplitude: float, bias: float, om
 )  # fmt: skip
 @example(1.0, 0.0, 1.0, 0.0, 1.0)
 @example(2.0, 1e-2, 3.0, 0.99, 3.3)
+@example(1.0, 1e-6, 1.0, 0.75, 2.0)
 def test_mean_and_gain_match_quadrature(gain: float, pole: float, amplitude: float, share: float, omega: float) -> None:
     bias = share * amplitude
     mean, found = made(gain, pole).describing_function(amplitude, bias, omega)
