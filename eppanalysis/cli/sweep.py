@@ -32,11 +32,18 @@ if TYPE_CHECKING:
     from eppanalysis.sweep.boundary import Boundary
 
 _PICTURES = (".png", ".svg", ".pdf")
-_THREADS, _PROCESSES = "threads", "processes"
+_THREADS = "threads"
 #: Cells of a sample; a power of two, as a Sobol sample takes it.
 _CELLS = 1024
 #: Values along each axis of the grid from which a boundary is refined.
 _COARSE = 11
+
+
+def _schedulers() -> list[str]:
+    """What ``--scheduler`` takes beside addresses."""
+    from eppanalysis.sweep.schedule import QUEUES, Scheduler as Here
+
+    return [*Here, *QUEUES]
 
 
 class Run(StrEnum):
@@ -98,7 +105,7 @@ Scheduler = Annotated[
     typer.Option(
         metavar="WHERE",
         help="threads, processes, a queue (slurm, pbs, ...), or a Dask scheduler's address (tcp://host:8786).",
-        autocompletion=lambda: [_THREADS, _PROCESSES],
+        autocompletion=lambda incomplete: [name for name in _schedulers() if name.startswith(incomplete)],
     ),
 ]
 Target = Annotated[

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 
-import click
 import pytest
-from typer.main import get_command
 from typer.testing import CliRunner
 
 import eppanalysis as epp
@@ -97,9 +95,3 @@ def test_a_wrong_file_leaves_an_old_case_alone(tmp_path):
     assert run("elbow", "--tray", bad, "-o", out).exit_code == 2
     assert out.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["identified.toml", "bad.csv"] or len(list(tmp_path.iterdir())) == 2
-
-
-def test_a_shell_completes_the_roles_of_columns():
-    command = get_command(app).get_command(None, "identify")
-    column = next(option for option in command.params if option.name == "columns")
-    assert [item.value for item in column.shell_complete(click.Context(command), "t")] == ["time=", "torque="]

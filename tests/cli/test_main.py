@@ -9,7 +9,9 @@ import signal
 import subprocess
 import sys
 
+import click
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from eppanalysis.cli import app
@@ -442,3 +444,17 @@ def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) ->
     line = f'"{sys.executable}" -m eppanalysis {command} {end}'
     done = subprocess.run(line, shell=True, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stderr == "", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "begin", "words"),
+    [
+        ("identify", "columns", "t", ["time=", "torque="]),
+        ("sweep", "scheduler", "p", ["processes", "pbs"]),
+        ("sweep", "run", "c", ["cycles"]),
+    ],
+)
+def test_a_shell_completes_the_words_of_an_option(command: str, name: str, begin: str, words: list[str]) -> None:
+    found = get_command(app).get_command(None, command)
+    option = next(option for option in found.params if option.name == name)
+    assert [item.value for item in option.shell_complete(click.Context(found), begin)] == words

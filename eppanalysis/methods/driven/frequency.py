@@ -268,7 +268,7 @@ class _Response:
     def _branch(self, places: list[Place], walk: Walk, ends: tuple[str, str]) -> ResponseBranch:
         response, size = np.array([self._of(p) for p in places]).T
         special = tuple(
-            SpecialResponse(kind.value, *self._sine(p.value), complex(self._of(p)[0]), i) for kind, p, i in walk.special
+            SpecialResponse(kind, *self._sine(p.value), complex(self._of(p)[0]), i) for kind, p, i in walk.special
         )
         frequency, amplitude = np.array([self._sine(p.value) for p in places]).T
         stable = np.array([p.stable for p in places])

@@ -198,7 +198,7 @@ class SpecialResponse(Brief):
 
     Attributes
     ----------
-    kind : str
+    kind : Turning
         "fold", "period doubling", "torus" (quasi-periodic motions leave the branch) or "branch point".
     frequency : float
         Of the input [Hz].
@@ -210,7 +210,7 @@ class SpecialResponse(Brief):
         Number of the branch's point that it is.
     """
 
-    kind: str
+    kind: Turning
     frequency: float
     amplitude: float
     response: complex
