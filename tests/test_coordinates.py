@@ -144,7 +144,7 @@ def test_runs_do_not_depend_on_coordinates(name):
         simulate_alike(case, wanted, rotated(system, seed))
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", [*QUICK, UNPREDICTED])
 def test_searches_do_not_depend_on_coordinates_and_units(name):
     system = epp.case(name).to_system()
     search_alike(cycles_of(name), rotated(system, 4))

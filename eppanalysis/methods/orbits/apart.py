@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import LimitCycle
 
@@ -56,7 +57,14 @@ def motions_apart(system: LureSystem) -> tuple[LureSystem, Array, Array] | None:
     if not np.linalg.cond(T) < _WORST:
         return None
     inverse = np.asarray(np.linalg.inv(T), float)
-    return system.in_coordinates(T, inverse), T, inverse
+    own = system.in_coordinates(T, inverse)
+    # Where these coordinates are long and thin beside the given ones, integrators are lost in them: their poles become
+    # slow motions, which set how long runs are and where they start.
+    return (own, T, inverse) if _integrators(own) == _integrators(system) else None
+
+
+def _integrators(system: LureSystem) -> int:
+    return int(np.sum(poles(system.A) == 0.0))
 
 
 def in_states(cycle: LimitCycle, T: Array) -> LimitCycle:
