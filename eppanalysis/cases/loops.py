@@ -198,7 +198,7 @@ def _from_state_space(
     loop: LoopSection, blocks: tuple[Block, ...], elements: list[Nonlinearity], raw: RawCase
 ) -> LureSystem:
     gain = 1.0 if loop.gain is None else float(loop.gain.value)
-    n_outputs = sum(e.n_outputs for e in elements)
+    n_outputs = sum(ports(e)[1] for e in elements)
     delay = 0.0 if loop.delay is None else float(loop.delay.value)
     _check_rectangles(loop, raw)
     n = len(loop.A or [])

@@ -1,10 +1,12 @@
-"""Pictures of driven loops: a jump resonance, the waveforms of three responses to one sine, a dithered relay."""
+"""Pictures of driven loops: jump resonance, three responses to one sine, a dithered relay, anti-windup by clamping."""
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
+from eppanalysis.plotting import BLUE, GREY, VERMILLION
 
 
 def yielding_spring() -> epp.Diagram:
@@ -38,3 +40,31 @@ def dithered_relay() -> Figure:
     """What a fast sine leaves of a relay's limit cycle over its amplitude, and of the relay."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
     return epp.dither(loop, frequency=4.0).plot().figure
+
+
+def clamped_pid() -> Figure:
+    """A large step of a servo: the clamped PI controller before and behind its limits, and one that winds up."""
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    times = np.linspace(0.0, 12.0, 601)
+    controllers = {
+        "clamped": (epp.ClampedPID(kp=1.0, ki=0.3), BLUE),
+        "winds up": (epp.AntiWindupPID(kp=1.0, ki=0.3, tracking_time=1e4), VERMILLION),
+    }
+    for label, (controller, colour) in controllers.items():
+        servo = epp.Diagram(
+            parts={"pi": controller, "servo": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.5, 0.0])},
+            connect=["r - servo -> pi", "pi -> servo"],
+            inputs=["r"],
+            signals={"position": "servo"},
+        )
+        run = epp.simulate(servo, epp.inputs.Step(3.0), t_end=12.0, t_eval=times)
+        left.plot(times, run.signals["position"], color=colour, label=label)
+        right.plot(times, run.signals["pi"], color=colour, label=label)
+    left.axhline(3.0, color=GREY, linewidth=0.5)
+    for ax, what in ((left, "position"), (right, "output u")):
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel(what)
+        ax.spines[["top", "right"]].set_visible(False)
+    left.legend(fontsize=7)
+    return figure

@@ -17,7 +17,7 @@ from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
 from studies import GENERATED, STORED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
-from studies.pages.driven import dithered_relay, jump_resonance, three_responses
+from studies.pages.driven import clamped_pid, dithered_relay, jump_resonance, three_responses
 from studies.pages.harmonic import harmonic_convergence
 
 Array = NDArray[np.float64]
@@ -89,6 +89,16 @@ def drawings() -> dict[str, Drawing]:
         ),
         "dahl": Drawing(
             {"1 N/mm": epp.DahlFriction(1e3, 1.0), "10 N/mm": epp.DahlFriction(1e4, 1.0)},
+            0.005,
+            0.05,
+            omega=2.0,
+            names=("velocity [m/s]", "force [N]"),
+        ),
+        "lugre": Drawing(
+            {
+                "1 N/mm": epp.LuGreFriction(1e3, 1.0, 1.5, 1e-3),
+                "10 N/mm": epp.LuGreFriction(1e4, 1.0, 1.5, 1e-3),
+            },
             0.005,
             0.05,
             omega=2.0,
@@ -281,6 +291,7 @@ def make_all(folder: Path) -> None:
         jump_resonance,
         three_responses,
         dithered_relay,
+        clamped_pid,
     )
     for make in pictures:
         save(make(), folder / f"{make.__name__}.png")

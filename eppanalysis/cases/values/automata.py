@@ -35,7 +35,7 @@ _MOST = 50
 _MODE = {"from_input": "wz", "from_memory": "wh", "from_smooth": "ws", "constant": "w", "level": "", "jump": ""}
 _RESET = {"memory_from_input": "hz", "memory_from_memory": "hh", "memory_constant": "h"}
 _GUARD = {"on_input": "z", "on_rate": "z", "on_memory": "h", "on_output": "w", "constant": "", **_RESET, "impulse": "z"}
-_SMOOTH = {"on_input": "z", "constant": "", "scale": ""}
+_SMOOTH = {"on_input": "z", "constant": "", "scale": "", "on_smooth": "s"}
 _LETTERS = {"z": "n_inputs", "w": "n_outputs", "h": "start_memory", "s": "smooth"}
 _FIELDS = ("n_inputs", "n_outputs", "start_mode", "start_memory", "modes", "guards", "smooth", "own_states")
 
@@ -188,7 +188,10 @@ class _Reader:
                 expected = f"a known function: {did_you_mean(str(kind)[:60], SMOOTH_KINDS)}"
                 raise self.raw.refused(f"{self.place}.{here}.kind", expected)
             numbers = {"on_input": np.eye(1, self.sizes["z"])[0], **self.numbers(part, here, _SMOOTH)}
-            found.append(Smooth(kind, **numbers))
+            weights = numbers.pop("on_smooth", np.zeros(0))
+            if np.any(weights[i:]):
+                raise self.raw.refused(f"{self.place}.{here}.on_smooth", "weights of the functions before it alone")
+            found.append(Smooth(kind, **numbers, on_smooth=tuple(weights[:i].tolist())))
         return tuple(found)
 
     def own_states(self, table: Mapping[str, Any]) -> OwnStates | None:
@@ -302,8 +305,9 @@ def automaton_table(element: AutomatonElement, who: str) -> dict[str, Any]:
     table |= {"start_mode": names[rules.start_mode], "start_memory": rules.start_memory.tolist()}
     if rules.smooth:
         table["smooth"] = [
-            {"kind": s.kind, **{name: np.asarray(getattr(s, name), float).tolist() for name in _SMOOTH}}
-            for s in rules.smooth
+            {"kind": s.kind, "on_input": s.on_input.tolist(), "constant": float(s.constant), "scale": float(s.scale)}
+            | ({"on_smooth": weights.tolist()} if np.any(weights) else {})
+            for s, weights in zip(rules.smooth, rules.smooth_on_smooth, strict=True)
         ]
     table["modes"] = {mode.name: _mode_table(mode) for mode in rules.modes}
     table["guards"] = [_guard_table(guard, names) for guard in rules.guards]

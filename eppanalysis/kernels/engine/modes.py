@@ -102,8 +102,7 @@ def _output_equations(model, modes, E, F):
                     F[w0, n + j] -= ci * model.K[i, j]
                 for j in range(n_s):
                     F[w0, n + n_H + j] -= ci * model.S[i, j]
-            continue
-        for a in range(n_we):
+        for a in range(1 if model.mode_stick[m] else 0, n_we):
             row = w0 + a
             E[row, row] += 1.0
             for b in range(n_ze):

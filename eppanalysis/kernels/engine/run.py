@@ -324,6 +324,9 @@ def _finish(model, compiled, workspace, samples, now):
         if model.smooth_kind[j] == DELAY_LINE:
             segment_reach(model, j, now.t, workspace.line_t, workspace.line_h, workspace.line_n)
     read_lines(model, workspace, now.t, 0.0)
+    if now.code != SINGULAR:
+        # Before the samples: it takes the smooth channels to where the run stands.
+        rate_at_end(model, compiled, now.q, workspace)
     if now.code == DONE:
         first = now.i_sample
         while now.i_sample < now.n_samples and samples.times[now.i_sample] <= now.t * (1.0 + 1e-12):
@@ -332,5 +335,3 @@ def _finish(model, compiled, workspace, samples, now):
             compiled, now.q, workspace.x, workspace.still, workspace.Sg[0], samples.rows, first, now.i_sample,
             samples.out
         )  # fmt: skip
-    if now.code != SINGULAR:
-        rate_at_end(model, compiled, now.q, workspace)

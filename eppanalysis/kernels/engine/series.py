@@ -95,6 +95,8 @@ def smooth_term(model, j, k, X, H, Sg, arg, aux):
     if k == 0:
         for i in range(H.size):
             a += model.smooth_H[j, i] * H[i]
+    for i in range(j):
+        a += model.smooth_s[j, i] * Sg[k, i]
     arg[k, j] = a
     scale = model.smooth_scale[j]
     kind = model.smooth_kind[j]
@@ -117,6 +119,8 @@ def smooth_term(model, j, k, X, H, Sg, arg, aux):
             noise += abs(model.smooth_x[j, i] * X[0, i])
         for i in range(H.size):
             noise += abs(model.smooth_H[j, i] * H[i])
+        for i in range(j):
+            noise += abs(model.smooth_s[j, i] * Sg[0, i])
         _reciprocal_term(j, k, scale, 64.0 * EPS * noise, Sg, arg, aux)
 
 

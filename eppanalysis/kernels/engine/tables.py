@@ -67,6 +67,7 @@ class Model(NamedTuple):
     smooth_kind: np.ndarray  # (s,) int
     smooth_x: np.ndarray  # (s, n)
     smooth_H: np.ndarray  # (s, H)
+    smooth_s: np.ndarray  # (s, s): on those before it
     smooth_scale: np.ndarray  # (s,)
     smooth_w: np.ndarray  # (s,) int, the delayed output of a delay channel
     smooth_delay: np.ndarray  # (s,)

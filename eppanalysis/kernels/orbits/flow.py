@@ -26,6 +26,7 @@ class Channels(NamedTuple):
     smooth_kind: np.ndarray  # (s,) int
     smooth_x: np.ndarray  # (s, n)
     smooth_H: np.ndarray  # (s, H)
+    smooth_s: np.ndarray  # (s, s): on those before it
     smooth_scale: np.ndarray  # (s,)
     sense: np.ndarray  # (p, s): sign of the argument on each arc, for channels that depend on its magnitude
 
@@ -97,7 +98,7 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
     H = y[n:].copy()
     X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
     workspace = np.zeros((4, ORDER + 1, n_s))
-    row = np.zeros((ORDER + 1, N))
+    change = np.zeros((2, n_s, ORDER + 1, N))
     square = np.zeros((3, padded(n), padded(n)))
     fill_rows(square[0, :n, :n], F)
     rate = growth_rate(square[0], square[1], square[2])
@@ -120,7 +121,7 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
         fill(X[0], x)
         fill_rows(V[0], P)
         made += 1
-        if not _series(channels, sense, F, S, H, h, X, V, workspace, row):
+        if not _series(channels, sense, F, S, H, h, X, V, workspace, change):
             d, last = 0.5 * h, False
             continue
         _add_up(X, V)
@@ -148,7 +149,7 @@ def _add_up(X, V):
 
 
 @njit(**PART)
-def _series(channels, sense, F, S, H, h, X, V, workspace, row):
+def _series(channels, sense, F, S, H, h, X, V, workspace, change):
     """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
     n, N = F.shape
     n_s = S.shape[1]
@@ -180,14 +181,9 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, row):
         for j in range(n_s):
             if channels.smooth_kind[j] == DELAY_LINE:
                 continue
-            row[k] = 0.0
-            for c in range(k + 1):
-                for i in range(n):
-                    accumulate(row[k], slope[k - c, j] * channels.smooth_x[j, i], V[c, i])
-            accumulate(row[k, n:], slope[k, j], channels.smooth_H[j])
+            _change_term(channels, j, k, V, slope, change)
             for i in range(n):
-                # Chain rule on series: the channel's slope times the derivative of its argument, convolved.
-                accumulate(V[k + 1, i], S[i, j], row[k])
+                accumulate(V[k + 1, i], S[i, j], change[1, j, k])
         for i in range(n):
             for j in range(N):
                 V[k + 1, i, j] *= factor
@@ -196,6 +192,27 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, row):
     tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
     tail_v = largest(V[ORDER - 1]) + largest(V[ORDER - 2])
     return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
+
+
+@njit(**PART)
+def _change_term(channels, j, k, V, slope, change):
+    """Coefficient k of the derivatives of smooth channel j: of its argument, and of its value behind it.
+
+    The chain rule on series: the channel's slope times the derivative of its argument, convolved.
+    """
+    n = V.shape[1]
+    of_argument, of_value = change[0, j], change[1, j]
+    of_argument[k] = 0.0
+    of_value[k] = 0.0
+    for i in range(n):
+        accumulate(of_argument[k], channels.smooth_x[j, i], V[k, i])
+    if k == 0:
+        accumulate(of_argument[0, n:], 1.0, channels.smooth_H[j])
+    for i in range(j):
+        if channels.smooth_s[j, i] != 0.0:
+            accumulate(of_argument[k], channels.smooth_s[j, i], change[1, i, k])
+    for c in range(k + 1):
+        accumulate(of_value[k], slope[k - c, j], of_argument[c])
 
 
 @njit(**PART)
@@ -216,6 +233,8 @@ def _channel_term(model, sense, j, k, X, H, Sg, arg, aux, slope):
     if k == 0:
         for i in range(H.size):
             v += model.smooth_H[j, i] * H[i]
+    for i in range(j):
+        v += model.smooth_s[j, i] * Sg[k, i]
     arg[k, j] = v
     s = sense[j]
     v = scale if k == 0 else 0.0
@@ -238,6 +257,8 @@ def channels_at(model, sense, x, H, sigma, slope):
             a += model.smooth_x[j, i] * x[i]
         for i in range(H.size):
             a += model.smooth_H[j, i] * H[i]
+        for i in range(j):
+            a += model.smooth_s[j, i] * sigma[i]
         if kind == SINE:
             sigma[j], slope[j] = scale * np.sin(a), scale * np.cos(a)
         elif kind == CUBE:

@@ -18,11 +18,17 @@ def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
     n = channels.smooth_x.shape[1]
     fill(row, g)
     value = 0.0
-    for j in range(sigma.size):
-        if smooth and gs[j] != 0.0:
+    if smooth:
+        # From the last channel back: each hands its weight on to those in its argument.
+        weight = gs.copy()
+        for j in range(sigma.size - 1, -1, -1):
             value += gs[j] * sigma[j]
-            accumulate(row[:n], gs[j] * slope[j], channels.smooth_x[j])
-            accumulate(row[n:], gs[j] * slope[j], channels.smooth_H[j])
+            through = weight[j] * slope[j]
+            if through != 0.0:
+                accumulate(row[:n], through, channels.smooth_x[j])
+                accumulate(row[n:], through, channels.smooth_H[j])
+                for i in range(j):
+                    weight[i] += through * channels.smooth_s[j, i]
     for j in range(end.size):
         value += g[j] * end[j]
     return value

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, Automaton, Guard
+from eppanalysis.models.elements.automaton import Automaton, Guard
 
 Array = NDArray[np.float64]
 
@@ -189,8 +189,7 @@ class Region:
             if value < 0.0:
                 continue
             z = point[: self.rules.n_inputs]
-            sigma = [s.scale * SMOOTH_FUNCTIONS[s.kind](float(s.on_input @ z) + s.constant) for s in self.rules.smooth]
-            terms = np.column_stack([rows * np.append(point, 1.0), of_smooth * np.array(sigma)])
+            terms = np.column_stack([rows * np.append(point, 1.0), of_smooth * self.rules.smooth_at(z)])
             if np.any(np.abs(terms.sum(axis=1)) > ROUNDING * np.abs(terms).sum(axis=1)):
                 return True
         return False

@@ -145,7 +145,7 @@ class Linearised:
         ModelError
             If numbers are beyond all range.
         """
-        loop = _small_signal(loop)
+        loop = small_signal(loop)
         return cls._executed(loop, place) if is_sampled(loop.elements) else cls._of_gains(loop)
 
     @classmethod
@@ -306,7 +306,7 @@ class Linearised:
         return size
 
 
-def _small_signal(system: LureSystem) -> LureSystem:
+def small_signal(system: LureSystem) -> LureSystem:
     """The loop with what stands for elements that are described together with their own states."""
     if system.given is None:
         return system

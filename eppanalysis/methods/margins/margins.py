@@ -9,7 +9,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.margins.crossovers import Response
-from eppanalysis.methods.margins.linearised import Array, Linearised
+from eppanalysis.methods.margins.linearised import Array, Linearised, small_signal
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.margins.stability import is_stable
 from eppanalysis.models.systems.cuts import port_names, require_places
@@ -68,7 +68,7 @@ def margins(
     >>> [m.at for m in epp.margins(loop, ["saturation.in", "saturation.out"])]
     ['saturation.in', 'saturation.out']
     """
-    system = system_of(loop, "margins")
+    system = small_signal(system_of(loop, "margins"))
     if at is None:
         names: Sequence[str] = places_of(loop)[:1]
     else:
@@ -89,7 +89,7 @@ def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:
     EppError
         If the loop has no element and names no place.
     """
-    system = system_of(loop, "margins")
+    system = small_signal(system_of(loop, "margins"))
     if system.margins_at:
         return system.margins_at
     if not system.elements:

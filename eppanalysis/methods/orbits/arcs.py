@@ -161,7 +161,9 @@ class Arcs:
                 "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"
             )
             raise ModelError(f"orbit: the sequence of events runs through {what}.")
-        channels = Channels(model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_scale, sense)
+        channels = Channels(
+            model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_s, model.smooth_scale, sense
+        )
         n_memory = model.K.shape[1]
         plain = cls(
             event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, np.zeros(0, np.int64), np.zeros(N)

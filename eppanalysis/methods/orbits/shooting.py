@@ -218,7 +218,9 @@ def next_guess(orbit: Orbit) -> Guess | None:
     order = run.order
     if run.n_kept >= p and np.array_equal(run.guard[order[:p]], np.roll(orbit.arcs.event_sequence.guards, -k)):
         times = np.cumsum(np.roll(orbit.tau, -k)) - 0.5 * orbit.tau[k]
-        if np.max(np.abs(run.time[order[:p]] - times)) < 1e-6 * T:
+        # Behind the last one, to where the run began, there is none: that part of the longest arc is an arc, too.
+        more = run.time[order[p:]] < (1.0 - 1e-6) * T
+        if np.max(np.abs(run.time[order[:p]] - times)) < 1e-6 * T and not np.any(more):
             return None
     once = one_turn(orbit.hybrid, run, start.modes0, T)
     if once is not None and once.event_sequence.cyclic_key != orbit.arcs.event_sequence.cyclic_key:

@@ -135,19 +135,20 @@ def _own_sizes(hybrid: HybridSystem, states: Array, memory: Array, moves: Array)
 def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
     """How far each smooth channel may vary on a motion, shape (channels,)."""
     m = hybrid.model
-    if not m.smooth_kind.size:
-        return np.zeros(0)
-    u, beyond = states @ m.smooth_x.T + memory @ m.smooth_H.T, np.abs(m.smooth_x) @ moves
-    low, high = u.min(axis=0) - beyond, u.max(axis=0) + beyond
-    # These functions are monotonic beyond one, where they do not repeat themselves.
-    at = np.clip(
-        np.concatenate([np.linspace(low, high, 9), np.linspace(-2.0, 2.0, 17)[:, None] + 0.0 * u[:1]]), low, high
-    )
-    varies = np.zeros(m.smooth_kind.size)
-    for name, kind in SMOOTH_KINDS.items():
-        own = m.smooth_kind == kind
+    sigma, varies = np.zeros((len(states), m.smooth_kind.size)), np.zeros(m.smooth_kind.size)
+    names = {kind: name for name, kind in SMOOTH_KINDS.items()}
+    for j, kind in enumerate(m.smooth_kind.tolist()):
+        if kind == DELAY_LINE:
+            continue
+        u = states @ m.smooth_x[j] + memory @ m.smooth_H[j] + sigma @ m.smooth_s[j]
+        beyond = float(np.abs(m.smooth_x[j]) @ moves + np.abs(m.smooth_s[j]) @ varies)
+        low, high = u.min() - beyond, u.max() + beyond
+        # These functions are monotonic beyond one, where they do not repeat themselves.
+        at = np.clip(np.concatenate([np.linspace(low, high, 9), np.linspace(-2.0, 2.0, 17)]), low, high)
+        f = SMOOTH_FUNCTIONS[names[kind]]
         with np.errstate(over="ignore"):
-            varies[own] = np.abs(m.smooth_scale[own]) * np.ptp(SMOOTH_FUNCTIONS[name](at[:, own]), axis=0)
+            varies[j] = abs(m.smooth_scale[j]) * np.ptp(f(at))
+            sigma[:, j] = m.smooth_scale[j] * f(u)
     return varies
 
 

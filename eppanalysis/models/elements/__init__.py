@@ -6,6 +6,8 @@ from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuant
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
 from eppanalysis.models.elements.curves.smooth import Arctan, Cube, Drag, Polynomial, Tanh
 from eppanalysis.models.elements.curves.table import LookupTable
+from eppanalysis.models.elements.dynamic.bristles import LuGreFriction
+from eppanalysis.models.elements.dynamic.clamping import ClampedPID
 from eppanalysis.models.elements.dynamic.controller import AntiWindupPID
 from eppanalysis.models.elements.dynamic.parking import ParkingBandLaw, SampledLaw
 from eppanalysis.models.elements.dynamic.presliding import DahlFriction
@@ -38,6 +40,7 @@ __all__ = [
     "ControllerMemory",
     "BacklashCompensator",
     "BilinearSpring",
+    "ClampedPID",
     "CleggIntegrator",
     "Coulomb",
     "Cube",
@@ -56,6 +59,7 @@ __all__ = [
     "JumpAndFollow",
     "LockPin",
     "LookupTable",
+    "LuGreFriction",
     "MidRiseQuantiser",
     "Nonlinearity",
     "NordinShaft",

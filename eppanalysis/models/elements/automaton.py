@@ -110,12 +110,17 @@ class Guard:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``, `kind` a key of SMOOTH_KINDS."""
+    """Smooth function of the inputs: ``sigma = scale * f(on_input @ z + constant)``, `kind` a key of SMOOTH_KINDS.
+
+    With `on_smooth`, the weights of the functions that stand before it in the automaton, in their order, it is one of
+    these functions too: ``on_smooth @ sigma`` is added to the argument.
+    """
 
     kind: str
     on_input: Array
     constant: float = 0.0
     scale: float = 1.0
+    on_smooth: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +187,12 @@ class Automaton:
             if channel.kind not in SMOOTH_KINDS:
                 known = ", ".join(map(repr, SMOOTH_KINDS))
                 raise ModelError(f"Automaton: kind of a smooth function is {channel.kind!r}; expected one of {known}.")
+        for before, channel in enumerate(self.smooth):
+            if len(channel.on_smooth) > before:
+                raise ModelError(
+                    f"Automaton: on_smooth of smooth function {before} has {len(channel.on_smooth)} weights",
+                    expected=f"at most {before}, of those before it",
+                )
 
     def _require_places(self) -> None:
         """Modes that the start and the guards name exist."""
@@ -231,6 +242,22 @@ class Automaton:
     def guards_of(self, mode: int) -> list[Guard]:
         """Guards of a mode, in their order."""
         return [self.guards[i] for i in self.by_mode[self.first_of_mode[mode] : self.first_of_mode[mode + 1]].tolist()]
+
+    @cached_property
+    def smooth_on_smooth(self) -> Array:
+        """Weights of smooth functions in one another's arguments, shape (n_smooth, n_smooth), below the diagonal."""
+        out = np.zeros((len(self.smooth), len(self.smooth)))
+        for row, channel in zip(out, self.smooth, strict=True):
+            row[: len(channel.on_smooth)] = channel.on_smooth
+        return out
+
+    def smooth_at(self, z: Array) -> Array:
+        """Values of the smooth functions, shape (n_smooth,), at inputs z, shape (n_inputs,)."""
+        sigma = np.zeros(len(self.smooth))
+        for i, (channel, weights) in enumerate(zip(self.smooth, self.smooth_on_smooth, strict=True)):
+            argument = float(channel.on_input @ z + channel.constant + weights @ sigma)
+            sigma[i] = channel.scale * SMOOTH_FUNCTIONS[channel.kind](argument)
+        return sigma
 
     @cached_property
     def has_impulses(self) -> bool:
@@ -384,13 +411,16 @@ def slopes_of(automaton: Automaton) -> tuple[Array, Array]:
     low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
     if automaton.has_impulses:
         _widen(low, high, -np.inf, np.inf)
+    seen = np.array([s.on_input != 0 for s in automaton.smooth]).reshape(-1, shape[1])
+    for own, weights in zip(seen, automaton.smooth_on_smooth, strict=True):
+        own |= np.any(seen[weights != 0], axis=0)
     for mode in automaton.modes:
         if mode.sticking:
             _widen(low, high, np.copysign(np.inf, mode.jump) * (np.arange(shape[1]) == 0)[None, :])
             continue
         _widen(low, high, mode.from_input)
         for place in np.flatnonzero(np.any(mode.from_smooth, axis=0)):
-            reached = np.outer(mode.from_smooth[:, place] != 0, automaton.smooth[place].on_input != 0)
+            reached = np.outer(mode.from_smooth[:, place] != 0, seen[place])
             low[reached], high[reached] = -np.inf, np.inf
     for guard in automaton.guards:
         before, after = automaton.modes[guard.mode], automaton.modes[guard.target]

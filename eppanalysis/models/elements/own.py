@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS, Automaton, Guard
+from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
@@ -160,10 +160,8 @@ class AutomatonElement(Nonlinearity):
 
     def _outputs(self, mode: int, z: Array, stored: Array) -> Array:
         m = self.rules.modes[mode]
-        sigma = [s.scale * SMOOTH_FUNCTIONS[s.kind](float(s.on_input @ z) + s.constant) for s in self.rules.smooth]
-        return np.asarray(
-            m.from_input @ z + m.from_memory @ stored + m.from_smooth @ np.array(sigma) + m.constant, float
-        )
+        sigma = self.rules.smooth_at(z)
+        return np.asarray(m.from_input @ z + m.from_memory @ stored + m.from_smooth @ sigma + m.constant, float)
 
     def start(self, automaton: Automaton, memory: Any = None) -> tuple[int, Array]:
         """Mode and memory values of a memory."""
@@ -187,12 +185,16 @@ class AutomatonElement(Nonlinearity):
         Raises
         ------
         ModelError
-            If an amplitude is negative, or the automaton has more than two inputs or an output with impulses.
+            If an amplitude is negative, or the automaton has more than two inputs, an output with impulses or a smooth
+            function of others.
         """
         from eppanalysis.kernels.sinusoid import describe
 
         if self.rules.has_impulses:
             raise ModelError("AutomatonElement: its output has impulses", expected="none, for a describing function")
+        if np.any(self.rules.smooth_on_smooth):
+            expected = "smooth functions of its inputs alone, for a describing function"
+            raise ModelError("AutomatonElement: it has a smooth function of others", expected=expected)
         if self.n_inputs > 2:
             raise ModelError(f"AutomatonElement: it has {self.n_inputs} inputs; expected one and its rate.")
         a, b, w = broadcast(amplitude, bias, omega)

@@ -23,6 +23,7 @@ from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
 from eppanalysis.models.systems.linear import fastest_poles
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.own_states import diagonal
 from eppanalysis.models.systems.starts import admitted, starting_values
 
 if TYPE_CHECKING:
@@ -195,6 +196,7 @@ class _Packer:
             smooth_kind=smooth["kind"],
             smooth_x=smooth["x"],
             smooth_H=smooth["H"],
+            smooth_s=smooth["s"],
             smooth_scale=smooth["scale"],
             smooth_w=smooth["w"],
             smooth_delay=smooth["delay"],
@@ -355,6 +357,8 @@ class _Packer:
         x_rows, H_rows = np.zeros((n_s, n)), np.zeros((n_s, self.n_H))
         if kinds:
             x_rows[: len(kinds)], H_rows[: len(kinds)] = rows_x, rows_H
+        on_smooth = np.zeros((n_s, n_s))
+        on_smooth[: len(kinds), : len(kinds)] = diagonal([a.smooth_on_smooth for a in self.automata])
         outputs, delay = np.zeros(n_s, np.int64), np.zeros(n_s)
         for j, w in enumerate(delayed, start=len(kinds)):
             S[:, j], outputs[j], delay[j] = B[:, w], w, self.system.delays[w]
@@ -363,6 +367,7 @@ class _Packer:
             "kind": np.array([*kinds, *([DELAY_LINE] * len(delayed))], np.int64),
             "x": x_rows,
             "H": H_rows,
+            "s": on_smooth,
             "scale": np.array([*scales, *([1.0] * len(delayed))], float),
             "w": outputs,
             "delay": delay,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS
 from eppanalysis.models.elements.memory import Slip
 
 if TYPE_CHECKING:
@@ -146,14 +145,8 @@ def _inputs_and_outputs(hybrid: Hybrid, x: Array, H: Array, modes: IntArray) -> 
     for e, automaton in enumerate(hybrid.automata):
         mode = automaton.modes[modes[e]]
         zs, ws, hs = (slice(*model.first[e : e + 2, k]) for k in range(3))
-        smooth = [_smooth(c.kind, c.scale, float(c.on_input @ z0[zs] + c.constant)) for c in automaton.smooth]
+        smooth = automaton.smooth_at(z0[zs])
         E[ws] -= mode.from_input @ model.D[zs]
-        w0[ws] = (
-            mode.from_input @ z0[zs] + mode.from_memory @ H[hs] + mode.from_smooth @ np.array(smooth) + mode.constant
-        )
+        w0[ws] = mode.from_input @ z0[zs] + mode.from_memory @ H[hs] + mode.from_smooth @ smooth + mode.constant
     w: Array = np.asarray(np.linalg.solve(E, w0), float)
     return z0 + model.D @ w, w
-
-
-def _smooth(kind: str, scale: float, a: float) -> float:
-    return float(scale * SMOOTH_FUNCTIONS[kind](a))

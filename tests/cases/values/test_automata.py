@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import eppanalysis as epp
+from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.own import ModeMemory
 
 HOOK = """
@@ -89,6 +91,7 @@ def test_its_numbers_are_parameters_of_the_case() -> None:
     ("modes.pulls.level", [1.0], r"level is \[1\.0\]; expected a number"),
     ("n_inputs", 0, r"n_inputs is 0; expected a whole number from 1 to 50"),
     ("smooth", [{"kind": "cub"}], r"smooth\.0\.kind is 'cub'; expected a known function: did you mean 'cube'"),
+    ("smooth", [{"kind": "cube", "on_smooth": [1.0]}], r"smooth\.0\.on_smooth .* weights of the functions before"),
     ("start_mode", 3, r"start_mode is 3; expected the name of a mode: one of free, pulls"),
     ("memory", 3.0, r"memory is 3\.0; expected a table of mode, memory and reached"),
     ("own_states", {"A": [[1]]}, r"own_states\.B is missing; expected a matrix"),
@@ -119,3 +122,34 @@ def test_modes_of_one_name_are_not_written() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), epp.AutomatonElement(build.build()))
     with pytest.raises(epp.ModelError, match="a mode is called 'same'; expected names of modes .* that differ"):
         epp.Case.from_system(loop)
+
+
+def test_smooth_functions_of_others_come_back_from_a_file():
+    smooth = (
+        epp.Smooth("square", np.array([2.0]), 0.5),
+        epp.Smooth("tanh", np.array([1.0]), on_smooth=(0.25,)),
+    )
+    build = epp.AutomatonBuilder(smooth=smooth)
+    build.mode("smooth", from_smooth=[0.0, 1.0])
+    element = epp.AutomatonElement(build.build())
+    assert element.output(0.3)[0] == pytest.approx(np.tanh(0.3 + 0.25 * 1.1**2), rel=1e-15)
+    assert element.slope_bounds() == (-np.inf, np.inf)
+    with pytest.raises(ModelError, match="it has a smooth function of others; expected smooth functions of its inputs"):
+        element.describing_function(1.0)
+    loop = epp.LureSystem.build([[-1.0]], [[-1.0]], [[1.0]], [element], x0=[2.0], name="nested")
+    again = epp.case_from_text(epp.Case.from_system(loop, name="nested").to_toml()).to_system()
+    for one, other in zip(smooth, again.elements[0].automaton().smooth, strict=True):
+        assert one.on_smooth == other.on_smooth and one.kind == other.kind
+    times = np.linspace(0.0, 2.0, 5)
+    run = epp.simulate(again, t_end=2.0, t_eval=times)
+
+    def rate(t: float, x: Any) -> Any:
+        return -x - np.tanh(x + 0.25 * (2.0 * x + 0.5) ** 2)
+
+    expected = solve_ivp(rate, (0.0, 2.0), [2.0], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=times).y[0]
+    name = next(iter(run.signals))
+    np.testing.assert_allclose(run.signals[name], expected, atol=1e-10)
+    with pytest.raises(ModelError, match="on_smooth of smooth function 0 has 1 weights; expected at most 0"):
+        wrong = epp.AutomatonBuilder(smooth=(epp.Smooth("cube", np.ones(1), on_smooth=(1.0,)),))
+        wrong.mode("smooth", from_smooth=1.0)
+        wrong.build()

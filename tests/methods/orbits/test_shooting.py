@@ -14,7 +14,7 @@ from scipy.optimize import brentq, fsolve
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
-from eppanalysis.methods.orbits.shooting import crosses, orbits_near
+from eppanalysis.methods.orbits.shooting import crosses, orbits_near, run_from
 from eppanalysis.models.systems.inputs import Ramp
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
@@ -159,3 +159,19 @@ def test_an_orbit_that_only_touches_a_guard_is_none() -> None:
     A, m = orbit.A.copy(), orbit.arcs.free.size
     A[m:, m] = 0.0  # the first guard is met with no speed, and nothing behind depends on when
     assert not crosses(replace(orbit, A=A))
+
+
+def test_an_orbit_has_all_the_switches_of_its_motion():
+    """A body on a belt, stuck for most of a period, in whose bristles it rings: the velocity changes its sign behind
+    the first switch of the stick, again and again. Fewer switches close, too: on the longest arc, behind its begin.
+    """
+    friction = epp.LuGreFriction(400.0, 0.5, 0.8, 0.05, damping=5.0, viscous=0.1)
+    belt = epp.LureSystem.build(
+        [[0.0, 1.0], [-4.0, 0.0]], [[0.0], [-1.0]], [[0.0, 1.0]], [friction], constant_input=[-0.05]
+    )
+    hybrid = steady_hybrid(belt)
+    found = list(orbits_near(hybrid, np.array([0.3, 0.0, -0.6]), np.array([0.0, 1.0])[-hybrid.H0.size :], 5.3))
+    assert found
+    for orbit in found:
+        run = run_from(orbit, 0.999 * orbit.period, 100, orbit.y)
+        assert run.n_kept == orbit.tau.size - 1

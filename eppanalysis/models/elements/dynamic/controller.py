@@ -78,15 +78,11 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
         if self.kd:
             require(self, "filter_time", self.filter_time > 0, "a positive number, as there is a derivative")
         self._set_pieces([self.lower, self.upper], [0.0, 1.0, 0.0], [self.lower, 0.0, self.upper])
-        own, small_signal = self._states()
-        object.__setattr__(self, "own_states", own)
-        object.__setattr__(self, "small_signal", small_signal)
+        object.__setattr__(self, "own_states", self._states())
+        object.__setattr__(self, "small_signal", pid_within_limits(self.kp, self.ki, self.kd, self.filter_time))
 
-    def _states(self) -> tuple[OwnStates, Nonlinearity]:
-        """The integrator, and the filter of the derivative where there is one; and the PID within its limits.
-
-        That one is cut at its input: at the saturation the loop of the anti-windup would be cut with it.
-        """
+    def _states(self) -> OwnStates:
+        """The integrator, and the filter of the derivative where there is one."""
         n = 2 if self.kd else 1
         ahead = self.kd / self.filter_time if self.kd else 0.0
         filtering = 1.0 / self.filter_time if self.kd else 0.0
@@ -94,6 +90,21 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
         free, driven, none = np.diag([0.0, -filtering])[:n, :n], np.array([self.ki, filtering])[:n], np.zeros(n)
         first = np.eye(n)[0]
         A, B = free - back * np.outer(first, v_of_state), driven - back * v_of_error * first
-        own = OwnStates(A, np.column_stack([B, back * first]), np.array([v_of_state, none]), np.diag([v_of_error, 1.0]))
-        pid = OwnStates(free, np.column_stack([none, driven]), np.array([none, v_of_state]), np.diag([1.0, v_of_error]))
-        return own, AutomatonElement(UNITY.automaton(), pid)
+        return OwnStates(
+            A, np.column_stack([B, back * first]), np.array([v_of_state, none]), np.diag([v_of_error, 1.0])
+        )
+
+
+def pid_within_limits(kp: float, ki: float, kd: float, filter_time: float) -> Nonlinearity:
+    """What margins take for a PID controller with anti-windup: the PID within its limits.
+
+    It is cut at its input: at the saturation the path of the anti-windup would be cut with it.
+    """
+    n = 2 if kd else 1
+    ahead, filtering = (kd / filter_time, 1.0 / filter_time) if kd else (0.0, 0.0)
+    none, driven, of_state = np.zeros(n), np.array([ki, filtering])[:n], np.array([1.0, -ahead])[:n]
+    own = OwnStates(
+        np.diag([0.0, -filtering])[:n, :n], np.column_stack([none, driven]), np.array([none, of_state]),
+        np.diag([1.0, kp + ahead]),
+    )  # fmt: skip
+    return AutomatonElement(UNITY.automaton(), own)

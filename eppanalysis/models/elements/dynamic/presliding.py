@@ -131,7 +131,7 @@ def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, w
     return (weight * force).sum(-1), (weight * force * np.exp(-1j * phi)).sum(-1)
 
 
-class _Spring(AutomatonElement):
+class Spring(AutomatonElement):
     """What margins take for the friction."""
 
     linear_gain_is = "the spring that it is at rest"
@@ -178,7 +178,7 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
         require_numbers(self, "stiffness", "coulomb")
         require(self, "stiffness", self.stiffness > 0, "a positive number")
         require(self, "coulomb", self.coulomb > 0, "a positive number")
-        spring = _Spring(UNITY.automaton(), lag(0.0, self.stiffness))
+        spring = Spring(UNITY.automaton(), lag(0.0, self.stiffness))
         self._set_parts(state_of_law(_POLE), DahlLaw(self.stiffness, self.coulomb), spring)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
