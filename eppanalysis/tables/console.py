@@ -386,7 +386,8 @@ def _first_sentences(ladder: Ladder) -> str:
         return ladder.agreement.value
     f, a = ladder.errors["frequency"]["frequency"], ladder.errors.get(ladder.signal, {}).get("peak_to_peak")
     size = f", {signed_percent(a)} in {ladder.signal}" if a is not None else ""
-    return f"Agrees: {signed_percent(f)} in frequency{size}."
+    how = "Agrees" if ladder.agreement.name == "AGREE" else "Is there, but far off"
+    return f"{how}: {signed_percent(f)} in frequency{size}."
 
 
 def _span(cycle: LimitCycle, name: str) -> float:

@@ -35,7 +35,17 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, require_case
 from eppanalysis.readable import count, signed_percent, words
-from eppanalysis.results import HARMONIC_BALANCE, LimitCycle, Outcome, Prediction, Result, Status, Trajectory, counted
+from eppanalysis.results import (
+    DESCRIBING_FUNCTION,
+    HARMONIC_BALANCE,
+    LimitCycle,
+    Outcome,
+    Prediction,
+    Result,
+    Status,
+    Trajectory,
+    counted,
+)
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.shown import frame_of
 
@@ -64,6 +74,10 @@ class Agreement(Enum):
         "A stable cycle exists as predicted, but this start does not reach it: "
         "an unstable cycle guards the resting state."
     )
+    AT_REST = (
+        "A stable cycle exists as predicted, but this start does not reach it: the run ends at rest, "
+        "and no unstable cycle is known between the two; simulate from a disturbed start."
+    )
     NOT_PREDICTED = "The run is on a limit cycle that first order does not predict; trust the simulation."
     NOT_THERE = (
         "First order predicts a stable cycle, but no such cycle exists: "
@@ -75,6 +89,11 @@ class Agreement(Enum):
     )
     CONFIRMED = (
         "The exact search confirms what first order predicts; the run itself is undecided by its end, "
+        "simulate for longer to see it there."
+    )
+    FOUND = (
+        "The exact search finds the stable cycle that first order predicts, but first order is off by more than "
+        f"{100 * _AGREES:g} % in frequency or size; the run itself is undecided by its end, "
         "simulate for longer to see it there."
     )
     UNDECIDED = (
@@ -371,7 +390,10 @@ def _agreement(
         return _by_search(predicted, found)
     if not predicted:
         return Agreement.FREE
-    return Agreement.GUARDED if stays or found.confirmed else Agreement.NOT_THERE
+    if not (stays or found.confirmed):
+        return Agreement.NOT_THERE
+    known = found.search.cycles if found.search is not None else prediction.cycles
+    return Agreement.GUARDED if any(c.stable is False for c in known) else Agreement.AT_REST
 
 
 def _by_search(predicted: bool, found: Climb) -> Agreement:
@@ -380,8 +402,18 @@ def _by_search(predicted: bool, found: Climb) -> Agreement:
         return Agreement.UNDECIDED
     if found.missed:
         return Agreement.MISSED
-    agrees = found.confirmed if predicted else found.search.status.ok
-    return Agreement.CONFIRMED if agrees else Agreement.UNDECIDED
+    if not predicted:
+        return Agreement.CONFIRMED if found.search.status.ok else Agreement.UNDECIDED
+    if not found.confirmed:
+        return Agreement.UNDECIDED
+    near = (
+        row.errors
+        for row in found.rows
+        if row.method.startswith(DESCRIBING_FUNCTION)
+        and row.exact is not None
+        and found.search.cycles[row.exact].stable
+    )
+    return Agreement.CONFIRMED if all(max(map(abs, e.values())) <= _AGREES for e in near) else Agreement.FOUND
 
 
 def _missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -308,4 +309,25 @@ def test_a_loop_with_a_sampled_controller_climbs_to_its_locked_cycle(monkeypatch
     exact = next(row for row in result.rows if row.method.startswith("exact"))
     assert exact.cycle is not None and round(exact.cycle.period / 0.5, 9) in {p.samples for p in locked}
     assert any(row.method.startswith("harmonic balance") for row in result.rows)
-    assert result.agreement is Agreement.GUARDED and result.run.status is Status.SETTLED
+    assert result.agreement is Agreement.AT_REST and result.run.status is Status.SETTLED
+
+
+def test_a_run_that_stays_at_an_unstable_rest_is_guarded_by_nothing() -> None:
+    """Van der Pol's oscillator at rest: it is a point of rest that no cycle guards, and any push leaves it."""
+    rest = epp.LureSystem.build([[0.0, 1.0], [-1.0, 1.0]], [[0.0], [-1.0 / 3.0]], [[0.0, 1.0]], [epp.Cube(1.0)])
+    result = epp.ladder(replace(rest, x0=np.zeros(2)))
+    assert result.outcome == "settle" and result.search is not None and not result.search.unstable
+    assert result.agreement is Agreement.AT_REST and "guards" not in str(result)
+
+
+def test_a_search_does_not_confirm_what_is_far_off() -> None:
+    """Rayleigh's equation, x'' - mu (x' - x'^3/3) + x = 0, a relaxation oscillation: a run too short to show it."""
+    mu = 4.0
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [-1.0, mu]], [[0.0], [-mu / 3.0]], [[0.0, 1.0]], [epp.Cube(1.0)], x0=[0.01, 0.0]
+    )
+    result = epp.ladder(loop)
+    assert result.outcome == "undecided" and result.agreement is Agreement.FOUND
+    assert result.search is not None and result.prediction is not None
+    assert result.search.cycles[0].period > 1.5 * result.prediction.cycles[0].period
+    assert "confirms" not in str(result) and "off by more than 10 %" in str(result)
