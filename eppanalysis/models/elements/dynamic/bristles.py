@@ -18,7 +18,7 @@ from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity, OwnStates, Role
 from eppanalysis.models.elements.dynamic.presliding import DahlLaw, Spring
-from eppanalysis.models.elements.dynamic.state import UNITY, StateOutput
+from eppanalysis.models.elements.dynamic.state import StateOutput
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
     broadcast,
@@ -26,6 +26,7 @@ from eppanalysis.models.elements.phases import (
     require,
     require_numbers,
 )
+from eppanalysis.models.elements.piecewise import UNITY
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
