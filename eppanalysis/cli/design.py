@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,7 @@ from eppanalysis.cli.common import (
     range_of,
 )
 from eppanalysis.errors import EppError
+from eppanalysis.readable import count, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -32,10 +34,13 @@ if TYPE_CHECKING:
 Tuned = Annotated[
     list[str],
     typer.Option(
-        "--tune", metavar='"FIELD LOW..HIGH"', help='Parameter that may be chosen, as in "Kp 1..10"; once or twice.'
+        "--tune", metavar='"FIELD LOW..HIGH"', help='Parameter that may be chosen, as in "Kp 1..10"; repeatable.'
     ),
 ]
-Name = typer.Option(metavar="FIELD", help="The tuned parameter that is to be as large (as small) as possible.")
+Name = typer.Option(
+    metavar="GOAL",
+    help="What is to be as large (as small) as possible: a parameter, or bandwidth, crossover, a margin of the loop.",
+)
 
 
 def design(
@@ -44,7 +49,26 @@ def design(
     settings: Settings = NOTHING,
     maximise: Annotated[str | None, Name] = None,
     minimise: Annotated[str | None, Name] = None,
+    subject_to: Annotated[
+        list[str],
+        typer.Option(
+            "--subject-to",
+            metavar='"MEASURE LEAST"',
+            help='To be kept, as in "phase_margin 45 deg"; repeatable.',
+            show_default=False,
+        ),
+    ] = NOTHING,
+    at: Annotated[str | None, typer.Option("--at", metavar="NAME", help="Where to cut the loop for them.")] = None,
     allow: Allow = None,
+    tolerance: Annotated[
+        list[str],
+        typer.Option(
+            "--tolerance",
+            metavar='"FIELD WIDTH"',
+            help='Half-width within which all is to hold, as in "Kp 10 %"; repeatable; "all": those of the case.',
+            show_default=False,
+        ),
+    ] = NOTHING,
     front: Annotated[
         str | None,
         typer.Option("--front", metavar='"FIELD VALUES"', help='The optimum at each value, as in "play.gap 1,2,3".'),
@@ -65,14 +89,17 @@ def design(
         ),
     ] = NO_FILES,
 ) -> None:
-    """Choose one or two parameters so that no limit cycle exists, or none above what is allowed."""
+    """Choose parameters so that no limit cycle exists, or none above what is allowed."""
     from eppanalysis.methods.design.design import design as designed
     from eppanalysis.tables.files import PICTURES
 
     for path in output:
         check_output(path, (".toml", ".csv", *PICTURES))
-        if path.suffix.lower() in PICTURES and len(tune) == 1 and front is None:
-            raise EppError(f"{path}: a design of one parameter has no row of values to draw; expected two, or a front.")
+        if path.suffix.lower() in PICTURES and len(tune) != 2 and front is None:
+            raise EppError(
+                f"{path}: a design of {count(len(tune), 'parameter')} has no row of values to draw; expected two, or a "
+                "front."
+            )
     found = load_case(case, settings)
     with progress(f"design {found.name}") as advance:
         result = designed(
@@ -80,7 +107,10 @@ def design(
             dict(tuned(text) for text in tune),
             maximise=maximise,
             minimise=minimise,
+            subject_to=dict(_pair("--subject-to", text, "phase_margin 45 deg") for text in subject_to) or None,
+            at=at,
             allow=allow,
+            tolerances=tolerances_of(tolerance),
             front=None if front is None else dict([values_of(front)]),
             verify=verify,
             margin=margin,
@@ -105,7 +135,7 @@ def _show(case: Case, result: Design) -> None:
     prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
     if prices:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
-        typer.echo(f"One per cent more of each moves {result.objective} by: {told}.")
+        typer.echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
     if result.values:
         told = ", ".join(f"{n} {case.text(n, v)}" for n, v in result.values.items())
         typer.echo(f"Design, {100 * result.margin:g} % inside: {told}.")
@@ -159,6 +189,31 @@ def tuned(text: str) -> tuple[str, tuple[str, str]]:
     if both is None:
         raise EppError(f'--tune {text}: is no field with a range; expected "FIELD LOW..HIGH", as in "Kp 1..10".')
     return name, both
+
+
+def tolerances_of(texts: Sequence[str]) -> dict[str, str] | None:
+    """Half-widths of tolerances; those of the case where "all" is asked for, none where nothing is.
+
+    Raises
+    ------
+    EppError
+        If one is no field with a width.
+
+    Examples
+    --------
+    >>> tolerances_of(["Kp 10 %", "play.gap 0.1 mm"]), tolerances_of(["all"]), tolerances_of([])
+    ({'Kp': '10 %', 'play.gap': '0.1 mm'}, {}, None)
+    """
+    if list(texts) == ["all"]:
+        return {}
+    return dict(_pair("--tolerance", text, "Kp 10 %") for text in texts) or None
+
+
+def _pair(option: str, text: str, example: str) -> tuple[str, str]:
+    name, _, rest = text.strip().partition(" ")
+    if not rest.strip():
+        raise EppError(f'{option} {text}: is no name with a value; expected one, as in "{example}".')
+    return name, rest.strip()
 
 
 def values_of(text: str) -> tuple[str, list[str]]:

@@ -61,13 +61,16 @@ def bounds_table(bounds: DesignBounds) -> Table:
 def design_table(design: Design) -> Table:
     """The optimum, and the front below it: the tuned parameters, what is active, and whether it is confirmed."""
     names, over = list(design.tune), design.front_over
-    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + names]
-    table = table_of(*heads, with_unit("first order", design.readable[design.objective][0]), "active", "confirmed")
+    own = [] if design.objective in names else [design.objective]
+    heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + own + names]
+    table = table_of(*heads, with_unit("first order", design.readable[design.limit][0]), "active", "confirmed")
     rows = [("-", design.optimum), *((cell(design.readable[over][1] * v), o) for v, o in design.front)]
     for place, best in rows:
-        shown = [f"{design.readable[n][1] * best.at[n]:.7g}" if best.feasible else "-" for n in names]
-        first_order = cell(design.readable[design.objective][1] * best.first_order)
-        active = (best.kind if best.kind is not Turn.END else "own range") if best.feasible else "infeasible"
+        values = {**best.at, **{name: best.objective for name in own}}
+        shown = [f"{design.readable[n][1] * values[n]:.7g}" if best.feasible else "-" for n in own + names]
+        first_order = cell(design.readable[design.limit][1] * best.first_order)
+        active = best.active or (best.kind if best.kind is not Turn.END else "own range")
+        active = active if best.feasible else "infeasible"
         table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
     return table
 

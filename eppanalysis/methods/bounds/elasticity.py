@@ -13,7 +13,7 @@ Where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)`` along 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -61,6 +61,24 @@ def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict
         Those of the fold.
     fold : Fold
     """
+    value = question.case.value
+    sizes = {name: abs(value(name)) for name in parameters_of(question)}
+    slopes = harmonic_slopes(question, programmes, fold, sizes)
+    return {name: slope * value(name) / fold.cycle.value for name, slope in slopes.items()}
+
+
+def harmonic_slopes(
+    question: Question, programmes: Programmes, fold: Fold, sizes: Mapping[str, float]
+) -> dict[str, float]:
+    """Derivative of the bound of a fold by parameters; nan where one changes the structure of the loop.
+
+    Parameters
+    ----------
+    question, programmes, fold
+        As for :func:`elasticities`.
+    sizes : mapping of str to float
+        The parameters, and what counts as a large change of each [SI].
+    """
     value = fold.cycle.value
     numbers = question.numbers()
     dependence = numbers.dependence(fold.plan, value)
@@ -72,19 +90,16 @@ def elasticities(question: Question, programmes: Programmes, fold: Fold) -> dict
         expressions.by_numbers(fold.unknowns, dependence.at(value)[used], fold.multipliers)
     ).ravel()
     out = {}
-    for name in parameters_of(question):
-        slope = _slope(question, name, fold)
-        if slope is None or np.any(slope[~used] != 0.0):
-            out[name] = float("nan")
-        else:
-            out[name] = float(gradient @ slope) * question.case.value(name) / value
+    for name, size in sizes.items():
+        slope = _slope(question, name, fold, _STEP * size)
+        known = slope is not None and not np.any(slope[~used] != 0.0)
+        out[name] = float(gradient @ slope) if known and slope is not None else float("nan")
     return out
 
 
-def _slope(question: Question, name: str, fold: Fold) -> np.ndarray | None:
-    """Derivative of the loop's numbers by a parameter; None where it cannot be moved."""
+def _slope(question: Question, name: str, fold: Fold, h: float) -> np.ndarray | None:
+    """Derivative of the loop's numbers by a parameter, in steps of h; None where it cannot be moved."""
     case, value = question.case_at(fold.cycle.value), question.case.value(name)
-    h = _STEP * abs(value)
     try:
         up, down = (gather(steady_loop(case.with_values({name: v})), fold.plan).flat() for v in (value + h, value - h))
     except EppError:
@@ -106,6 +121,23 @@ def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
     point : Point
         The fold, or the border collision with the arc that has no duration there.
     """
+    scale = question.case.value
+    slopes = exact_slopes(question, point, {name: abs(scale(name)) for name in parameters_of(question)})
+    return {name: slope * scale(name) / point.value for name, slope in slopes.items()}
+
+
+def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -> dict[str, float]:
+    """Derivative of an exact bound by parameters; nan where one changes the structure of the loop.
+
+    Parameters
+    ----------
+    question : Question
+        At one value of the parameter that runs.
+    point : Point
+        As for :func:`exact_elasticities`.
+    sizes : mapping of str to float
+        The parameters, and what counts as a large change of each [SI].
+    """
     orbit = point.orbit
     A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
     if point.arc is not None:
@@ -114,9 +146,8 @@ def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
     by_limit = float(psi @ point.slope)
     case = question.case_at(point.value)
     out = {}
-    for name in parameters_of(question):
-        value = question.case.value(name)
-        h = 1e-5 * abs(value)
+    for name, size in sizes.items():
+        value, h = question.case.value(name), 1e-5 * size
         family = Family(_changed(case, name), (value - h, value + h))
         try:
             up, down = (
@@ -125,8 +156,7 @@ def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
         except (EppError, IndexError, ValueError):
             out[name] = float("nan")
             continue
-        slope = float(psi @ (up - down)) / (2.0 * h)
-        out[name] = -slope / by_limit * value / point.value
+        out[name] = -float(psi @ (up - down)) / (2.0 * h) / by_limit
     return out
 
 

@@ -21,7 +21,7 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds.numbers import Numbers, loop_of
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
@@ -233,7 +233,7 @@ def _seen_at(question: Question, value: float) -> _Seen:
     case = question.case_at(value)
     loop = steady_loop(case)
     try:
-        predicted = predict_limit_cycles(case).cycles
+        predicted = predicted_cycles(case)
     except ModelError:  # an element without a describing function
         predicted = ()
     try:

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 #: Of the runs of a cloud, the share that begins with a step of the inputs; largest displacement, relative to the orbit.
 _STEPS, _REACH = 0.25, 4.0
 #: Length of a run in periods of the orbit. Undecided ones are looked at longer, until so many do not come to rest.
-_PERIODS, _ENOUGH = 40.0, 50
+PERIODS, _ENOUGH = 40.0, 50
 #: So many orbits of the cloud are closed at most; relative difference of periods within which one is known already.
 _MOST_ORBITS, _SAME_PERIOD = 4, 1e-6
 #: Relative difference of period and size within which the cycle of a run of a cloud is one that the search found.
@@ -123,6 +123,7 @@ def verify(
     seed: int,
     threads: int = 1,
     allowed: Allowed | None = None,
+    beyond: LimitCycle | None = None,
 ) -> Verification:
     """Test a bound on both sides.
 
@@ -146,6 +147,8 @@ def verify(
         For the runs; the result does not depend on it.
     allowed : Allowed, optional
         The stable cycles that may be there.
+    beyond : LimitCycle, optional
+        A cycle on the other side of the bound, where one is known; by default the one at the bound leads to it.
     """
     safe, other = value * (1.0 - sign * margin), value * (1.0 + sign * margin)
     missing = []
@@ -169,7 +172,7 @@ def verify(
         missing.append(f"{n_starts - n_settled - n_moving} slow runs were not looked at to their end after these")
     further = [o for o in met if not _known(o, [c.period for c in search])]
     cycles = (*bad, *(to_limit_cycle(system, o) for o in further))
-    found = _orbit_at(question, other, orbit, allowed)
+    found = _orbit_at(question, other, orbit if beyond is None else beyond, allowed)
     if found is None:
         missing.append(
             f"no exact {'orbit' if allowed is None else f'stable orbit{larger}'} was found on the other side"
@@ -210,9 +213,9 @@ def _settling(case: CaseLike, orbit: LimitCycle, n_starts: int, seed: int, threa
     """
     system = case.to_system()
     hybrid = steady_hybrid(system, case.operating_point)
-    size = _size(hybrid, orbit)
-    to = Judge(_PERIODS * orbit.period, size)
-    rest = _rest(hybrid, to)
+    size = size_of(hybrid, orbit)
+    to = Judge(PERIODS * orbit.period, size)
+    rest = rest_of(hybrid, to)
     starts = cloud(hybrid, rest, system.v0, size, n_starts, seed)
     result = simulate_batch(_stack(hybrid, starts, system.signals.names), to.horizon, threads=threads)
     good = may_be.ends(result)
@@ -240,7 +243,7 @@ def _known(orbit: Orbit, periods: Sequence[float]) -> bool:
     return any(abs(orbit.period / known - 1.0) < _SAME_PERIOD for known in periods)
 
 
-def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:
+def size_of(hybrid: HybridSystem, orbit: LimitCycle) -> Array:
     """How far each state moves on the orbit; of states between whose corners nothing is seen, its own size."""
     corners = orbit.event_states if orbit.event_states.size else orbit.state[None]
     amplitude = np.zeros(hybrid.x0.size)
@@ -249,7 +252,7 @@ def _size(hybrid: HybridSystem, orbit: LimitCycle) -> Array:
     return amplitude
 
 
-def _rest(hybrid: HybridSystem, to: Judge) -> Array:
+def rest_of(hybrid: HybridSystem, to: Judge) -> Array:
     """Where a run from the start comes to rest; the start itself if it does not."""
     status, run = to.ends(hybrid)
     return run.x_end if status is Status.SETTLED else hybrid.x0

@@ -1,9 +1,9 @@
-"""Designs that cure: the largest or smallest value of a parameter without a limit cycle, over another parameter.
+"""Designs that cure: the best of what is asked for without a limit cycle, over as many parameters as are to be chosen.
 
-First order, which costs next to nothing, says on a grid where the best value of the other parameter lies; there and
-beside it the bound is exact, and the best one is sought between its neighbours. That optimum is put to the test like
-any bound: the exact search and runs on both sides. Families of cycles that a test finds on the safe side are added, and
-the best value is sought once more.
+One tuned parameter is bounded by cycles at each place of the others; the objective is that parameter itself, or what
+follows from all of them. First order says on a grid where the best place lies, harmonic balance goes on from there,
+exact folds say it. That optimum is put to the test like any bound: the exact search and runs on both sides. Families of
+cycles that a test finds on the safe side are added, and the best place is sought once more.
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ import numpy as np
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError, shown
-from eppanalysis.methods.bounds.elasticity import exact_elasticities, size_elasticities
-from eppanalysis.methods.bounds.exact import ExactBound
+from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
 from eppanalysis.methods.bounds.harmonic import Question, idle
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
 from eppanalysis.methods.design.frontier import Frontier
-from eppanalysis.methods.design.result import Design, Goal, Optimum
+from eppanalysis.methods.design.goal import Goal, Sense, goal_of
+from eppanalysis.methods.design.machines import machines_at_rest
+from eppanalysis.methods.design.programme import Place, spread
+from eppanalysis.methods.design.result import INSIDE, Design, Optimum
+from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
@@ -30,31 +34,67 @@ from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.progress import Progress
 from eppanalysis.results.provenance import Provenance
 
-#: Values of the other parameter that first order is asked at, and how close its best value is sought, of its range.
-_GRID, _CLOSE = 7, 1e-3
+#: How near to an end of its range a parameter counts as at it, of the range.
+_CLOSE = 2e-3
 _SEED = 20050901
 #: How often families that tests find are added.
 _MOST_FAMILIES = 3
-#: How far the range of the objective is widened to say what would have to give.
-_WIDER = 20.0
+#: How far the range of the bounded parameter is widened to say what would have to give, and places that are asked then.
+_WIDER, _MOST_GIVING = 20.0, 7
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What is asked: the tuned parameters with their ranges [SI], the objective, and how it is tested."""
+    """What is asked: the tuned parameters with their ranges [SI], the goal, and how it is tested."""
 
-    objective: str
-    other: str | None
+    goal: Goal
+    bounded: str
     ranges: dict[str, tuple[float, float]]
-    sign: float
     allowed: Allowed | None
+    shares: dict[str, float]
     verify: bool
     margin: float
     starts: int
     seed: int
 
-    def question(self, case: CaseLike) -> Question:
-        return Question(case, self.objective, *self.ranges[self.objective], self.other)
+    @property
+    def others(self) -> dict[str, tuple[float, float]]:
+        return {name: both for name, both in self.ranges.items() if name != self.bounded}
+
+    def middle(self, case: CaseLike) -> CaseLike:
+        """The case in the middle of the ranges of the others."""
+        return case.with_values({name: 0.5 * (low + high) for name, (low, high) in self.others.items()})
+
+    def frontier(self, case: CaseLike, over: str, values: Sequence[float]) -> Frontier:
+        """The bound over all that runs: what the front does, the other tuned parameters, and what has a tolerance."""
+        question = Question(self.middle(case), self.bounded, *self.ranges[self.bounded])
+        if idle(question, [question.low, question.high]):
+            raise EppError(f"design: the loop of this case does not depend on {self.bounded}; expected one that does.")
+        widths = {over: max(np.ptp(values), 1e-3 * abs(values[0])) or 1.0} if over else {}
+        widths |= {name: high - low for name, (low, high) in self.others.items()}
+        off = {n: abs(case.value(n)) * s for n, s in self.shares.items() if n != self.bounded}
+        return Frontier(question, {**off, **widths}, self._sign(question), self.allowed)
+
+    def _sign(self, question: Question) -> float:
+        """1 where the bounded parameter is to be large."""
+        if self.goal.name == self.bounded:
+            return self.goal.sign
+        rows = []
+        for value in spread(question.low, question.high):
+            try:
+                rows.append(self.goal.judge(question.case_at(value)).worth)
+            except EppError:
+                continue
+        known = [worth for worth in rows if np.isfinite(worth)]
+        if not known:
+            raise EppError(
+                f"design: there is no {self.goal.name} at any value of {self.bounded} in the middle of the other "
+                "ranges; expected ranges in which the linearised loop is stable."
+            )
+        return 1.0 if known[-1] >= known[0] else -1.0
+
+    def search(self, frontier: Frontier, fixed: Mapping[str, float]) -> Search:
+        return Search(frontier, self.goal, self.others, dict(fixed), self.shares)
 
 
 def design(
@@ -63,7 +103,10 @@ def design(
     *,
     maximise: str | None = None,
     minimise: str | None = None,
+    subject_to: Mapping[str, object] | None = None,
+    at: str | None = None,
     allow: str | None = None,
+    tolerances: Mapping[str, object] | None = None,
     front: Mapping[str, Sequence[object]] | None = None,
     verify: bool = True,
     margin: float = 0.01,
@@ -71,26 +114,36 @@ def design(
     seed: int = _SEED,
     progress: Progress | None = None,
 ) -> Design:
-    """The best values of one or two parameters for which no limit cycle exists, or none above what is allowed.
+    """The best values of parameters for which no limit cycle exists, or none above what is allowed.
 
     Parameters
     ----------
     case : Case or LureSystem
     tune : mapping of str to (quantity, quantity)
-        The parameters that may be chosen, one or two, and their ranges (plain numbers are SI).
+        The parameters that may be chosen and their ranges (plain numbers are SI). Where none of them is the objective,
+        the first is the one that cycles bound.
     maximise, minimise : str, optional
-        The one of them that is to be as large, or as small, as possible; one of the two is given.
+        The objective; one of the two is given. It is one of the tuned parameters, another number of the case that
+        follows from them (an expression), or a measure of the linearised loop: "bandwidth" (of the closed loop, where
+        it is 3 dB below rest), "crossover", "phase_margin", "gain_margin", "disk_margin", "delay_margin".
+    subject_to : mapping of str to quantity, optional
+        Measures of the linearised loop that are kept at least, as in ``{"phase_margin": "45 deg"}``.
+    at : str, optional
+        Where the loop is cut for them; by default where :func:`eppanalysis.margins` cuts it.
     allow : str, optional
         A stable limit cycle that may be, as in "theta 0.3 deg" or "theta 0.1 deg rms"; see
         :func:`eppanalysis.design_bounds`.
+    tolerances : mapping of str to quantity or percentage, optional
+        Half-widths within which every machine is to be free of cycles; ``{}`` takes those that the case carries.
     front : mapping of str to sequence of quantity, optional
         One more parameter and its values: the optimum at each of them.
     verify : bool
         Confirm every optimum on both sides.
     margin : float
-        Distance of the tests from the active constraint, relative to the objective.
+        Distance of the tests from the active constraint, relative to the bounded parameter.
     starts : int
-        Runs of each test, from a seeded cloud of initial states and steps of the inputs.
+        Runs of each test, from a seeded cloud of initial states and steps of the inputs; with tolerances as many again,
+        each of a machine of its own.
     seed : int
     progress : callable, optional
         Told the number of optima done, and of all.
@@ -102,8 +155,7 @@ def design(
     Raises
     ------
     EppError
-        If a parameter, a range or a setting is not valid, more than two parameters are tuned, or not one of `maximise`
-        and `minimise` is one of them.
+        If a parameter, a range or a setting is not valid, or not one objective is given.
 
     Examples
     --------
@@ -116,54 +168,45 @@ def design(
     case = require_case(case, "design")
     check_verification(margin, starts)
     check_counts("design", {"starts": (starts, int(verify)), "seed": (seed, 0)})
-    objective, sign = _objective(tune, maximise, minimise)
+    if not tune:
+        raise EppError("design: no parameter is tuned; expected one or more with their ranges.")
+    goal = goal_of(case, maximise, minimise, subject_to, at)
     ranges = {name: _range(case, name, both) for name, both in tune.items()}
-    other = next((name for name in ranges if name != objective), None)
+    bounded = goal.name if goal.name in ranges else next(iter(ranges))
     allowed = None if allow is None else Allowed.read(case.to_system(), allow)
-    task = _Task(objective, other, ranges, sign, allowed, verify, margin, starts, seed)
+    shares = _shares(case, tolerances)
+    task = _Task(goal, bounded, ranges, allowed, shares, verify, margin, starts, seed)
     over, values = _front(case, front, ranges)
-    n_done, n_all = 0, 1 + len(values)
-
-    def best(of: CaseLike) -> Optimum:
-        nonlocal n_done
-        found = _optimum(of, task)
-        n_done += 1
+    frontier = task.frontier(case, over, values)
+    fixed = {name: case.value(name) for name in frontier.widths if name not in ranges}
+    found: list[Optimum] = []
+    for moved in [{}, *({over: value} for value in values)]:
+        near = [tuple(o.at[n] for n in task.others) for o in found if o.feasible]
+        found.append(_optimum(task.search(frontier, {**fixed, **moved}), task, near))
         if progress is not None:
-            progress(n_done, n_all, "")
-        return found
-
-    optimum = best(case)
-    rows = tuple((value, best(case.with_values({over: value}))) for value in values)
-    settings = {"tune": ranges, "objective": objective, "sign": sign, "margin": margin, "starts": starts, "seed": seed}
+            progress(len(found), 1 + len(values), "")
+    settings = {"tune": ranges, "objective": goal.name, "sign": goal.sign, "margin": margin, "starts": starts}
+    settings |= {"seed": seed, "tolerances": shares, "kept": [k.to_dict() for k in goal.kept]}
     settings |= {} if allowed is None else {"allowed": allowed.to_dict()}
-    names = [*ranges, *([over] if over else [])]
+    names = [*ranges, *([over] if over else []), *([goal.name] if goal.measure is None else [])]
+    measured = {} if goal.measure is None else {goal.name: goal.measure}
     return Design(
         case=case.name,
-        objective=objective,
-        goal=Goal.LARGEST if sign > 0 else Goal.SMALLEST,
+        objective=goal.name,
+        goal=Sense.LARGEST if goal.sign > 0 else Sense.SMALLEST,
         tune=ranges,
-        optimum=optimum,
+        optimum=found[0],
+        bounded=bounded,
+        kept=goal.kept,
+        tolerances=shares,
         front_over=over,
-        front=rows,
+        front=tuple(zip(values, found[1:], strict=True)),
         margin=margin,
         allowed=allowed,
-        readable={name: case.readable(name) for name in names},
-        units={name: case.unit(name)[0] for name in names},
+        readable={n: case.readable(n) for n in names} | {n: m.shown or (m.unit, 1.0) for n, m in measured.items()},
+        units={n: case.unit(n)[0] for n in names} | {n: m.unit for n, m in measured.items()},
         provenance=Provenance("design without a limit cycle", settings, case=facts_of(case)),
     )
-
-
-def _objective(tune: Mapping[str, object], maximise: str | None, minimise: str | None) -> tuple[str, float]:
-    """The parameter that is the objective, and 1 where it is to be large."""
-    if not 1 <= len(tune) <= 2:
-        raise EppError(f"design: {len(tune)} parameters are tuned; expected one or two.")
-    if (maximise is None) == (minimise is None):
-        raise EppError(f"design: maximise is {shown(maximise)}, minimise {shown(minimise)}; expected one of the two.")
-    name = maximise if maximise is not None else minimise
-    if name not in tune:
-        raise EppError(f"design: the objective is {shown(name)}; expected one of what is tuned: {', '.join(tune)}.")
-    assert name is not None
-    return name, 1.0 if maximise is not None else -1.0
 
 
 def _range(case: CaseLike, name: str, both: Sequence[object]) -> tuple[float, float]:
@@ -173,6 +216,17 @@ def _range(case: CaseLike, name: str, both: Sequence[object]) -> tuple[float, fl
     if not low < high:
         raise EppError(f"design: {name} is tuned within {both[0]} to {both[1]}; expected low < high.")
     return low, high
+
+
+def _shares(case: CaseLike, tolerances: Mapping[str, object] | None) -> dict[str, float]:
+    """Tolerances relative to the values."""
+    if tolerances is None:
+        return {}
+    widths = half_widths_of(case, tolerances or None)
+    for name in widths:
+        if not case.value(name):
+            raise EppError(f"tolerance of {name}: the case holds 0 for it; expected a parameter that is not zero.")
+    return {name: width / abs(case.value(name)) for name, width in widths.items()}
 
 
 def _front(
@@ -191,138 +245,112 @@ def _front(
     return over, [case.si(over, v) for v in values]
 
 
-def _optimum(case: CaseLike, task: _Task) -> Optimum:
-    """The optimum for a case, tested; where tests find other families, sought once more with these."""
-    question = task.question(case)
-    values = [0.0] if task.other is None else list(np.linspace(*task.ranges[task.other], _GRID))
-    ends = [question.low, question.high]
-    if idle(question.at(float(values[0])), ends):
-        raise EppError(f"design: the loop of this case does not depend on {task.objective}; expected one that does.")
-    frontier = Frontier(question, task.sign, task.allowed)
+def _optimum(search: Search, task: _Task, near: Sequence[Place]) -> Optimum:
+    """The optimum at one value of the front, tested; where tests find other families, sought once more with these."""
     for _ in range(_MOST_FAMILIES):
-        here = _best(frontier, [float(v) for v in values])
-        bound = frontier.at(here)
-        if not np.isfinite(frontier.worth(bound)):
-            return Optimum({}, message=_would_have_to_give(case, task, frontier), evaluated=_evaluated(frontier))
-        found = _described(frontier, task, here, bound)
+        best = search.best_of_all(near)
+        if not best.feasible:
+            return Optimum({}, message=_would_have_to_give(search, best), evaluated=search.evaluated())
+        found = _described(search, task, best)
         if not task.verify:
             return replace(found, message="it was not tested.")
-        found, tested = _tested(frontier, task, here, bound, found)
-        if found.confirmed or tested is None or not frontier.add(here, tested.safe_value, tested.cycles):
+        found, tested = _tested(search, task, best, found)
+        if found.confirmed or tested is None or not tested.cycles:
+            return found
+        search.picks.clear()
+        if not search.frontier.add(search.full(best.place, best.corner), tested.safe_value, tested.cycles):
             return found
     return found
 
 
-def _best(frontier: Frontier, grid: Sequence[float]) -> float:
-    """The best value of the other parameter: first order's on a grid, exact beside it, then between its neighbours."""
-    if len(grid) == 1:
-        return grid[0]
-    i = max(range(len(grid)), key=lambda k: _proposed(frontier, grid[k]))
-    asked = {k for k in (i - 1, i, i + 1) if 0 <= k < len(grid)}
-    while True:
-        best = max(asked, key=lambda k: frontier.worth(frontier.at(grid[k])))
-        beside = {k for k in (best - 1, best + 1) if 0 <= k < len(grid)} - asked
-        infeasible = not np.isfinite(frontier.worth(frontier.at(grid[best])))
-        more = set(range(len(grid))) - asked if infeasible else beside
-        if not more:
-            break
-        asked |= more
-    if infeasible or frontier.at(grid[best]).kind is Turn.END:
-        return grid[best]
-    _refine(frontier, grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)], grid[-1] - grid[0])
-    return max(frontier.bounds, key=lambda other: frontier.worth(frontier.bounds[other]))
-
-
-def _proposed(frontier: Frontier, other: float) -> float:
-    """What first order says of a value of the other parameter; a range without cycles counts as its wanted end."""
-    found = frontier.first_order(frontier.question.at(other))
-    return frontier.sign * (frontier.ends[1] if found is None else found)
-
-
-def _refine(frontier: Frontier, low: float, high: float, width: float) -> None:
-    """Brent's method on the exact bound, which needs no derivative: two families may meet in the optimum."""
-    from scipy.optimize import minimize_scalar
-
-    worst = frontier.sign * frontier.ends[0] - abs(frontier.ends[1] - frontier.ends[0])
-
-    def price(other: float) -> float:
-        return -max(frontier.worth(frontier.at(float(other))), worst)
-
-    minimize_scalar(price, bounds=(low, high), method="bounded", options={"xatol": _CLOSE * width})
-
-
-def _described(frontier: Frontier, task: _Task, other: float, bound: ExactBound) -> Optimum:
+def _described(search: Search, task: _Task, best: Pick) -> Optimum:
     """The optimum without its tests."""
-    at = {task.objective: bound.value} | ({} if task.other is None else {task.other: other})
-    safe = bound.value if bound.kind is Turn.END else bound.value * (1.0 - task.sign * task.margin)
-    proposed = frontier.first_order(frontier.question.at(other))
+    limit, by_cycle = task.bounded, best.by_cycle
+    others = dict(zip(search.others, best.place, strict=True))
+    safe = best.value * (1.0 - search.frontier.sign * task.margin) if by_cycle or best.kept else best.value
+    case = search.here(best.place).case
     return Optimum(
-        at=at,
-        values={**at, task.objective: safe},
-        kind=bound.kind,
-        at_end=_at_end(task, other),
-        first_order=float("nan") if proposed is None else proposed,
-        prices=_prices(frontier, other, bound),
-        frequency=1.0 / bound.period,
-        orbit=bound.cycle,
-        evaluated=_evaluated(frontier),
+        at={limit: best.value, **others},
+        values={limit: safe, **others},
+        objective=search.goal.sign * best.worth,
+        kind=best.bound.kind if by_cycle else Turn.END if not best.kept and not best.inside else Turn.UNKNOWN,
+        active=str(best.kept) if best.kept else INSIDE if best.inside else "",
+        at_end=_at_end(search, best),
+        first_order=search.first_order(best),
+        prices=_prices(search, case, best),
+        frequency=1.0 / best.bound.period if by_cycle else float("nan"),
+        orbit=best.bound.cycle,
+        off=dict(best.corner),
+        evaluated=search.evaluated(),
     )
 
 
-def _at_end(task: _Task, other: float) -> str:
-    """At which end of its range the other parameter stands."""
-    if task.other is None:
-        return ""
-    low, high = task.ranges[task.other]
-    close = 2.0 * _CLOSE * (high - low)
-    which = "lower" if other - low < close else "upper" if high - other < close else ""
-    return f"{task.other} is at the {which} end of its range, which limits it, too" if which else ""
+def _at_end(search: Search, best: Pick) -> str:
+    """Which of the other parameters stand at an end of their ranges."""
+    told = []
+    for share, name in zip(search.units(best.place)[0], search.others, strict=True):
+        which = "lower" if share < _CLOSE else "upper" if share > 1.0 - _CLOSE else ""
+        told += [f"{name} is at the {which} end of its range, which limits it, too"] if which else []
+    return "; ".join(told)
 
 
-def _evaluated(frontier: Frontier) -> np.ndarray:
-    known = sorted((q, b.value) for q, b in frontier.bounds.items() if np.isfinite(b.value))
-    return np.array(known, float).reshape(-1, 2)
-
-
-def _prices(frontier: Frontier, other: float, bound: ExactBound) -> dict[str, float]:
-    """Elasticities of the objective at its optimum: by the envelope theorem those of the exact bound there."""
-    point, here = bound.point, frontier.question.at(other)
-    if point is None:
+def _prices(search: Search, case: CaseLike, best: Pick) -> dict[str, float]:
+    """Elasticities of the objective at its optimum: there the other tuned parameters have none inside their ranges."""
+    limit, goal = search.frontier.question.limit, search.goal
+    sizes = {
+        name: abs(case.value(name)) for name in parameters_of(search.here(best.place)) if name not in (limit, goal.name)
+    }
+    edge = search.of_bound(best, sizes)
+    if best.by_cycle and not edge:
         return {}
-    if bound.kind is Turn.SIZE and frontier.allowed is not None:
-        return size_elasticities(here, point, frontier.allowed)
-    return exact_elasticities(here, point) if bound.kind is Turn.FOLD or point.arc is not None else {}
+    slopes = search.slopes(best, sizes, edge)
+    prices = {name: slope * case.value(name) / best.worth for name, slope in slopes.items()}
+    if best.bound.kind is Turn.SIZE and best.by_cycle and goal.name == limit and best.bound.point is not None:
+        assert search.frontier.allowed is not None
+        elastic = size_elasticities(search.here(best.place, best.corner), best.bound.point, search.frontier.allowed)
+        prices |= {"allowed": elastic["allowed"]} if "allowed" in elastic else {}
+    return prices
 
 
-def _tested(
-    frontier: Frontier, task: _Task, other: float, bound: ExactBound, found: Optimum
-) -> tuple[Optimum, Verification | None]:
-    """The optimum with what the tests of it found."""
-    here = frontier.question.at(other)
-    if bound.cycle is None:
-        search = find_limit_cycles(here.case_at(bound.value))
-        cycles = [c for c in search if task.allowed is None or task.allowed.exceeded_by(c)]
-        missing = "a search there finds a limit cycle" if cycles else " and ".join(search.left_open)
+def _tested(search: Search, task: _Task, best: Pick, found: Optimum) -> tuple[Optimum, Verification | None]:
+    """The optimum with what the tests of it found, at the corner of the tolerances that is active."""
+    here = search.here(best.place, best.corner)
+    if not best.by_cycle or best.bound.cycle is None:
+        cycles = find_limit_cycles(here.case_at(best.value))
+        bad = [c for c in cycles if task.allowed is None or task.allowed.exceeded_by(c)]
+        missing = "a search there finds a limit cycle" if bad else " and ".join(cycles.left_open)
         return replace(found, confirmed=not missing, message=missing), None
     tested = verify(
         here,
-        bound.value,
-        task.sign,
-        bound.cycle,
+        best.bound.value,
+        search.frontier.sign,
+        best.bound.cycle,
         margin=task.margin,
         n_starts=task.starts,
         seed=task.seed,
         allowed=task.allowed,
+        beyond=search.frontier.beyond(search.full(best.place, best.corner)),
     )
     message = f"{tested.message}." if tested.message else ""
-    slow = _only_slow(tested) and all(shrinks(here.case_at(tested.safe_value), x, bound.cycle) for x in tested.slow)
+    n_machines = n_good = 0
+    if task.shares:
+        n_machines = task.starts
+        value = found.values[task.bounded]
+        n_good = machines_at_rest(search, best, value, task.allowed, n_machines, task.seed)
+        if n_good < n_machines:
+            message = (
+                f"{n_machines - n_good} of {n_machines} machines within the tolerances do not come to rest. {message}"
+            )
+    case = here.case_at(tested.safe_value)
+    slow = _only_slow(tested) and all(shrinks(case, x, best.bound.cycle) for x in tested.slow)
     found = replace(
         found,
         n_runs=tested.n_runs,
         n_settled=tested.n_settled,
         n_shrinking=len(tested.slow) if slow else 0,
-        confirmed=tested.verified or slow,
-        message=message,
+        n_machines=n_machines,
+        confirmed=(tested.verified or slow) and n_good == n_machines,
+        message=message.strip(),
     )
     return found, tested
 
@@ -333,24 +361,29 @@ def _only_slow(tested: Verification) -> bool:
     return ended and not tested.verified and tested.n_settled + len(tested.slow) == tested.n_runs
 
 
-def _would_have_to_give(case: CaseLike, task: _Task, frontier: Frontier) -> str:
-    """Which range would have to be wider, and by how much, where nothing within the ranges is free of cycles."""
-    reasons = sorted({b.message for b in frontier.bounds.values() if b.message})
-    low, high = task.ranges[task.objective]
-    end = low if task.sign > 0 else high
-    wider = (low / _WIDER, low) if task.sign > 0 else (high, high * _WIDER)
+def _would_have_to_give(search: Search, best: Pick) -> str:
+    """Which range would have to be wider, and by how much, where nothing within the ranges is feasible."""
+    frontier = search.frontier
+    reasons = sorted({p.message for p in search.picks.values() if p.message})
+    low, high = frontier.question.low, frontier.question.high
+    end = low if frontier.sign > 0 else high
+    wider = (low / _WIDER, low) if frontier.sign > 0 else (high, high * _WIDER)
     told = f"{'; '.join(reasons)}."
+    if np.isfinite(frontier.worth(best.bound)):  # not the cycles, but what is to be kept
+        return f"{told} That, or what is allowed of cycles, would have to give."
     if not (0.0 < wider[0] < wider[1]):
         return f"{told} Its range would have to begin elsewhere."
     try:
-        beyond = Frontier(replace(frontier.question, low=wider[0], high=wider[1]), task.sign, task.allowed)
-        known = {q: beyond.at(q) for q in list(frontier.bounds)[:_GRID]}
+        question = replace(frontier.question, low=wider[0], high=wider[1])
+        beyond = Frontier(question, frontier.widths, frontier.sign, frontier.allowed)
+        known = {p: beyond.at(search.full(p, search.corners[-1])) for p in list(search.picks)[:_MOST_GIVING]}
     except EppError:
         return told
-    best = max(known, key=lambda q: beyond.worth(known[q]))
-    if not np.isfinite(beyond.worth(known[best])) or known[best].kind is Turn.END:
+    place = max(known, key=lambda p: beyond.worth(known[p]))
+    if not np.isfinite(beyond.worth(known[place])) or known[place].kind is Turn.END:
         return f"{told} Within {wider[0]:.4g} to {wider[1]:.4g} no bound was found either."
-    where = "" if task.other is None else f" (at {task.other} {best:.4g})"
+    where = ", ".join(f"{name} {value:.4g}" for name, value in zip(search.others, place, strict=True))
     return (
-        f"{told} The end of its range at {end:.6g} would have to give: cycles vanish at {known[best].value:.6g}{where}."
+        f"{told} The end of its range at {end:.6g} would have to give: cycles vanish at {known[place].value:.6g}"
+        f"{f' (at {where})' if where else ''}."
     )

@@ -1,19 +1,21 @@
 """The exact bound on one parameter as a function of another: first order proposes where it lies, exact folds say it.
 
-At a value of the other parameter an exact cycle is found near the bound that first order proposes (else by a search
-over the range), and its branch is followed to the first place at which it turns back. Near the last place asked for,
-the cycle known there is closed again instead. Other families are not looked for here: a bound is put to the test where
-it matters, at the optimum, and families met there are added.
+At values of the other parameters an exact cycle is found near the bound that first order proposes (else by a search
+over the range), and its branch is followed to the first place at which it turns back. Near a place asked before the
+cycle known there is closed again instead, beyond where the slopes of the bound foretell it. Other families are not
+looked for here: a bound is put to the test where it matters, at the optimum, and families met there are added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
@@ -22,54 +24,64 @@ from eppanalysis.methods.bounds.sizes.bound import farthest_passage
 from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import make_point
-from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.describing.predict import predicted_cycles
+from eppanalysis.methods.design.programme import Place, Programme, distance, spread
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.results import LimitCycle
 
-#: Values of the range that are asked, by first order and by the exact search, and halvings of first order.
-_N_SCAN, _HALVINGS = 9, 9
+#: Halvings of first order between two values of the range.
+_HALVINGS = 9
 #: Where exact cycles are searched for, relative to the bound of first order, from the safe side on.
 _AROUND = (0.8, 0.9, 0.97, 1.03, 1.1, 1.2, 1.35)
 #: How far beyond a bound nearby the cycle known there is closed again.
 _BEYOND = (0.02, 0.06, 0.15)
+#: Change of a bound, relative to it, that slopes are believed; how often the way to a place is halved, and a distance
+#: too short for that.
+_MOST_FORETOLD, _DEEPEST, _NEAR = 0.3, 4, 0.02
+#: Rate of the parameter along a branch above which it is no fold: cycles are born with an infinite period there.
+FLAT = 1e-6
 #: Orbits of a branch at most, how many are made before it is asked whether it has turned back, and the longest step.
 _MOST, _AT_ONCE, _STEP = 120, 8, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A cycle from which a family is followed: at a value of the other parameter and one of the bounded one [SI]."""
+    """A cycle from which a family is followed: at a place, and at a value of the bounded parameter [SI]."""
 
-    at: float
+    place: Place
     value: float
     cycle: LimitCycle
-    bound: float
+    bound: ExactBound
 
 
 @dataclass(eq=False)
 class Frontier:
-    """The bound on a parameter over another one; lives for one design.
+    """The bound on a parameter over other ones; lives for one design and its front.
 
     Attributes
     ----------
     question : Question
-        With the parameter that is bounded, its range, and the one that runs (None where there is none).
+        With the parameter that is bounded, and its range.
+    widths : dict of str to float
+        The parameters that run, and how far each does [SI].
     sign : {1, -1}
         1 where the parameter is to be large, so that cycles are sought above its bound.
     allowed : Allowed or None
     families : list of list of Known
-    bounds : dict of float to ExactBound
-        What is known already.
+    bounds, first : dict of tuple
+        What is known already, exactly and by first order, by the values of the parameters that run.
     """
 
     question: Question
+    widths: dict[str, float]
     sign: float
     allowed: Allowed | None = None
     families: list[list[Known]] = field(default_factory=list)
-    bounds: dict[float, ExactBound] = field(default_factory=dict)
+    bounds: dict[Place, ExactBound] = field(default_factory=dict)
+    first: dict[Place, float | None] = field(default_factory=dict)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -77,66 +89,90 @@ class Frontier:
         low, high = self.question.low, self.question.high
         return (low, high) if self.sign > 0 else (high, low)
 
+    def here(self, place: Place) -> Question:
+        """The question at values of the parameters that run."""
+        if not place:
+            return self.question
+        values = dict(zip(self.widths, place, strict=True))
+        return replace(self.question, case=self.question.case.with_values(values))
+
     def worth(self, bound: ExactBound) -> float:
         """How good a bound is: larger is better; minus infinity where nothing is free."""
         if bound.kind is Turn.UNKNOWN or not np.isfinite(bound.value):
             return -np.inf
         return self.sign * bound.value
 
-    def at(self, other: float) -> ExactBound:
-        """The exact bound at a value of the other parameter.
+    def at(self, place: Place) -> ExactBound:
+        """The exact bound at values of the parameters that run.
 
         Its kind is END where the whole range is free (the value is then the wanted end), and UNKNOWN with a message
         where none of it is.
         """
-        if other not in self.bounds:
-            self.bounds[other] = self._at(other)
-        return self.bounds[other]
+        if place not in self.bounds:
+            self.bounds[place] = self._at(place)
+        return self.bounds[place]
 
-    def _at(self, other: float) -> ExactBound:
-        here = self.question.at(other)
-        found = []
-        for family in self.families:
-            bound = self._carried(here, other, family)
-            if bound is not None:
-                found.append(bound)
+    def _at(self, place: Place) -> ExactBound:
+        here = self.here(place)
+        found = [b for b in (self._carried(place, family) for family in self.families) if b is not None]
         if not found:
-            found.append(self._sought(here, other))
+            found.append(self._sought(here, place))
         return min(found, key=self.worth)
 
-    def add(self, other: float, value: float, cycles: Sequence[LimitCycle]) -> bool:
+    def add(self, place: Place, value: float, cycles: Sequence[LimitCycle]) -> bool:
         """Families of cycles that a test found; whether there is a new one. What was known is asked again."""
-        here, known = self.question.at(other), len(self.families)
+        here, known = self.here(place), len(self.families)
         for cycle in cycles:
             bound = self._followed(here, value, cycle)
             if bound is not None and bound.cycle is not None:
-                self.families.append([Known(other, value, cycle, bound.value)])
+                self.families.append([Known(place, value, cycle, bound)])
         self.bounds.clear()
         return len(self.families) > known
 
-    def _carried(self, here: Question, other: float, family: list[Known]) -> ExactBound | None:
-        """The bound of a family, from its member nearest by; None where its cycle cannot be closed again."""
-        near = min(family, key=lambda k: abs(k.at - other))
+    def beyond(self, place: Place) -> LimitCycle | None:
+        """A cycle that is known on the far side of the bound at a place."""
+        here = self.bounds.get(place)
+        known = (k for family in self.families for k in family if k.place == place and k.bound is here)
+        return next((k.cycle for k in known), None)
+
+    def _carried(self, place: Place, family: list[Known], depth: int = 0) -> ExactBound | None:
+        """The bound of a family, from its member nearest by; else by way of places between."""
+        near, here = min(family, key=lambda known: distance(self.widths, known.place, place)), self.here(place)
+        foretold = self._foretold(near, place)
         for share in _BEYOND:
-            value = float(np.clip(near.bound * (1.0 + self.sign * share), here.low, here.high))
+            value = float(np.clip(foretold * (1.0 + self.sign * share), here.low, here.high))
             bound = self._followed(here, value, near.cycle)
             if bound is not None and bound.kind is not Turn.END:
-                self._keep(here, other, value, near.cycle, bound, family)
+                self._keep(here, place, value, near.cycle, bound, family)
                 return bound
-        return None
+        if depth == _DEEPEST or distance(self.widths, near.place, place) < _NEAR:
+            return None
+        between = tuple(0.5 * (a + b) for a, b in zip(near.place, place, strict=True))
+        found = self._carried(between, family, depth + 1)
+        return None if found is None else self._carried(place, family, depth + 1)
+
+    def _foretold(self, near: Known, place: Place) -> float:
+        """The bound at a place as its slopes at the nearest one foretell it."""
+        value, point = near.bound.value, near.bound.point
+        moves = {n: b - a for n, a, b in zip(self.widths, near.place, place, strict=True) if a != b}
+        if point is None or (point.arc is None and abs(point.turn) > FLAT) or self.allowed is not None:
+            return value
+        slopes = exact_slopes(self.here(near.place), point, {name: self.widths[name] for name in moves})
+        change = sum(slopes[name] * move for name, move in moves.items())
+        return value + change if abs(change) < _MOST_FORETOLD * abs(value) else value
 
     def _keep(
-        self, here: Question, other: float, value: float, cycle: LimitCycle, bound: ExactBound, family: list[Known]
+        self, here: Question, place: Place, value: float, cycle: LimitCycle, bound: ExactBound, family: list[Known]
     ) -> None:
         """Remember the exact cycle at a value, from which neighbours go on."""
         closed = _closed(here, value, cycle)
         if closed is not None and bound.cycle is not None:
-            family.append(Known(other, value, closed, bound.value))
+            family.append(Known(place, value, closed, bound))
 
-    def _sought(self, here: Question, other: float) -> ExactBound:
+    def _sought(self, here: Question, place: Place) -> ExactBound:
         """The bound by searches: around the one of first order, then over the whole range."""
         wanted, grows = self.ends[1], float("nan")
-        for value in self._places(here):
+        for value in self._places(here, place):
             search = find_limit_cycles(here.case_at(value))
             for cycle in (c for c in search if self.allowed is None or self.allowed.exceeded_by(c)):
                 bound = self._followed(here, value, cycle)
@@ -146,9 +182,9 @@ class Frontier:
                     return self._beyond(here)
                 if self.sign * (grows - bound.value) < 0:
                     break
-                self.families.append([Known(other, value, cycle, bound.value)])
+                self.families.append([Known(place, value, cycle, bound)])
                 return bound
-            if search.diverges and not self.sign * (value - grows) >= 0:
+            if search.diverges and not search.left_open and not self.sign * (value - grows) >= 0:
                 grows = value
             if search.left_open and value == wanted:
                 return ExactBound(message=f"the search leaves runs undecided at {self.question.limit} = {value:.6g}")
@@ -166,21 +202,34 @@ class Frontier:
             return ExactBound(message=f"the search leaves runs undecided at {name} = {wanted:.6g}")
         return ExactBound(wanted, kind=Turn.END)
 
-    def _places(self, here: Question) -> Iterator[float]:
+    def _places(self, here: Question, place: Place) -> Iterator[float]:
         """Where cycles are searched for: around the bound of first order, then over the range, the wanted end last."""
         safe, wanted = self.ends
-        proposed = self.first_order(here)
+        proposed = self.first_order(place)
         if proposed is not None:
             for share in _AROUND if self.sign > 0 else [2.0 - s for s in _AROUND]:
                 if here.low < proposed * share < here.high:
                     yield proposed * share
-        yield from _spread(safe, wanted)
+        yield from spread(safe, wanted)
 
-    def first_order(self, here: Question) -> float | None:
-        """Where first order says that cycles begin, from the safe end on [SI]; None where it sees none."""
+    @cached_property
+    def programme(self) -> Programme:
+        """Where cycles of first order begin, whatever their size."""
+        return Programme(self.here, self.widths, self.sign)
+
+    def first_order(self, place: Place) -> float | None:
+        """Where first order says that cycles (that are too large) begin, from the safe end on [SI]; None: nowhere."""
+        if self.allowed is None:
+            fold = self.programme.bound(place)
+            return None if fold is None else fold.cycle.value
+        if place not in self.first:
+            self.first[place] = self._first_order(self.here(place))
+        return self.first[place]
+
+    def _first_order(self, here: Question) -> float | None:
         safe, wanted = self.ends
         before = safe
-        for value in _spread(safe, wanted):
+        for value in spread(safe, wanted):
             if self._predicted(here, value):
                 for _ in range(_HALVINGS if value != safe else 0):
                     middle = 0.5 * (before + value)
@@ -191,7 +240,7 @@ class Frontier:
 
     def _predicted(self, here: Question, value: float) -> bool:
         try:
-            cycles = predict_limit_cycles(here.case_at(value))
+            cycles = predicted_cycles(here.case_at(value))
         except ModelError:  # an element without a describing function
             return False
         return any(self.allowed is None or self.allowed.exceeded_by(c) for c in cycles)
@@ -256,10 +305,3 @@ def _closed(question: Question, value: float, cycle: LimitCycle) -> LimitCycle |
     hybrid = steady_case(question.case_at(value))
     orbit = next(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period), None)
     return None if orbit is None else to_limit_cycle(system, orbit)
-
-
-def _spread(first: float, last: float) -> list[float]:
-    """Values from one end of a range to the other."""
-    make = np.geomspace if min(first, last) > 0 else np.linspace
-    values = [float(v) for v in make(first, last, _N_SCAN)]
-    return [first, *values[1:-1], last]

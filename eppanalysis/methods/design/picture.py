@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.design.result import Goal
+from eppanalysis.methods.design.goal import Sense
 from eppanalysis.plotting import BLUE, GREEN, ORANGE, VERMILLION, place_of
 from eppanalysis.readable import with_unit, words
 
@@ -32,17 +32,18 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     """
     if design.front:
         return _front(design, ax)
-    other = next((name for name in design.tune if name != design.objective), None)
-    if other is None or not design.optimum.feasible:
+    others = [name for name in design.tune if name != design.limit]
+    if len(others) != 1 or not design.optimum.feasible:
         raise EppError(f"{design.case}: the design has no row of values to draw; expected two parameters, or a front.")
-    (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.objective]
+    (other,) = others
+    (x_unit, x), (y_unit, y) = design.readable[other], design.readable[design.limit]
     known, best = design.optimum.evaluated, design.optimum
-    figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.objective), y_unit))
+    figure, ax = _axes(design, ax, with_unit(words(other), x_unit), with_unit(words(design.limit), y_unit))
     ax.plot(x * known[:, 0], y * known[:, 1], ".-", color=BLUE, linewidth=1.4, label="exact bound")
     rule = "on the safe side of it (tested at the optimum)"
-    edge = y * design.tune[design.objective][0 if design.goal is Goal.LARGEST else 1]
+    edge = y * _safe_end(design)
     ax.fill_between(x * known[:, 0], y * known[:, 1], edge, color=GREEN, alpha=0.12, linewidth=0, label=rule)
-    at, safe = (x * best.at[other], y * best.at[design.objective]), y * best.values[design.objective]
+    at, safe = (x * best.at[other], y * best.at[design.limit]), y * best.values[design.limit]
     confirmed = "confirmed" if best.confirmed else "not confirmed"
     ax.plot(*at, "D", color=VERMILLION, label=f"optimum, {confirmed}")
     ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
@@ -50,6 +51,14 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
         ax.plot(at[0], y * best.first_order, "x", color=ORANGE, label="first order there")
     ax.legend(fontsize=7, framealpha=0.9)
     return figure
+
+
+def _safe_end(design: Design) -> float:
+    """The end of the bounded parameter's range on whose side designs are free of cycles [SI]."""
+    best, ends = design.optimum, design.tune[design.limit]
+    if design.limit == design.objective:
+        return ends[0 if design.goal is Sense.LARGEST else 1]
+    return ends[0 if best.values[design.limit] <= best.at[design.limit] else 1]
 
 
 def _front(design: Design, ax: Axes | None) -> Figure:
@@ -61,15 +70,15 @@ def _front(design: Design, ax: Axes | None) -> Figure:
         design, ax, with_unit(words(design.front_over), x_unit), with_unit(words(design.objective), y_unit)
     )
     places = x * np.array([value for value, _ in rows])
-    best = y * np.array([o.at[design.objective] for _, o in rows])
+    best = y * np.array([design.value_of(o) for _, o in rows])
     ax.plot(places, best, "-", color=BLUE, linewidth=1.4, label=f"{design.goal} {words(design.objective)}")
     for confirmed, face, text in ((True, VERMILLION, "confirmed"), (False, "none", "not confirmed")):
         mask = np.array([o.confirmed is confirmed for _, o in rows])
         if np.any(mask):
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
-    for name in (n for n in design.tune if n != design.objective):
-        for place, value, (_, o) in zip(places, best, rows, strict=True):
-            ax.annotate(f"{words(name)} {design.text(name, o.at[name], 3)}", (place, value), fontsize=7, rotation=30)
+    for place, value, (_, o) in zip(places, best, rows, strict=True):
+        told = (f"{words(n)} {design.text(n, o.at[n], 3)}" for n in design.tune if n != design.objective)
+        ax.annotate("\n".join(told), (place, value), fontsize=7, xytext=(4, 4), textcoords="offset points")
     ax.legend(fontsize=7, framealpha=0.9)
     return figure
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,8 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.design.goal import Kept, Sense
+from eppanalysis.readable import percent, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
+#: What is said where neither a cycle nor what is kept limits the objective.
+INSIDE = "The objective is best inside what is free of cycles"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,13 +35,18 @@ class Optimum(Brief):
         The tuned parameters where the active constraint just holds [SI]; empty where nothing is feasible.
     values : dict of str to float
         The same a margin to the safe side, where the tests were made: the design to be built [SI].
+    objective : float
+        The objective there [SI].
     kind : Turn
-        What limits the objective: a fold or border collision of the limit cycle, the allowed size; END: its own range.
+        What of the limit cycle limits it: a fold, a border collision, the allowed size; END: nothing but the range of
+        the bounded parameter; UNKNOWN where `active` says what does.
+    active : str
+        The measure of the linearised loop that is just kept, or that the objective is best inside; else empty.
     at_end : str
-        End of the range of the other parameter that limits it, too ("T is at the upper end of its range"); empty where
-        the optimum lies inside.
+        Ends of the ranges of the other parameters that limit it, too ("T is at the upper end of its range"); empty
+        where the optimum lies inside.
     first_order : float
-        The objective that first order proposes at this value of the other parameter [SI]; nan where it proposes none.
+        The bounded parameter as first order proposes it at these values of the others [SI]; nan where it proposes none.
     prices : dict of str to float
         Relative change of the optimum for a relative change of each parameter (and of what is "allowed").
     frequency : float
@@ -48,8 +56,12 @@ class Optimum(Brief):
     n_runs, n_settled, n_shrinking : int
         Runs of the test; those that came to rest (or to a cycle that is allowed); those that have not yet, but are
         smaller than the cycle and still shrink, as beside a fold many do for thousands of periods.
+    n_machines : int
+        Machines drawn from the tolerances, each run from a start of its own; all come to rest where it is confirmed.
     orbit : LimitCycle or None
         The exact orbit at the active constraint.
+    off : dict of str to float
+        The active corner of the tolerances: which parameters are off, -1 or 1 times theirs.
     evaluated : array, shape (k, 2)
         Values of the other parameter with the exact bound there, sorted [SI].
     message : str
@@ -58,7 +70,9 @@ class Optimum(Brief):
 
     at: dict[str, float]
     values: dict[str, float] = field(default_factory=dict)
+    objective: float = _NAN
     kind: Turn = Turn.UNKNOWN
+    active: str = ""
     at_end: str = ""
     first_order: float = _NAN
     prices: dict[str, float] = field(default_factory=dict)
@@ -67,25 +81,21 @@ class Optimum(Brief):
     n_runs: int = 0
     n_settled: int = 0
     n_shrinking: int = 0
+    n_machines: int = 0
     orbit: LimitCycle | None = None
+    off: dict[str, float] = field(default_factory=dict)
     evaluated: Array = field(default_factory=lambda: np.zeros((0, 2)))
     message: str = ""
 
     in_json = (
-        "at values kind at_end first_order prices frequency confirmed n_runs n_settled n_shrinking evaluated message"
+        "at values objective kind active at_end first_order prices frequency confirmed n_runs n_settled n_shrinking "
+        "n_machines off evaluated message"
     )
 
     @property
     def feasible(self) -> bool:
         """Whether there is any design without a cycle (that is too large)."""
         return bool(self.at)
-
-
-class Goal(StrEnum):
-    """Which value of the objective is looked for."""
-
-    LARGEST = "largest"
-    SMALLEST = "smallest"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,11 +106,17 @@ class Design(Result):
     ----------
     case : str
     objective : str
-        The parameter that is maximised or minimised.
-    goal : Goal
+        The parameter, or the measure of the linearised loop, that is maximised or minimised.
+    goal : Sense
     tune : dict of str to (float, float)
         Ranges of the tuned parameters [SI].
     optimum : Optimum
+    bounded : str
+        The tuned parameter that cycles bound at each place of the others; by default the objective.
+    kept : tuple of Kept
+        Measures of the linearised loop that are kept at least.
+    tolerances : dict of str to float
+        Relative half-widths within which the optima hold.
     front_over : str
         Parameter of the front; empty where none was asked for.
     front : tuple of (float, Optimum)
@@ -116,9 +132,12 @@ class Design(Result):
 
     case: str
     objective: str
-    goal: Goal
+    goal: Sense
     tune: dict[str, tuple[float, float]]
     optimum: Optimum
+    bounded: str = ""
+    kept: tuple[Kept, ...] = ()
+    tolerances: dict[str, float] = field(default_factory=dict)
     front_over: str = ""
     front: tuple[tuple[float, Optimum], ...] = ()
     margin: float = _NAN
@@ -126,7 +145,10 @@ class Design(Result):
     readable: dict[str, tuple[str, float]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
 
-    in_json = "objective goal tune allowed margin status sentence optimum front_over front=_front provenance"
+    in_json = (
+        "objective goal tune bounded kept tolerances allowed margin status sentence optimum front_over front=_front "
+        "provenance"
+    )
 
     @property
     def values(self) -> dict[str, float]:
@@ -150,19 +172,25 @@ class Design(Result):
     def to_frame(self) -> pandas.DataFrame:
         """One row a design: the optimum, and behind it those of the front, at its values [SI]."""
         rows = [self._row(self.optimum), *(self._row(found, value) for value, found in self.front)]
-        return frame_of(rows, {**self.units, "first_order": self.units.get(self.objective, ""), "frequency": "Hz"})
+        return frame_of(rows, {**self.units, "first_order": self.units.get(self.limit, ""), "frequency": "Hz"})
 
     def in_brief(self) -> pandas.DataFrame:
         """The table without what is missing in each row."""
         return self.to_frame().drop(columns="message")
 
+    @property
+    def limit(self) -> str:
+        """The parameter that cycles bound."""
+        return self.bounded or self.objective
+
     def _row(self, found: Optimum, over: float = _NAN) -> dict[str, object]:
         return {
             **({self.front_over: over} if self.front_over else {}),
+            **({} if self.objective in self.tune else {self.objective: found.objective}),
             **{name: found.at.get(name, _NAN) for name in self.tune},
             "first_order": found.first_order,
             "frequency": found.frequency,
-            "active": str(found.kind) if found.feasible else "infeasible",
+            "active": found.active or str(found.kind) if found.feasible else "infeasible",
             "confirmed": found.confirmed,
             "message": found.message,
         }
@@ -176,22 +204,36 @@ class Design(Result):
             return f"No design within these ranges has {rule}: {best.message}"
         others = ", ".join(f"{n} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
         where = f", at {others}" if others else ""
-        value = self.text(self.objective, best.at[self.objective], 7)
-        told = f"The {self.goal} {self.objective} with {rule} is {value}{where}. {self._limits(best)}"
+        kept = f" and {' and '.join(f'a {k}' for k in self.kept)} at least" if self.kept else ""
+        value = self.text(self.objective, self.value_of(best), 7)
+        told = f"The {self.goal} {words(self.objective)} with {rule}{kept} is {value}{where}. {self._limits(best)}"
         if best.at_end:
             told += f" {best.at_end}."
+        if len(self.tune) > 2:
+            told += " It was found by going uphill from what first order proposes; a better one is not excluded."
         return f"{told} {self._tests(best)}"
+
+    def value_of(self, found: Optimum) -> float:
+        """The objective of an optimum [SI]."""
+        return found.at.get(self.objective, found.objective)
 
     def _limits(self, best: Optimum) -> str:
         if best.kind is Turn.END:
-            return f"Only its own range limits it: {self.objective} is at the end of it."
+            return f"Only its own range limits it: {self.limit} is at the end of it."
+        if best.kind is Turn.UNKNOWN:
+            kept = best.active in map(str, self.kept)
+            return f"Active is what is kept: the {best.active}." if kept else f"{INSIDE}."
         what = {
             Turn.FOLD: "there a limit cycle is born (fold)",
             Turn.CORNER: "there a limit cycle is born (border collision)",
             Turn.SIZE: "there the stable limit cycle reaches what is allowed",
             Turn.STABILITY: "there a limit cycle becomes stable",
         }[best.kind]
-        return f"Active is the limit cycle: {what}, at {best.frequency:.4g} Hz."
+        told = f"Active is the limit cycle: {what}, at {best.frequency:.4g} Hz."
+        off = [f"{n} {'+' if s > 0 else '-'}{percent(self.tolerances[n])}" for n, s in best.off.items() if s]
+        own = self.tolerances.get(self.limit, 0.0)
+        off += [f"{self.limit} itself off by {percent(own)}"] if own else []
+        return f"{told} That is at the worst corner of the tolerances: {', '.join(off)}." if off else told
 
     def _tests(self, best: Optimum) -> str:
         if best.confirmed:
@@ -199,7 +241,9 @@ class Design(Result):
                 return "The exact search finds no such cycle there."
             slow = f", {best.n_shrinking} that are below the cycle's size and still shrink" if best.n_shrinking else ""
             runs = f"{best.n_settled} runs at rest{' or on what is allowed' if self.allowed else ''}{slow}"
-            return f"Confirmed {100 * self.margin:g} % to both sides: no such orbit inside ({runs}), one beyond."
+            all_of_them = f" All of {best.n_machines} machines within the tolerances come to rest, too."
+            told = f"Confirmed {100 * self.margin:g} % to both sides: no such orbit inside ({runs}), one beyond."
+            return told + all_of_them * (best.n_machines > 0)
         return f"Not confirmed: {best.message}"
 
     def _front(self) -> list[dict[str, object]]:

@@ -32,6 +32,8 @@ _MOST_MINIMA = 12
 _REAL = 1e-11
 #: How far from one, as a factor, a gain margin may lie for the grid to end there; further out the loop gain is less.
 _FAR_GAIN = 1e-2
+#: A closed loop that lets less than this through at rest has no bandwidth.
+_PASSES = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,21 @@ class Response:
         ends = [end for end in (self._slow_end(), self._fast_end()) if end is not None and end[1] < 0.0]
         omega = np.append(roots[crosses], [end[0] for end in ends])
         return omega, np.append(value.real[crosses], [end[1] for end in ends])
+
+    def bandwidth(self) -> float:
+        """Where the closed loop L/(1 + L) first falls 3 dB below rest; nan where it passes nothing at rest."""
+        slow = _closed(self.loop.response(self.omega[:1] * 1e-3))[0]
+        level = slow / np.sqrt(2.0)
+        if not level > _PASSES:
+            return float("nan")
+        below = np.flatnonzero(_closed(self.value) < level)
+        if not below.size or below[0] == 0:
+            return float("inf") if not below.size else float("nan")
+
+        def size(omega: float) -> float:
+            return float(np.log(_closed(self.loop.response(np.array([omega])))[0] / level))
+
+        return _root(size, float(self.omega[below[0] - 1]), float(self.omega[below[0]]))
 
     def nearest_to_minus_one(self) -> tuple[float, float]:
         """Least ``2 |1 + L|/|1 - L|`` over all frequencies, and the frequency of it."""
@@ -154,6 +171,11 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     if np.signbit(at_low) == np.signbit(at_high):
         return low if abs(at_low) < abs(at_high) else high
     return float(brentq(function, low, high, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+
+
+def _closed(L: ComplexArray) -> Array:
+    with np.errstate(all="ignore"):
+        return np.asarray(np.abs(L / (1.0 + L)), float)
 
 
 def _disk(L: ComplexArray) -> Array:

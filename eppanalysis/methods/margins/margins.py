@@ -145,6 +145,7 @@ def _margins(linearised: Linearised, at: str, made_by: Provenance) -> Margins:
         phase_crossover=phase_crossover,
         gain_crossover=float(crossovers[best]) if angles.size else _NAN,
         disk_frequency=disk_frequency,
+        bandwidth=_NAN if stable is False else response.bandwidth(),
         stable=stable,
         omega=response.omega,
         response=response.value,

@@ -47,6 +47,9 @@ class Margins(Result):
         Dead time that brings a stable loop to the border [s]; 0 where the loop is unstable.
     phase_crossover, gain_crossover, disk_frequency : float
         Where these are taken [rad/s]; nan where there is none.
+    bandwidth : float
+        Where the closed loop L/(1 + L) first falls 3 dB below what it is at rest [rad/s]; infinite where it never does,
+        nan where the loop is unstable or passes nothing at rest.
     stable : bool or None
         Whether the linearised closed loop is stable; None where that is not decided.
     omega, response : array, complex array, shape (m,)
@@ -64,13 +67,14 @@ class Margins(Result):
     phase_crossover: float = _NAN
     gain_crossover: float = _NAN
     disk_frequency: float = _NAN
+    bandwidth: float = _NAN
     stable: bool | None = None
     omega: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     response: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
 
     in_json = (
         "at status gain_margin phase_margin disk_margin delay_margin phase_crossover gain_crossover disk_frequency "
-        "stable rule message provenance"
+        "bandwidth stable rule message provenance"
     )
 
     @property

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.apart import in_states, motions_apart
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -147,7 +147,7 @@ def _in_states(found: CycleSearch, T: Array) -> CycleSearch:
 def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> CycleSearch:
     """The search for all limit cycles, begun also from cycles that are known at another value of a parameter."""
     try:
-        predicted = predict_limit_cycles(system).cycles
+        predicted = predicted_cycles(system)
     except ModelError:  # an element without a describing function
         predicted = ()
     return find_limit_cycles(system, predicted=[*predicted, *known])
@@ -176,7 +176,7 @@ def _made_by(system: LureSystem, counts: dict[str, float]) -> Provenance:
 
 def _predictions(system: LureSystem, at: OperatingPoint) -> Sequence[LimitCycle]:
     try:
-        return predict_limit_cycles(system, at).cycles
+        return predicted_cycles(system, at)
     except ModelError:
         return ()
 

@@ -14,9 +14,10 @@ from eppanalysis.cli.common import within_of
 from eppanalysis.cli.design import _write, design_columns, tuned, values_of
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.methods.design.design import _described, _refine, _Task
-from eppanalysis.methods.design.frontier import Frontier, first_turn
-from eppanalysis.methods.design.result import Goal, Optimum
+from eppanalysis.methods.design.design import _described, _Task
+from eppanalysis.methods.design.frontier import first_turn
+from eppanalysis.methods.design.goal import Goal, Sense
+from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.design.shrinking import shrinks
 from tests import made_bounds
 
@@ -48,16 +49,15 @@ def servo() -> epp.Case:
 @pytest.fixture(scope="module")
 def found(servo: epp.Case) -> epp.Design:
     """The best lead, from a cycle at hand; finding one from nothing is what the other tests do."""
-    task = _Task("k", "T", {"k": (5.0, 8.5), "T": (0.0, 2.0)}, 1.0, None, False, 0.01, 0, 0)
-    frontier = Frontier(task.question(servo), 1.0)
-    assert frontier.add(
-        1.0, 8.0, list(epp.find_limit_cycles(servo.with_values({"T": 1.0, "k": 8.0}), by_balance=False))
-    )
-    _refine(frontier, 0.98, 1.02, 2.0)
-    here = max(frontier.bounds, key=lambda T: frontier.worth(frontier.bounds[T]))
-    best = replace(_described(frontier, task, here, frontier.at(here)), message="it was not tested.")
+    ranges = {"k": (5.0, 8.5), "T": (0.0, 2.0)}
+    task = _Task(Goal("k", 1.0), "k", ranges, None, {}, False, 0.01, 0, 0)
+    frontier = task.frontier(servo, "", [])
+    cycles = list(epp.find_limit_cycles(servo.with_values({"T": 1.0, "k": 8.0}), by_balance=False))
+    assert frontier.add((1.0,), 8.0, cycles)
+    search = task.search(frontier, {})
+    best = replace(_described(search, task, search.best([(0.98,)])), message="it was not tested.")
     readable = {"k": ("", 1.0), "T": ("", 1.0)}
-    return epp.Design("servo", "k", Goal.LARGEST, task.ranges, best, margin=0.01, readable=readable)
+    return epp.Design("servo", "k", Sense.LARGEST, ranges, best, margin=0.01, readable=readable)
 
 
 def turn_from(case: epp.Case, low: float, value: float) -> float:
@@ -166,8 +166,15 @@ def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
     best = Optimum({"lock_pin.backlash": 0.01}, kind=Turn.FOLD, first_order=0.02, frequency=2.0, confirmed=True)
     readable = {"lock_pin.backlash": ("deg", 180 / np.pi)}
     units = {"lock_pin.backlash": "rad"}
-    tune = {"lock_pin.backlash": (0.0, 0.1)}
-    made = epp.Design("elbow", "lock_pin.backlash", Goal.LARGEST, tune, best, readable=readable, units=units)
+    made = epp.Design(
+        "elbow",
+        "lock_pin.backlash",
+        Sense.LARGEST,
+        {"lock_pin.backlash": (0.0, 0.1)},
+        best,
+        readable=readable,
+        units=units,
+    )
     frame, table = made.to_frame(), design_columns(made)
     assert frame.attrs["units"] == table.units
     assert table.header()[:3] == ["lock_pin.backlash [rad]", "first_order [rad]", "frequency [Hz]"]
@@ -180,8 +187,12 @@ def test_the_frame_and_the_file_are_one_table_and_name_si_units() -> None:
     [
         ({"maximise": None}, "expected one of the two"),
         ({"minimise": "T"}, "expected one of the two"),
-        ({"maximise": "play.gap"}, "expected one of what is tuned: k, T"),
-        ({"tune": {}}, "0 parameters are tuned"),
+        ({"maximise": "speed"}, "a known field"),
+        ({"tune": {}}, "no parameter is tuned"),
+        ({"subject_to": {"phase": 1.0}}, "no measure of the linearised loop"),
+        ({"subject_to": {"phase_margin": "45 Hz"}}, "expected an angle"),
+        ({"subject_to": {"bandwidth": "3 kg"}}, "expected an angular velocity"),
+        ({"tolerances": {"T": "-5 %"}}, "expected one that is not negative"),
         ({"tune": {"k": (2.0, 1.0)}}, "expected low < high"),
         ({"tune": {"k": (1.0, 2.0, 3.0)}}, "expected its low and its high end"),
         ({"tune": {"K": (1.0, 2.0)}, "maximise": "K"}, "a known field"),
@@ -195,3 +206,75 @@ def test_bad_questions_are_refused_in_a_sentence(servo: epp.Case, change: dict[s
     asked: dict[str, object] = {"tune": {"k": (1.0, 20.0), "T": (0.0, 2.0)}, "maximise": "k", **change}
     with pytest.raises(epp.EppError, match=words):
         epp.design(servo, **asked)
+
+
+LAGGING = SERVO.replace("T = 0.5", "T = 0.5\ntau = 0.2").replace("[0.2, 1.2, 1, 0]", '["tau", "1 + tau", 1, 0]')
+
+
+@pytest.fixture(scope="module")
+def lagging() -> epp.Case:
+    """The same servo with its second lag as a parameter."""
+    return epp.case_from_text(LAGGING)
+
+
+def test_with_tolerances_a_design_holds_at_the_worst_corner(lagging: epp.Case) -> None:
+    """Its bound is that of the worst of all corners, each found by itself, less its own tolerance."""
+    found = epp.design(
+        lagging, {"k": (1.0, 20.0)}, maximise="k", tolerances={"tau": "10 %", "T": "5 %", "k": "5 %"}, starts=30
+    )
+    corners = {
+        (tau, T): epp.design(
+            lagging.with_values({"tau": tau, "T": T}), {"k": (1.0, 20.0)}, maximise="k", verify=False
+        ).optimum.at["k"]
+        for tau in (0.18, 0.22)
+        for T in (0.475, 0.525)
+    }
+    assert min(corners, key=lambda c: corners[c]) == (0.22, 0.475)
+    assert found.optimum.at["k"] == pytest.approx(min(corners.values()) / 1.05, rel=1e-6)
+    assert found.optimum.off == {"tau": 1.0, "T": -1.0}
+    assert found.optimum.confirmed and found.optimum.n_machines == 30
+    assert "worst corner of the tolerances: tau +10 %, T -5 %, k itself off by 5 %" in found.sentence
+
+
+@pytest.mark.slow
+def test_a_design_with_tolerances_holds_in_a_thousand_machines(lagging: epp.Case) -> None:
+    """And a design a few per cent beyond it does not: its worst corner has a cycle."""
+    tolerances = {"tau": "10 %", "T": "5 %", "k": "5 %"}
+    found = epp.design(lagging, {"k": (1.0, 20.0)}, maximise="k", tolerances=tolerances, starts=1000)
+    assert found.optimum.n_machines == 1000 and found.optimum.confirmed, found.optimum.message
+    beyond = lagging.with_values({"tau": 0.22, "T": 0.475, "k": 1.05 * 1.02 * found.optimum.at["k"]})
+    assert len(epp.find_limit_cycles(beyond)) > 0
+
+
+@pytest.mark.slow
+def test_the_lead_is_that_of_an_exact_search_on_a_grid(servo: epp.Case) -> None:
+    """To 0.1 %: at each lead of the grid the onset is halved with the exact search alone."""
+    found = epp.design(servo, {"k": (1.0, 20.0), "T": (0.0, 2.0)}, maximise="k", verify=False)
+    best = found.optimum.at
+
+    def onset(T: float) -> float:
+        low, high = 0.9 * best["k"], 1.02 * best["k"]
+        while high - low > 4e-4 * best["k"]:
+            middle = 0.5 * (low + high)
+            cycles = epp.find_limit_cycles(servo.with_values({"T": T, "k": middle}), by_balance=False)
+            low, high = (low, middle) if len(cycles) else (middle, high)
+        return high
+
+    on_grid = {T: onset(T) for T in (0.96, 0.99, 1.0, best["T"], 1.01, 1.04)}
+    assert max(on_grid.values()) == pytest.approx(best["k"], rel=1e-3)
+    assert on_grid[best["T"]] == pytest.approx(best["k"], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_of_three_parameters_the_one_that_only_costs_goes_to_its_end() -> None:
+    """The faster the lead's own lag, the more gain: what is left of the three is the design of two at that end."""
+    text = SERVO.replace("T = 0.5", "T = 0.5\nlag = 0.1").replace('"0.1*T"', '"lag*T"')
+    case = epp.case_from_text(text)
+    three = epp.design(
+        case, {"k": (1.0, 20.0), "T": (0.5, 2.0), "lag": (0.08, 0.2)}, maximise="k", verify=False
+    ).optimum
+    two = epp.design(
+        case.with_values({"lag": 0.08}), {"k": (1.0, 20.0), "T": (0.5, 2.0)}, maximise="k", verify=False
+    ).optimum
+    assert three.at["lag"] == pytest.approx(0.08, rel=1e-6) and "lag is at the lower end" in three.at_end
+    assert three.at["k"] == pytest.approx(two.at["k"], rel=2e-3)

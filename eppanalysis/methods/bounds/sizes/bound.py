@@ -23,7 +23,7 @@ from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point, make_point
-from eppanalysis.methods.describing.predict import predict_limit_cycles
+from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
@@ -136,7 +136,7 @@ def first_order_bound(question: Question, allowed: Allowed, found: Scan) -> floa
 
     def too_large(value: float) -> bool:
         try:
-            return any(allowed.exceeded_by(c) for c in predict_limit_cycles(question.case_at(value)))
+            return any(allowed.exceeded_by(c) for c in predicted_cycles(question.case_at(value)))
         except ModelError:  # an element without a describing function
             return False
 

@@ -1,0 +1,71 @@
+"""A design in many machines: each with parameters of its own within the tolerances, and with a start of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eppanalysis.errors import EppError
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.bounds.verify import PERIODS, cloud, rest_of, size_of
+from eppanalysis.methods.continuation.branch import steady_case
+from eppanalysis.methods.design.search import Pick, Search
+from eppanalysis.methods.design.shrinking import shrinks
+from eppanalysis.methods.search.trigger import Judge
+from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.results import Status
+
+
+def machines_at_rest(search: Search, best: Pick, value: float, allowed: Allowed | None, n: int, seed: int) -> int:
+    """How many of the machines drawn from the tolerances come to rest, or to a cycle that is allowed.
+
+    Parameters
+    ----------
+    search : Search
+        With tolerances.
+    best : Pick
+        The design; the cycle at its bound says how large the starts are and how long the runs.
+    value : float
+        The nominal value of the bounded parameter [SI].
+    allowed : Allowed or None
+    n : int
+        Machines.
+    seed : int
+        Of what they are and where they start.
+    """
+    rng = np.random.default_rng(seed)
+    cycle, limit = best.bound.cycle, search.frontier.question.limit
+    if cycle is None:
+        raise EppError("design: machines are drawn where a limit cycle bounds the design; expected one that does.")
+    names = sorted(search.shares)
+    cases = []
+    for row in rng.uniform(-1.0, 1.0, (n, len(names))).tolist():
+        off = dict(zip(names, row, strict=True))
+        own = 1.0 + off.get(limit, 0.0) * search.shares.get(limit, 0.0)
+        cases.append(search.here(best.place, off).case_at(value * own))
+    hybrids = [steady_case(case) for case in cases]
+    size = size_of(hybrids[0], cycle)
+    judge = Judge(PERIODS * cycle.period, size)
+    system = cases[0].to_system()
+    for i, hybrid in enumerate(hybrids):
+        start = cloud(hybrid, rest_of(hybrid, judge), system.v0, size, 1, int(rng.integers(2**31)))[0]
+        hybrids[i] = replace(hybrid, x0=start)
+    result = simulate_batch(HybridStack.of(hybrids, system.signals.names), judge.horizon)
+    good = 0
+    for i, status in enumerate(result.status):
+        rests = status is Status.SETTLED or _allowed(result.peak_to_peak, i, status, allowed)
+        good += rests or _in_the_end(judge, hybrids[i]) or shrinks(cases[i], hybrids[i].x0, cycle)
+    return good
+
+
+def _allowed(sizes: dict[str, np.ndarray], i: int, status: Status, allowed: Allowed | None) -> bool:
+    """Whether a run is on a cycle that is small enough, whatever its measure: rms is half the peak to peak at most."""
+    return allowed is not None and status is Status.LIMIT_CYCLE and float(sizes[allowed.signal][i]) <= allowed.size
+
+
+def _in_the_end(judge: Judge, hybrid: HybridSystem) -> bool:
+    """Whether a run comes to rest when it is given more time."""
+    status, _ = judge.ends(hybrid)
+    return status is Status.SETTLED
