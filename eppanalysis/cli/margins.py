@@ -34,6 +34,7 @@ def margins(
     output: Picture = None,
 ) -> None:
     """Say gain, phase, disk and delay margins of the linearised loop, cut at any named place."""
+    from eppanalysis.methods.margins.linearised import small_signal
     from eppanalysis.methods.margins.margins import margins as margins_at, places_of
     from eppanalysis.tables.console import all_margins_table
     from eppanalysis.tables.files import PICTURES, write_figure
@@ -50,6 +51,6 @@ def margins(
     else:
         heading(f"{found.name}: {found.title}", settings)
         print_table(all_margins_table(result))
-        typer.echo(f"places of the loop: {', '.join(found.to_system().places.distinct)}")
+        typer.echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
     if output is not None:
         write_figure(result[0].plot(), output)

@@ -35,7 +35,7 @@ _STIFFNESS: Role = (-1, 1, -1)
 #: Pole of the bristles' force in the loop's matrices, which the law takes back [rad/s] (see `presliding`).
 _POLE = 1.0
 #: Nodes of Radau's rule on a panel, most panels of half an arc, and panels that are solved at once.
-_NODES, _MOST_PANELS, _AT_ONCE = 20, 40, 4000
+_NODES, _MOST_PANELS, _AT_ONCE = 12, 40, 4000
 #: Least amplitude beside a bias: a smaller one would be lost in the rounding of the mean, and is as linear.
 _LEAST_SHARE = 1e-5
 #: Way in presliding distances beyond which motion is as slow as any.
@@ -81,24 +81,24 @@ class LuGreLaw(Nonlinearity):
         mean, gain = np.full(a.shape, np.nan), np.full(a.shape, np.nan + 0j)
         a = np.maximum(np.maximum(a, SMALLEST_AMPLITUDE), _LEAST_SHARE * np.abs(b))
         w = np.maximum(w, self.stiffness * a / (self.coulomb * _MOST_REACH))
-        places = np.flatnonzero(defined)
-        if places.size:
-            edges = self._edges(a[places], w[places])
+        panels = np.where(defined, self._panels(a, w), 0)
+        for count in np.unique(panels[defined]).tolist():
+            half = 0.5 ** np.arange(count, 0.5, -1.0)
+            edges = np.concatenate([[0.0], half, 1.0 - half[-2::-1], [1.0]])
+            places = np.flatnonzero(panels == count)
             for some in np.array_split(places, int(np.ceil(places.size * (edges.size - 1) / _AT_ONCE))):
                 mean[some], gain[some] = _periodic(self, a[some], b[some], w[some], edges)
         shape = np.shape(amplitude)
         return mean.reshape(shape), gain.reshape(shape)
 
-    def _edges(self, a: Array, w: Array) -> Array:
-        """Edges of the panels of an arc, as shares of it: half as long each the nearer they are to its ends.
+    def _panels(self, a: Array, w: Array) -> NDArray[np.int64]:
+        """Panels of half an arc; each is half as long as the next, the nearer they are to the end of the arc.
 
         The force changes within the presliding distance behind a reversal, the steady one within the Stribeck velocity.
         """
-        reach = np.max(self.stiffness * a / (self.coulomb * w), initial=1.0)
-        steepest = max(0.5 * np.log2(reach), np.log2(np.max(a) / self.velocity))
-        count = int(np.clip(np.ceil(np.nan_to_num(steepest, posinf=_MOST_PANELS)) + 3, 3, _MOST_PANELS))
-        half = 0.5 ** np.arange(count, 0.5, -1.0)
-        return np.concatenate([[0.0], half, 1.0 - half[-2::-1], [1.0]])
+        reach = np.fmax(self.stiffness * a / (self.coulomb * w), 1.0)
+        steepest = np.maximum(0.5 * np.log2(reach), np.log2(a / self.velocity))
+        return np.clip(2 * np.ceil(np.nan_to_num(steepest) / 2) + 4, 4, _MOST_PANELS).astype(np.int64)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """The Stribeck velocity, as an amplitude; where it slides at all depends on the frequency."""
