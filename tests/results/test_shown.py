@@ -23,7 +23,8 @@ from eppanalysis.cases import shipped_cases_folder
 from eppanalysis.guides.result import GuideRow
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.tolerances.result import Quantile
-from eppanalysis.methods.design.result import Goal, Optimum
+from eppanalysis.methods.design.goal import Sense
+from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.dither.runs import DitherRun, Start
 from eppanalysis.methods.search.basin import Basin
 from eppanalysis.methods.search.trigger import Trigger
@@ -116,7 +117,7 @@ def made_design() -> epp.Design:
     )  # fmt: skip
     readable = {"k": ("", 1.0), "T": ("s", 1.0)}
     tune = {"k": (1.0, 10.0), "T": (0.0, 2.0)}
-    return epp.Design("servo", "k", Goal.LARGEST, tune, best, margin=0.01, readable=readable)
+    return epp.Design("servo", "k", Sense.LARGEST, tune, best, margin=0.01, readable=readable)
 
 
 @cache
