@@ -219,7 +219,7 @@ class _Arc:
 class LuGreFriction(StateOutput, kind="lugre_friction"):
     """Friction force F of a velocity v whose bristles are a spring and a damper, and which falls with speed.
 
-    With the bristles' force z and the Stribeck curve g,
+    With the bristles' force z and the Stribeck curve g::
 
         g = coulomb + (static - coulomb) exp(-(v/velocity)**2),    dz/dt = stiffness (v - |v| z/g),
         F = z + (damping/stiffness) dz/dt + viscous v
