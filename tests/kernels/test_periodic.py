@@ -57,4 +57,4 @@ def test_a_close_pair_is_found(excess, shift):
 
 @pytest.mark.parametrize("mean", [0.0, 1.0, 1e6])
 def test_what_does_not_move_has_no_extrema(mean):
-    assert len(extrema(np.array([[mean, 1e-17 * mean, 0.0]]))[0][0]) == 0
+    assert len(extrema(np.array([[mean, 1e-17 * mean, 0.0]], complex))[0][0]) == 0

@@ -250,11 +250,11 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
         fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
         return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True
     bias = _bias_nodes(balance, scales)
+    bias = bias[bias > 0] if symmetric else bias
     coarse = amplitude[:: max(1, len(amplitude) // 250)]
     grid = _static(balance, *np.broadcast_arrays(coarse[:, None], bias[None, :]))
     if symmetric:
         # The line of no bias is known already; dividing by the bias leaves the others.
-        grid, bias = grid[:, bias > 0], bias[bias > 0]
         grid = grid / bias
     branches = [
         np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)

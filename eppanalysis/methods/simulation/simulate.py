@@ -161,7 +161,8 @@ def _asked(
     system = system_of(loop, "simulate")
     # A loop, or the diagram of one, has neither input signals nor an end of its own.
     given = getattr(loop, "input", None) if input is None else input
-    return system, given, getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end
+    # A whole number would compile the kernels anew.
+    return system, given, float(getattr(loop, "t_end", _USUAL_END) if t_end is None else t_end)
 
 
 def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
