@@ -27,26 +27,42 @@ settings.load_profile("fixed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-#: Calls the kernels that most tests need.
-CALLS = """
+#: Calls the kernels that most tests need: those of runs, and beside them those of predictions and orbits.
+RUNS = """
 import eppanalysis as epp
 
-epp.sweep(epp.case("relay_deadzone"), {"relay_dead_zone.threshold": [1.0]}, run="all", progress=False)
+epp.simulate(epp.case("relay_deadzone"))
+print("the engine is there", flush=True)
+epp.sweep(epp.case("relay_deadzone"), {"relay_dead_zone.threshold": [1.0]}, progress=False)
 """
-COMPILING = pytest.StashKey[subprocess.Popen[bytes]]()
+ORBITS = """
+import eppanalysis as epp
+
+case, play = epp.case("relay_deadzone"), epp.AutomatonElement(epp.Play(1.0).automaton())
+play.describing_function([2.0])
+epp.RateLimiter(1.0).describing_function([2.0])
+predicted = epp.predict_limit_cycles(case)[-1]
+input()
+orbit = epp.exact_orbit(case, predicted)
+epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 1.1, cycle=orbit, n_points=2, n_others=0)
+"""
+COMPILING = pytest.StashKey[list[subprocess.Popen[bytes]]]()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """One process compiles while workers collect; else each of them would compile the same for itself."""
+    """Two processes compile while workers collect; else each of these would compile the same for itself."""
     if session.config.getoption("numprocesses", None):
-        process = subprocess.Popen([sys.executable, "-c", CALLS], cwd=session.config.rootpath)
-        session.config.stash[COMPILING] = process
-        session.config.add_cleanup(process.kill)
+        root, python = session.config.rootpath, [sys.executable, "-c"]
+        runs = subprocess.Popen([*python, RUNS], cwd=root, stdout=subprocess.PIPE)
+        orbits = subprocess.Popen([*python, ORBITS], cwd=root, stdin=runs.stdout)  # waits for the engine of the first
+        runs.stdout.close()
+        session.config.stash[COMPILING] = [runs, orbits]
+        for process in (runs, orbits):
+            session.config.add_cleanup(process.kill)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_node_collection_finished(node: object) -> None:
     """No test begins before what it needs is compiled."""
-    process = node.config.stash.get(COMPILING, None)
-    if process is not None:
+    for process in node.config.stash.get(COMPILING, []):
         process.wait()

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import sys
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from eppanalysis.guides.files import FILES
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import Guide, GuideRow, Region
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import Question, look
 from eppanalysis.methods.bounds.regions import OwnRuns
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
@@ -341,7 +342,8 @@ def test_the_picture_of_several_variants_has_the_grid_and_what_is_known_of_it() 
     assert legends == ["exact and tested", "exact, not tested"]
 
 
-def test_a_question_without_a_bound_gets_a_sentence_and_no_failure() -> None:
+def test_a_question_without_a_bound_gets_a_sentence_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eppanalysis.methods.bounds.harmonic.look", partial(look, n_scan=2))
     asked = ["--set", "loop.gain=1", "--over", "loop.gain", "--from", "0.8", "--limit", "play.gap", "--points", "1"]
     shown = CliRunner().invoke(app, ["bounds", "backlash_servo", *asked, "--workers", "1", "--json"])
     assert shown.exit_code == 0, shown.output

@@ -44,6 +44,14 @@ def wanted() -> xarray.Dataset:
     return sweep(CASE, AXES, progress=False)
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """A store with all cells, for tests that leave it as it is."""
+    path = tmp_path_factory.mktemp("finished") / "map.zarr"
+    sweep(CASE, AXES, store=path, progress=False)
+    return path
+
+
 def done(path: Path) -> int:
     """Blocks that are marked as done; each mark is a file of its own."""
     return sum(1 for f in (path / "progress" / "done").rglob("*") if f.is_file() and f.suffix != ".partial")
@@ -56,17 +64,15 @@ def test_a_store_holds_the_same_bits(wanted, tmp_path, chunk) -> None:
     assert wanted.identical(open_sweep(tmp_path / "map.zarr").load())
 
 
-def test_anyone_can_read_a_store(wanted, tmp_path) -> None:
-    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
-    found = xarray.open_zarr(tmp_path / "map.zarr", chunks=None, consolidated=False)
+def test_anyone_can_read_a_store(wanted, finished) -> None:
+    found = xarray.open_zarr(finished, chunks=None, consolidated=False)
     assert found["amplitude"].equals(wanted["amplitude"])
     assert found["status"].dtype == np.int8
 
 
-def test_a_finished_store_computes_nothing(tmp_path, monkeypatch) -> None:
-    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
+def test_a_finished_store_computes_nothing(finished, monkeypatch) -> None:
     monkeypatch.setattr(Work, "block", lambda *_: pytest.fail("computed again"))
-    sweep(CASE, AXES, store=tmp_path / "map.zarr", progress=False)
+    sweep(CASE, AXES, store=finished, progress=False)
 
 
 def test_interrupted_between_results_and_mark(wanted, tmp_path, monkeypatch) -> None:
@@ -187,16 +193,14 @@ def test_processes_give_the_same_bits(wanted) -> None:
         ({"resume": False}, "results already"),
     ],
 )
-def test_another_sweep_is_refused_and_nothing_is_lost(wanted, tmp_path, change, words) -> None:
-    path = tmp_path / "map.zarr"
-    sweep(CASE, AXES, store=path, progress=False)
-    arguments = {"case": CASE, "axes": AXES, "store": path, "progress": False} | change
+def test_another_sweep_is_refused_and_nothing_is_lost(wanted, finished, change, words) -> None:
+    arguments = {"case": CASE, "axes": AXES, "store": finished, "progress": False} | change
     with pytest.raises(EppError) as caught:
         sweep(**arguments)
     assert words in str(caught.value)
-    assert str(path) in str(caught.value)
+    assert str(finished) in str(caught.value)
     assert "\n" not in str(caught.value)
-    assert wanted.identical(open_sweep(path).load())
+    assert wanted.identical(open_sweep(finished).load())
 
 
 def test_a_folder_that_is_something_else_is_left_alone(tmp_path) -> None:
@@ -305,7 +309,7 @@ def some_damage(draw: np.random.Generator, path: Path) -> str:
     return f"{kind} {victim.relative_to(path)}"
 
 
-@pytest.mark.parametrize("share", range(4))
+@pytest.mark.parametrize("share", [0, *(pytest.param(share, marks=pytest.mark.slow) for share in range(1, 4))])
 def test_what_is_damaged_is_computed_again_or_said_and_never_read(tmp_path, share) -> None:
     """Damage at random to a finished store: it holds every cell as it was, as not run, or it says what is damaged."""
     axes = {"lock_pin.backlash": ["1 deg", "2.5 deg", "-1 deg", "3 deg"]}

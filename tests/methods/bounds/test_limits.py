@@ -111,13 +111,13 @@ def test_friction_of_the_pulley_at_high_gain() -> None:
     limit, own = "pulley.friction", epp.case("fig6a_original_pulley").value("pulley.friction")
     here = epp.case("fig8a_original").with_values({"bands.range": "1.5 lbf", BACKLASH: "0.5 deg", limit: own})
     cycle = epp.find_limit_cycles(here).stable[-1]
-    branch = epp.continue_branch(here, limit, own, 0.01, cycle=cycle, max_step=0.05)
+    branch = epp.continue_branch(here, limit, own, 0.01, cycle=cycle, max_step=0.05, n_others=0)
     cell = bound_of_branch(Question(here, limit, 0.01, own), here.value(BACKLASH), branch, Settings(starts=40))
     assert cell is not None and cell.verified, cell
     assert cell.exact == pytest.approx(0.0252, abs=5e-5)
     # The bound on backlash of the elbow with that friction is half a degree.
     there = here.with_values({limit: cell.exact})
-    back = epp.continue_branch(there, BACKLASH, "0.55 deg", "0.4 deg", cycle=cell.orbit, max_step=0.05)
+    back = epp.continue_branch(there, BACKLASH, "0.55 deg", "0.4 deg", cycle=cell.orbit, max_step=0.05, n_others=0)
     assert np.degrees(min(f.value for f in back.folds)) == pytest.approx(0.5, rel=1e-6)
 
 

@@ -67,7 +67,11 @@ def test_bounds_that_are_not_of_any_cycle_are_refused(valve) -> None:
             epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), prove=True, **other)
 
 
-def test_command(valve, tmp_path) -> None:
+def test_command(bounds, valve, tmp_path, monkeypatch) -> None:
+    asked = {}
+    monkeypatch.setattr(
+        "eppanalysis.methods.bounds.design.design_bounds", lambda *_, **how: asked.update(how) or bounds
+    )
     path = tmp_path / "valve.toml"
     path.write_text(valve.to_toml(), encoding="utf-8")
     said = CliRunner().invoke(
@@ -78,4 +82,5 @@ def test_command(valve, tmp_path) -> None:
         ],
     )
     assert said.exit_code == 0, said.output
+    assert asked["prove"] and asked["starts"] == 20
     assert "proved free" in said.output and [p.suffix for p in (tmp_path / "proofs").iterdir()] == [".json"]

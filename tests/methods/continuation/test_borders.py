@@ -66,7 +66,7 @@ def test_the_collision_is_the_same_from_the_unstable_side(case: epp.Case, branch
     """There the drive does not stop yet; where it begins to, the longer sequence of events says where it is."""
     changed = case.with_values({LIMIT: "0.86 deg"})
     [unstable] = epp.find_limit_cycles(changed).unstable
-    back = epp.continue_branch(case, LIMIT, "0.86 deg", "0.7 deg", cycle=unstable)
+    back = epp.continue_branch(case, LIMIT, "0.86 deg", "0.7 deg", cycle=unstable, n_others=0)
     assert not back.points["stable"][0] and back.points["stable"][-1]
     assert collision_of(back).value == pytest.approx(collision_of(branch).value, rel=1e-10)
 

@@ -8,13 +8,14 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.frozen import frozen_loop, input_name, nearest_cycle, with_element_inputs
+from tests.shared import predicted
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "gain_brings_it_back", "backlash_servo", "sat_plus_backlash"])
 def test_frozen_at_a_predicted_cycle_the_curves_meet_there(name):
     case = epp.case(name)
     system = case.to_system()
-    cycles = epp.predict_limit_cycles(system, case.operating_point)
+    cycles = predicted(name)
     assert len(cycles)
     for cycle in cycles:
         elements = cycle.elements
@@ -30,7 +31,7 @@ def test_at_rest_the_gain_margin_is_that_of_the_prediction():
     system = case.to_system()
     names = system.element_names
     found = frozen_loop(system, dict.fromkeys(names, 0.0), dict.fromkeys(names, 11.0), None)
-    margins = epp.predict_limit_cycles(system, case.operating_point).margins
+    margins = predicted("fig8b_reduced_backlash").margins
     crossing = np.interp(margins["phase_crossover"], found.omega, found.response.real)
     steepest = max(system.elements[names.index("bands")].slope_bounds(), key=abs)
     assert -1.0 / (crossing * steepest) == pytest.approx(margins["gain_margin"], rel=0.02)
@@ -62,7 +63,7 @@ def test_the_cycle_next_to_the_run_is_the_predicted_one(name):
     phasors = {n: run.harmonics[at][1] for n, at in names.items()}
     value = case.operating_point.vector(system)
     found = nearest_cycle(system, phasors, {n: run.mean[at] for n, at in names.items()}, run.omega, value)
-    stable = [c for c in epp.predict_limit_cycles(system, case.operating_point) if c.stable]
+    stable = [c for c in predicted(name) if c.stable]
     sizes = {n: e["amplitude"] for n, e in stable[-1].elements.items()}
     assert found is not None and found[2] == pytest.approx(stable[-1].omega, rel=1e-8)
     assert found[0] == pytest.approx(sizes, rel=1e-7)
@@ -78,7 +79,7 @@ def test_a_motion_that_is_far_from_any_cycle_has_none_next_to_it():
 def test_the_picture_at_a_predicted_cycle_meets_in_it(name):
     case = epp.case(name)
     system, inputs = case.to_system(), case.operating_point
-    for cycle in epp.predict_limit_cycles(system, inputs):
+    for cycle in predicted(name):
         found = epp.frozen_nyquist(system, cycle, inputs)
         response = np.interp(cycle.omega, found.omega, found.response)
         assert abs(response - found.point) < 1e-9 * abs(found.point)

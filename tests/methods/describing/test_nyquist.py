@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from tests.shared import predicted
 
 
 def test_nyquist_curve_and_locus_meet_at_every_cycle():
@@ -26,8 +27,7 @@ def test_nyquist_curve_and_locus_meet_at_every_cycle():
 
 def test_loop_gain_says_which_gain_would_keep_up_an_oscillation():
     """With its inverse in front of the saturation, the loop has a cycle of just that amplitude there."""
-    system = epp.case("sat_plus_backlash").to_system()
-    curves = epp.predict_limit_cycles(system).curves
+    system, curves = epp.case("sat_plus_backlash").to_system(), predicted("sat_plus_backlash").curves
     assert (curves["kind"], curves["element"]) == ("residual", "saturation")
     (branch,) = curves["branches"]
     for target in (0.6, 2.0):
@@ -42,8 +42,7 @@ def test_loop_gain_says_which_gain_would_keep_up_an_oscillation():
 
 
 def test_loop_gain_of_the_elbow_rises_through_the_unstable_cycle_and_falls_through_the_stable_one():
-    case = epp.case("fig8a_original")
-    prediction = epp.predict_limit_cycles(case)
+    prediction = predicted("fig8a_original")
     (branch,) = prediction.curves["branches"]
     amplitude, gain = np.log(branch["amplitude"]), np.log(branch["loop_gain"])
     for cycle, meeting in zip(prediction, prediction.curves["intersections"], strict=True):
@@ -54,8 +53,7 @@ def test_loop_gain_of_the_elbow_rises_through_the_unstable_cycle_and_falls_throu
 
 
 def test_loop_gain_of_an_elbow_without_cycles_stays_below_one():
-    case = epp.case("fig8b_reduced_backlash")
-    prediction = epp.predict_limit_cycles(case)
+    prediction = predicted("fig8b_reduced_backlash")
     assert len(prediction) == 0 and prediction.curves["branches"]
     assert max(float(b["loop_gain"].max()) for b in prediction.curves["branches"]) < 1.0
 

@@ -106,6 +106,13 @@ def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
     assert "Confirmed 1 % to both sides" in design.sentence
 
 
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cycles are looked for at four values of a range, where there is nothing to see between them."""
+    monkeypatch.setattr("eppanalysis.methods.design.frontier._N_SCAN", 4)
+
+
+@pytest.mark.slow
 def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
     design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
     assert not design.optimum.feasible and design.values == {}
@@ -113,7 +120,7 @@ def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> N
     assert design.sentence.startswith("No design within these ranges has no limit cycle")
 
 
-def test_what_no_cycle_limits_is_limited_by_its_own_range() -> None:
+def test_what_no_cycle_limits_is_limited_by_its_own_range(coarse: None) -> None:
     case = made_bounds.wheelchair()
     design = epp.design(case, {GAIN: (0.5, 0.7)}, maximise=GAIN)
     assert design.optimum.kind is Turn.END and design.values == {GAIN: 0.7}

@@ -15,7 +15,7 @@ from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.results import Status
 from tests.freeplay import EDGE, freeplay
-from tests.shared import cycles_of
+from tests.shared import cycles_of, predicted
 
 
 @pytest.fixture(scope="module")
@@ -23,14 +23,14 @@ def unstable():
     """The original elbow, its input, and its unstable cycle as first order predicts it."""
     case = epp.case("fig8a_original")
     system, value = case.to_system(), case.operating_point
-    return system, value, epp.predict_limit_cycles(system, value)[0]
+    return system, value, predicted(case.name)[0]
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "relay_deadzone", "band_two_cycles", "quantised_sensor_ct"])
 def test_every_prediction_leads_to_its_own_orbit(name):
     case = epp.case(name)
     system, value = case.to_system(), case.operating_point
-    guesses = epp.predict_limit_cycles(system, value)
+    guesses = predicted(name)
     found = [epp.exact_orbit(system, guess, value) for guess in guesses]
     assert [c.stable for c in found] == [c.stable for c in guesses]
     assert len({round(c.period, 9) for c in found}) == len(found)
@@ -74,7 +74,7 @@ def test_the_basin_boundary_between_growth_and_decay_leads_to_the_unstable_cycle
 def test_a_cycle_of_another_period_is_not_the_predicted_one():
     # First order sees a slow unstable cycle where there is only the fast stable one.
     system = epp.case("backlash_servo").to_system()
-    slow = epp.predict_limit_cycles(system)[0]
+    slow = predicted("backlash_servo")[0]
     assert not slow.stable and slow.period > 15.0
     assert epp.exact_orbit(system, slow).status is Status.NOT_CONVERGED
 
@@ -82,7 +82,7 @@ def test_a_cycle_of_another_period_is_not_the_predicted_one():
 def test_a_prediction_without_an_orbit_says_so():
     case = epp.case("elbow_cycle_not_there")
     system, value = case.to_system(), case.operating_point
-    guess = epp.predict_limit_cycles(system, value)[1]
+    guess = predicted(case.name)[1]
     cycle = epp.exact_orbit(system, guess, value)
     assert cycle.status is Status.NOT_CONVERGED and np.isnan(cycle.residual) and cycle.stable is None
 
@@ -94,6 +94,7 @@ def test_a_start_without_state_is_refused():
         epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
 
 
+@pytest.mark.slow
 def test_asymmetric_orbits_come_in_mirrored_pairs():
     found = cycles_of("two_mass_deadzone")
     for cycle in found:

@@ -19,7 +19,7 @@ from eppanalysis.models.systems.inputs import Ramp
 from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
 from tests.reference.turns import closed_turn
-from tests.shared import cycles_of
+from tests.shared import cycles_of, predicted
 
 
 def run_of(name):
@@ -101,7 +101,7 @@ def test_oscillating_rows_of_the_truth_table_agree_with_shooting_on_scipy(number
     """An integrator and equations that share nothing with the package, to the last turn of its return map."""
     case = epp.case(ROWS[number]["name"])
     system, value = case.to_system(), case.operating_point
-    exact = epp.exact_orbit(system, next(c for c in epp.predict_limit_cycles(system, value) if c.stable), value)
+    exact = epp.exact_orbit(system, next(c for c in predicted(case.name) if c.stable), value)
     turn = closed_turn(row(number), settle=1.0)
     assert turn.change < 1e-10
     assert exact.period == pytest.approx(turn.period, rel=1e-9)
@@ -128,8 +128,7 @@ def test_run_from_an_exact_orbit_stays_on_it():
 
 def test_exact_orbit_from_a_prediction():
     case = epp.case("sat_am165")
-    prediction = epp.predict_limit_cycles(case.to_system())[0]
-    exact = epp.exact_orbit(case.to_system(), prediction)
+    exact = epp.exact_orbit(case, predicted(case.name)[0])
     assert exact.status is Status.CONVERGED
     assert exact.method == "exact orbit"
     assert exact.period == pytest.approx(case.expected.exact[0].period, rel=1e-12)
@@ -146,15 +145,15 @@ def test_moving_inputs_are_refused():
     system = epp.case("fig8a_original").to_system()
     moving = epp.OperatingPoint.of(system, Ramp(0.01, 0.0), time=1.0)
     with pytest.raises(EppError, match="'harness_position' is a ramp that has not ended at 1 s"):
-        epp.exact_orbit(system, epp.predict_limit_cycles(system)[0], moving)
+        epp.exact_orbit(system, predicted("fig8a_original")[0], moving)
 
 
 def test_an_orbit_that_only_touches_a_guard_is_none() -> None:
     """There the return map has no derivative, and its equations for the dwell times are singular."""
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
-    (predicted,) = epp.predict_limit_cycles(loop)
+    (guess,) = epp.predict_limit_cycles(loop)
     hybrid = steady_hybrid(loop)
-    orbit = next(orbits_near(hybrid, *start_of(hybrid, predicted), predicted.period))
+    orbit = next(orbits_near(hybrid, *start_of(hybrid, guess), guess.period))
     assert crosses(orbit)
     A, m = orbit.A.copy(), orbit.arcs.free.size
     A[m:, m] = 0.0  # the first guard is met with no speed, and nothing behind depends on when
