@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 
 #: Values of each parameter on the grid of first order, by how many there are; places of a seeded sample for more.
 _LEVELS, _SAMPLE = {1: 7, 2: 5, 3: 3}, 32
-#: First reach of the climb, where it ends, and places that it asks at most; those of the programme.
-_REACH, _CLOSE, _MOST = 0.1, 1e-4, 40
+#: First reach of the climb, from a design nearby and from what is proposed; where it ends, and places that it asks at
+#: most; those of the programme.
+_REACH_NEAR, _REACH, _CLOSE, _MOST = 0.02, 0.1, 2e-4, 40
 _CLOSE_PROPOSED, _MOST_PROPOSED = 1e-2, 25
 #: Share of a parameter by which slopes of measures are taken; halvings of an interval whose one end keeps all.
 _STEP, _HALVINGS = 1e-4, 40
@@ -294,7 +295,7 @@ class Search:
 
         A corner at which a bound is worse than at those that count so far is added, and the best place sought again.
         """
-        best = self.best(near[-1:] or self.proposed())
+        best = self.best(near[-1:], _REACH_NEAR) if near else self.best(self.proposed())
         for _ in range(_MOST_CORNERS if self.shares else 0):
             corner = self._worse_corner(best)
             if corner is None:
@@ -329,7 +330,7 @@ class Search:
         known = sorted((p.place[0], self.nominal(p.bound.value)) for p in self.picks.values() if p.feasible)
         return np.array(known, float).reshape(-1, 2)
 
-    def best(self, starts: Sequence[Place]) -> Pick:
+    def best(self, starts: Sequence[Place], reach: float = _REACH) -> Pick:
         """The best pick that exact bounds lead to from the best of some places."""
         first = max((self.pick(place) for place in starts), key=lambda p: p.worth)
         if not self.others or not first.feasible:
@@ -337,7 +338,7 @@ class Search:
         begin = self._exact_slope(self.units(first.place)[0])
         if begin is None:
             return first
-        top = climb(self._exact_slope, begin, _REACH, _CLOSE, _MOST)
+        top = climb(self._exact_slope, begin, reach, _CLOSE, _MOST)
         return max(self.picks.values(), key=lambda p: p.worth) if top.value >= first.worth else first
 
     def _exact_slope(self, units: Array) -> Slope | None:
