@@ -260,17 +260,18 @@ def test_the_lead_is_that_of_an_exact_search_on_a_grid(servo: epp.Case) -> None:
     best = found.optimum.at
 
     def onset(T: float) -> float:
-        k = 1.03 * best["k"]
+        k = 1.01 * best["k"]
         (cycle,) = epp.find_limit_cycles(servo.with_values({"T": T, "k": k}), by_balance=False)
         while True:
-            lower = epp.exact_orbit(servo.with_values({"T": T, "k": k / 1.0004}), cycle)
-            if not lower.status.ok or abs(lower.period / cycle.period - 1.0) > 0.2:
+            # Beside its onset the cycle changes so fast that a longer step would lead to one that is not asked for.
+            lower = epp.exact_orbit(servo.with_values({"T": T, "k": k / 1.0001}), cycle)
+            if not lower.status.ok:
                 return k
-            k, cycle = k / 1.0004, lower
+            k, cycle = k / 1.0001, lower
 
     on_grid = {T: onset(T) for T in (0.99, best["T"], 1.01)}
-    assert max(on_grid.values()) == pytest.approx(best["k"], rel=1e-3)
     assert on_grid[best["T"]] == pytest.approx(best["k"], rel=1e-3)
+    assert max(on_grid.values()) == on_grid[best["T"]]
 
 
 @pytest.mark.slow
