@@ -93,7 +93,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
         if repeats(ev_guard, count, keep, p) and last - ev_t[(count - 1 - p) % keep] > 4e-15 * last:
             if may_vanish:
                 return SETTLED
-            if late and _rates_to_change(ev_v, count, keep, p, compared) > CYCLE_TOLERANCE:
+            if late and _rates_to_change(ev_t, ev_v, count, keep, p, local, compared) > CYCLE_TOLERANCE:
                 continue
             rest_change = _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding)
             if rest_change > STANDING:
@@ -174,21 +174,25 @@ def _shortest(ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
 
 
 @njit(**PART)
-def _rates_to_change(ev_v, count, keep, p, compared):
+def _rates_to_change(ev_t, ev_v, count, keep, p, local, compared):
     """What the rates at events will change in all periods to come, by a geometric series; 1e300 where it grows."""
-    now = _rates_change(ev_v, count - 1, keep, p, compared)
-    before = _rates_change(ev_v, count - 1 - p, keep, p, compared)
+    period = ev_t[(count - 1) % keep] - ev_t[(count - 1 - p) % keep]
+    now = _rates_change(ev_v, count - 1, keep, p, local, period, compared)
+    before = _rates_change(ev_v, count - 1 - p, keep, p, local, period, compared)
     if now <= STANDING:
         return now
     return max(now, now * now / (before - now)) if now < before else 1e300
 
 
 @njit(**PART)
-def _rates_change(ev_v, last, keep, p, compared):
-    """Largest change of the rates at events over the period up to one, relative to the largest rate in it."""
+def _rates_change(ev_v, last, keep, p, local, period, compared):
+    """Largest change of the rates at events over the period up to one, relative to the largest rate in it.
+
+    That is at least the mean one: where events are the turns of a motion, its rates there are rounding.
+    """
     worst = 0.0
     for i in range(compared.size):
-        size = change = 0.0
+        size, change = local[i] / period, 0.0
         for k in range(p):
             now, before = ev_v[(last - k) % keep, i], ev_v[(last - k - p) % keep, i]
             size, change = max(size, abs(now)), max(change, abs(now - before))

@@ -674,3 +674,18 @@ def test_a_gain_that_is_an_element_changes_no_verdict(gain, before) -> None:
     assert one.status is two.status is epp.Status.LIMIT_CYCLE
     assert two.limit_cycle.frequency == pytest.approx(one.limit_cycle.frequency, rel=1e-9)
     assert len(epp.find_limit_cycles(both).cycles) == len(epp.find_limit_cycles(alone).cycles) == 1
+
+
+def test_a_smooth_loop_with_dead_time_is_on_its_cycle_however_long_it_runs():
+    """Its events are the turns of its one state, where rates are nothing but rounding."""
+    loop = epp.LureSystem.from_tf(([3.0], [1.0, 1.0]), epp.Tanh(level=1.0), delay=1.0)
+    periods = []
+    for t_end in (50.0, 200.0, 400.0):
+        run = epp.simulate(loop, t_end=t_end)
+        assert run.status is Status.LIMIT_CYCLE and run.limit_cycle is not None
+        periods.append(run.limit_cycle.period)
+    np.testing.assert_allclose(periods, periods[0], rtol=1e-9)
+    x, t = run.signals["x"][3000:], run.t[3000:]
+    up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    through = t[up] - x[up] * (t[up + 1] - t[up]) / (x[up + 1] - x[up])
+    assert float(np.diff(through).mean()) == pytest.approx(periods[0], rel=1e-4)

@@ -108,6 +108,11 @@ class LuGreLaw(Nonlinearity):
         """Nothing is known."""
         return -np.inf, np.inf
 
+    @property
+    def sticks_and_slips(self) -> bool:
+        """Whether it resists more in slow motion than in quick one."""
+        return self.static > self.coulomb
+
     def linear_gain(self) -> Array:
         """Of a spring."""
         return np.array([[self.stiffness, _POLE]])
@@ -314,7 +319,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     @property
     def sticks_and_slips(self) -> bool:
         """Whether it resists more in slow motion than in quick one."""
-        return self.static > self.coulomb
+        return self._law.sticks_and_slips
 
     def linear_gain(self) -> Array:
         """The viscous part: of a velocity that does not end, the rest is bounded."""

@@ -189,3 +189,13 @@ def test_values() -> None:
             epp.LuGreFriction(**(good | fields))
     with pytest.raises(ModelError, match="frequency of a describing function is -1.0"):
         SOFT.describing_function(1.0, 0.0, -1.0)
+
+
+def test_a_prediction_says_that_such_a_loop_may_hunt() -> None:
+    """A positioning servo with integral action, whose friction falls with speed: first order sees no cycle."""
+    friction = epp.LuGreFriction(2000.0, 1.0, 1.6, 0.02, damping=20.0, viscous=0.1)
+    servo = epp.LureSystem.build(
+        [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [3.0, -4.0, -1.0]], [[0.0], [0.0], [-1.0]], [[0.0, 0.0, 1.0]], [friction],
+        B_input=[[1.0], [0.0], [4.0]], input_names=["r"], v0=[1.0], element_names=["friction"],
+    )  # fmt: skip
+    assert "the loop may hunt" in str(epp.predict_limit_cycles(servo))
