@@ -24,6 +24,9 @@ Roots = Annotated[bool, typer.Option("--roots", help="All roots of the first-ord
 Absence = Annotated[
     bool, typer.Option("--absence", help="No periodic motion but rest: circle criterion, Popov's, proofs for play.")
 ]
+Cycles = Annotated[
+    bool, typer.Option("--cycles", help="These are all limit cycles, and nothing else is periodic but rest.")
+]
 File = Annotated[
     Path | None,
     typer.Option(
@@ -40,19 +43,21 @@ def certify(
     case: MaybeCase = None,
     roots: Roots = False,
     absence: Absence = False,
+    cycles: Cycles = False,
     check: Checked = None,
     settings: Settings = NOTHING,
     as_json: Json = False,
     output: File = None,
 ) -> None:
-    """Prove what first order predicts, or that a loop has no periodic motion, in a file that a small program checks."""
+    """Prove what first order predicts, or which limit cycles a loop has, or none, in a file that is checked."""
     if check is not None:
-        _check(check, [case, roots, absence, settings, as_json, output])
+        _check(check, [case, roots, absence, cycles, settings, as_json, output])
         return
     if case is None:
         raise EppError("certify: there is no case; expected a case, or --check FILE.")
-    if roots and absence:
-        raise EppError("certify: both --roots and --absence are given; expected one of them.")
+    asked = [name for name, given in (("roots", roots), ("absence", absence), ("cycles", cycles)) if given]
+    if len(asked) > 1:
+        raise EppError(f"certify: {' and '.join(f'--{name}' for name in asked)} are given; expected one of them.")
     from eppanalysis.methods.certificates.certify import certify as prove
     from eppanalysis.tables.console import certificate_table
     from eppanalysis.tables.files import PICTURES
@@ -60,7 +65,7 @@ def certify(
     if output is not None:
         check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
-    result = prove(found, "absence" if absence else "roots")
+    result = prove(found, *asked)
     if as_json:
         print_json("certify", [(found, result.to_dict())], settings)
     else:

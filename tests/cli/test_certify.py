@@ -64,7 +64,7 @@ def test_json_and_pictures(tmp_path: Path) -> None:
     ("args", "why"),
     [
         ([], "there is no case"),
-        (["sat_am165", "--roots", "--absence"], "both --roots and --absence"),
+        (["sat_am165", "--roots", "--absence"], "--roots and --absence are given"),
         (["sat_am165", "--check", "x.json"], "expected it alone"),
         (["--check", "nowhere.json"], "expected the file of a certificate"),
         (["sat_am165", "-o", "roots.csv"], "roots.csv"),

@@ -50,7 +50,9 @@ def certify(
         periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
         relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and
         the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
-        motion where G is of order 2, or of order 3 with one zero at most, with real poles.
+        motion where G is of order 2, or of order 3 with one zero at most, with real poles. "cycles": these are all
+        limit cycles, with periods and stability, and nothing else is periodic but rest; for a relay with dead zone
+        around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input and "omega" [rad/s], from and to; by default 1024 times beyond
         all scales of the loop (to one turn of its dead time, to half of its sampling frequency).
@@ -94,12 +96,16 @@ def certify(
     >>> slack = epp.LureSystem.from_tf(([2.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=0.1), name="slack")
     >>> print(epp.certify(slack, "absence"))
     Proved: slack has no periodic motion but rest, for any gap (a function that falls, quadratic in 8 sectors).
+    >>> relay = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0), name="relay")
+    >>> print(epp.certify(relay, "cycles"))
+    Proved: relay has exactly 2 limit cycles, of 6.328 s (stable) and of 8.255 s (unstable), and no other periodic
+    motion but rest (its return map in 1228 cells).
     """
     asked = _asked(statement)
     if not 2 <= sectors <= _MOST_SECTORS:
         raise EppError(f"certify: sectors is {sectors}; expected 2 to {_MOST_SECTORS}.")
-    if box is not None and asked is Asked.ABSENCE:
-        raise EppError("certify: box is given for 'absence', which is proved of all amplitudes; expected None.")
+    if box is not None and asked is not Asked.ROOTS:
+        raise EppError(f"certify: box is given for {statement!r}, which is proved of all amplitudes; expected None.")
     require_packages("certify", "proof", "flint")
     from eppanalysis.methods.certificates.rational import rational_loop
 
@@ -111,6 +117,8 @@ def certify(
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made_by)
+        if asked is Asked.CYCLES:
+            return _cycles(system, stated, at, made_by)
         return _absence(system, stated, sectors, at, made_by)
     except NotCovered as error:
         made_by = Provenance("certificate", settings, case=case)
@@ -162,6 +170,23 @@ def _absence(
     _accepted(document)
     message = sentence(document) + (_GROWS if play and _grows(system) else "")
     return Certificate(Asked.ABSENCE, Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
+
+
+def _cycles(system: LureSystem, stated: dict[str, Any], at: OperatingPoint, made_by: Provenance) -> Certificate:
+    """The certificate of all limit cycles, checked, or why there is none."""
+    from eppanalysis.methods.certificates.cells.find import find
+    from eppanalysis.methods.certificates.rational import require_no_bias
+
+    require_no_bias(system, at.vector(system))
+    document = find(stated, cycles=True)
+    if document == "":
+        raise NotCovered("lists of cycles are proved for a relay with dead zone around k/(s(s + p)(s + q)), p, q > 0.")
+    if isinstance(document, str):
+        message = f"Not decided: the list of cycles is not proved complete{document}."
+        return Certificate(Asked.CYCLES, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+    _accepted(document)
+    message = sentence(document)
+    return Certificate(Asked.CYCLES, Status.CONVERGED, message, document, provenance=made_by, operating_point=at)
 
 
 def _grows(system: LureSystem) -> bool:

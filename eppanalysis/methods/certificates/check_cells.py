@@ -1,4 +1,4 @@
-"""Checker that a relay with dead zone has no limit cycle: the return map of a plane in cells, images in balls.
+"""Checker that a relay with dead zone has no limit cycles but those listed: its return map in cells, images in balls.
 
 It stands alone, ``python -I check_cells.py < certificate.json``. The loop is k/(s (s + p)(s + q)), p, q > 0; scaled,
 ``x' = v, v' = a, a' = -a - beta v - kappa y``, y one of -1, 0, 1 beside thresholds of 1. Theory: docs/theory/cells.md.
@@ -7,10 +7,10 @@ It stands alone, ``python -I check_cells.py < certificate.json``. The loop is k/
 import json
 from fractions import Fraction
 
-from flint import arb, arb_mat, ctx, fmpq
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-STATEMENT = "no periodic motion but rest, by cells of a return map"
-BITS, TICK, GRID = 96, 30, 24  # precision; times are cut at multiples of 2**-TICK, sides of the domain of 2**-GRID
+STATEMENT = "all periodic motions but rest, by cells of a return map"
+BITS, TICK, GRID = 96, 60, 24  # precision; times are cut at multiples of 2**-TICK, sides of the domain of 2**-GRID
 
 
 class Refused(Exception):
@@ -28,10 +28,9 @@ def rational(text):
     return fmpq(*Fraction(text if isinstance(text, str) else "no text").as_integer_ratio())
 
 
-def hull(balls):
+def hull(first, *others):
     """A ball that holds all of several."""
-    first, *others = map(arb, balls)
-    return first.union(hull(others)) if others else first
+    return arb(first).union(hull(*others)) if others else arb(first)
 
 
 class ReturnMap:
@@ -39,25 +38,27 @@ class ReturnMap:
 
     def __init__(self, loop):
         ((*none, k), den), element = ([*map(rational, loop[name])] for name in ("num", "den")), loop["element"]
-        require(rational(loop["delay"]) == 0 and loop["time_step"] is None, "a loop with dead time or in discrete time")
+        at, level, slope = map(rational, (*element["jumps"][0], element["slope"]))
+        require(rational(loop["delay"]) == 0 and not loop["time_step"], "a loop with dead time or in discrete time")
+        relay = element["kind"] == "odd_pieces" and len(element["jumps"]) == 1 and not element["bends"]
+        require(relay and slope == 0 < at, "an element that is no relay with dead zone")
         require(not any(none) and len(den) == 4 and den[0] == 1 and den[3] == 0, "a loop of another kind")
-        require(element["kind"] == "odd_pieces" and len(element["jumps"]) == 1, "an element that is no relay")
-        require(not element["bends"] and rational(element["slope"]) == 0, "an element that is no relay with dead zone")
-        at, level = map(rational, element["jumps"][0])
-        require(at > 0 and level * k > 0 and den[1] > 0 and 0 < 4 * den[2] <= den[1] ** 2, "poles or signs of others")
-        self.beta, self.kappa, self.known = den[2] / den[1] ** 2, k * level / den[1] ** 3 / at, {}
+        require(level * k > 0 and den[1] > 0 and 0 < 4 * den[2] <= den[1] ** 2, "poles or signs of others")
+        self.beta, self.kappa, self.rate = den[2] / den[1] ** 2, k * level / den[1] ** 3 / at, den[1]
         self.sides = self.kappa / self.beta, 2 * self.kappa  # no periodic motion has more speed, more acceleration
-        self.jerk = arb(0, 9 * self.kappa)  # of every motion that begins within these sides
-        self.matrix, self.limit = arb_mat([[0, 1], [-arb(self.beta), -1]]), int((64 / self.beta).ceil()) << TICK
+        self.jerk, self.limit = arb(0, 9 * self.kappa), 1 << int((64 / self.beta).ceil()).bit_length() + TICK
+        self.apart, self.known = arb(fmpq(1, 4) - self.beta).sqrt(), {}  # half the distance of the poles
 
     def table(self, t):
-        """What the position owes to speed, acceleration, relay after a time (ball or ticks), and they to the rate."""
+        """What position owes to speed, acceleration, relay after so many ticks, and they to the rate."""
         if t not in self.known:
-            time = arb(t) / 2**TICK if isinstance(t, int) else t
-            (_, h), (_, dh) = (self.matrix * time).exp().tolist()
+            time = arb(t) / 2**TICK
+            fade, (sinh, cosh) = (-time / 2).exp(), (self.apart * time).sinh_cosh()
+            h = fade * (time if 4 * self.beta == 1 else sinh / self.apart)
+            dh = fade * cosh - h / 2
             g = (1 - dh - h) / self.beta
             self.known[t] = h + g, g, (time - h - g) / self.beta, h, dh
-        return self.known[t] if isinstance(t, int) else self.known.pop(t)
+        return self.known[t]
 
     def state(self, start, t):
         """Position, speed and acceleration after a time, from speed, acceleration, and the level of the relay."""
@@ -65,21 +66,12 @@ class ReturnMap:
         push = self.kappa * y
         return 1 + p * v + g * a - push * s, (h + dh) * v + h * a - push * g, dh * a - self.beta * h * v - push * h
 
-    def between(self, early, done, stops=lambda t: False):
-        """Ticks between which a crossing comes, the latter None for no end; None where none comes."""
-        t = 1 << TICK
-        while t and not early(t):
-            t //= 2
-        low, t = t, max(2 * t, 1)
-        while not (never := stops(low)) and low and early(t) and t < self.limit:
-            low, t = t, 2 * t
-        while not never and t < self.limit and not done(t):
-            t *= 2
-        high = t
-        for _ in range(4):
-            low = (low + t) // 2 if early((low + t) // 2) else low
-            high = (low + high) // 2 if done((low + high) // 2) else high
-        return None if never else (low, high if done(high) else None)
+    def turn(self, holds):
+        """Ticks at which something still holds, and no longer does (not before the limit if beyond it)."""
+        t, step = 0, self.limit
+        while step > t >> 5:
+            t, step = t + step * holds(t + step), step // 2
+        return t, t + max(2 * step, 1)
 
     def near(self, start, t, d):
         """Speed, acceleration and their derivatives by those at the start if the crossing is within d of a time."""
@@ -93,74 +85,77 @@ class ReturnMap:
         g = g + d * h
         return x, V, A, h + dh - A * (h + g) / V, h - A * g / V, -jerk * (h + g) / V - self.beta * h, dh - jerk * g / V
 
-    def land(self, start, low, high, level):
-        """Speed, acceleration and derivatives where the position meets a level in an interval."""
-        step, found = 1 << min(max((high - low) // 16, 1).bit_length() - 1, TICK - 4), []
-        for t in range(low // step * step + step, high + step, 2 * step):
-            x, *rest = self.near(start, t, d := arb(0, step) / 2**TICK)
-            if (x - level + d * rest[0]).contains(0):
+    def land(self, start, low, high, side):
+        """Speed, acceleration, derivatives by those at the start, time, where a threshold is met; mirrored below."""
+        half, found = min(max((high - low) // 16, 1), 1 << TICK - 4), []
+        for t in range(low + half, high + half, 2 * half):
+            x, *rest = self.near(start, t, d := arb(0, half) / 2**TICK)
+            if (x - side + d * rest[0]).contains(0):
                 found.append((arb(t) / 2**TICK + d, *rest))
-        require(found, "a crossing that is none")
-        T, *rest = (hull(x) for x in zip(*found, strict=True))
-        while not (more := self.near(start, T.mid(), T - T.mid()))[1].contains(0):
-            last, T, more = T, T.intersection(T.mid() - (more[0] - level) / more[1]), more[1:]
-            rest = [x.intersection(y) if x.is_finite() else y for x, y in zip(rest, more, strict=True)]
-            if 2 * T.rad() > last.rad():
+        require(found and high <= self.limit, "a crossing that is none")
+        T, *rest = (hull(*x) for x in zip(*found, strict=True))
+        for _ in range(6):
+            t = int((T.mid() * 2**TICK).floor().unique_fmpz())
+            x, *more = self.near(start, t, hull(0, T - arb(t) / 2**TICK))
+            if more[0].contains(0):
                 break
-        return *rest[:2], (rest[2:4], rest[4:]) if all(x.is_finite() for x in rest[2:]) else None
+            T = T.intersection(arb(t) / 2**TICK - (x - side) / more[0])
+            rest = [x.intersection(y) if x.is_finite() else y for x, y in zip(rest, more, strict=True)]
+        return *(side * x for x in rest[:2]), arb_mat([rest[2:4], rest[4:]]) * side, T
 
     def up(self, v, a):
-        """The arc at the upper level: speed (not positive) and acceleration at its end, derivatives."""
-        start = hull(v), hull(a), 1
-        found = self.between(lambda t: self.state(start, t)[0] > 1, lambda t: self.state(start, t)[0] < 1)
-        (V, A, slope), d = self.land(start, found[0], found[1], 1), arb(0).union(arb(found[1]) / 2**TICK)
-        fall = start[1] + d * self.jerk
-        concave = -fall - self.beta * (start[0] + d * fall) - self.kappa < 0  # v is, and its mean is zero
-        return [V.lower(), min(V.upper(), 0)], [A.lower(), min(A.upper(), 0) if concave else A.upper()], slope
+        """The arc at the upper level: speed (not positive) and acceleration at its end, derivatives, time."""
+        low, _ = self.turn(lambda t: self.state((v, a, 1), t)[0] > 1)
+        _, high = self.turn(lambda t: not self.state((v, a, 1), t)[0] < 1)
+        (V, A, *rest), d = self.land((v, a, 1), low, high, 1), hull(0, arb(high) / 2**TICK)
+        concave = -(a + d * self.jerk) * (1 + self.beta * d) - self.beta * v < self.kappa  # v is, and its mean is zero
+        return [V.lower(), min(V.upper(), 0)], [A.lower(), min(A.upper(), 0) if concave else A.upper()], *rest
 
     def rest(self, v, a, side):
-        """The arc in the dead zone to one threshold: as `up`, mirrored, no derivatives where some do not arrive."""
-        start = hull(v), hull(a), 0
-
-        def reach(t):
-            return sum(max((side * z).upper(), 0) for z in self.state(start, t)[1:])
-
-        found = self.between(
-            lambda t: side * self.state(start, t)[0] < 1 and (side > 0 or self.state(start, t)[1] <= 0),
-            lambda t: side * self.state(start, t)[0] > 1,
-            lambda t: side * self.state(start, t)[0] + reach(t) / self.beta < 1,
-        )
-        if found is None or (side > 0 and v[1] <= 0 and a[1] <= 0):
-            return None
-        if found[1] is not None:
-            V, A, slope = self.land(start, found[0], found[1], side)
-            return side * V, side * A, slope and [[side * x for x in row] for row in slope]
-        V = side * arb(0).union(reach(found[0]))
-        return side * V, side * (start[1] + start[0] + self.beta * (1 - side) - V), None
+        """The arc in the dead zone to one threshold, if there may be one: as `up`, mirrored."""
+        start = hull(*v), hull(*a), 0
+        low, _ = self.turn(lambda t: side * self.state(start, t)[0] < 1 and (side > 0 or self.state(start, t)[1] <= 0))
+        reach = sum(max((side * z).upper(), 0) for z in self.state(start, low)[1:])
+        if side * self.state(start, low)[0] + reach / self.beta < 1 or (side > 0 and v[1] <= 0 and a[1] <= 0):
+            return []
+        _, high = self.turn(lambda t: not side * self.state(start, t)[0] > 1)
+        if high <= self.limit:
+            return [self.land(start, low, high, side)]
+        A = side * (start[1] + start[0] + self.beta * (1 - side)) - (V := hull(0, reach))  # some may not arrive
+        return [(V, A, arb_mat(2, 2), arb("nan"))]
 
     def images(self, v, a):
-        """Where points of a box come back: speed, acceleration, and derivatives if all come to one side."""
-        V, A, first = self.up(v, a)
-        found = [x for x in (self.rest(V, A, side) for side in (-1, 1)) if x]
-        whole = len(found) == 1 and first and found[0][2]
-        return [(*found[0][:2], arb_mat(found[0][2]) * arb_mat(first))] if whole else [(*x[:2], None) for x in found]
+        """Where a box comes back: speed, acceleration; if all of it comes to one side also derivatives and time."""
+        V, A, slope, time = self.up(v, a)
+        found = [(*x, y * slope, time + t) for side in (-1, 1) for *x, y, t in self.rest(V, A, side)]
+        if len(found) != 1 or v.rad() + a.rad() == 0 or not (found[0][2].det() + found[0][3]).is_finite():
+            return [(*x[:2], None, None) for x in found]
+        ((V, A, slope, time),), ((v0, a0, *_),) = found, self.images(v.mid(), a.mid())
+        dv, da = (slope * arb_mat(2, 1, [v - v.mid(), a - a.mid()])).entries()  # sharper by the mean value theorem
+        return [(V.intersection(v0 + dv), A.intersection(a0 + da), slope, time)]
 
-    def reached(self, v, a):
-        """The same, sharper where there are derivatives: by the image of the middle and the mean value theorem."""
-        found = self.images(v, a)
-        if len(found) == 1 and found[0][2] is not None:
-            m = [hull(x).mid() for x in (v, a)]
-            away = found[0][2] * arb_mat([[hull(v) - m[0]], [hull(a) - m[1]]])
-            (at,) = self.images(*([x, x] for x in m))
-            found = [[found[0][i].intersection(at[i] + away[i, 0]) for i in (0, 1)]]
-        return [x[:2] for x in found]
+    def box(self, cell):
+        """Speeds and accelerations of a cell."""
+        return [hull(*(s * x / 2**GRID for x in cell[i : i + 2])) for i, s in zip((0, 2), self.sides, strict=True)]
 
-    def reached_from(self, leaf):
-        """Boxes that hold the images of a box, both in parts of the sides."""
-        box = [[arb(size * x / 2**GRID) for x in leaf[i : i + 2]] for i, size in zip((0, 2), self.sides, strict=True)]
-        for ends in ([V.lower(), V.upper(), A.lower(), A.upper()] for V, A in self.reached(*box)):
-            parts = [(end * 2**GRID / self.sides[i // 2]).lower().floor() for i, end in enumerate(ends)]
-            yield [int(part.unique_fmpz()) + 2 * (i % 2) for i, part in enumerate(parts)]
+    def reached(self, cell):
+        """Boxes that hold the images of a cell, both in parts of the sides, and derivatives as `images` has them."""
+        for *image, slope, _ in self.images(*self.box(cell)):
+            ends = [(y, 2**GRID / s) for x, s in zip(image, self.sides, strict=True) for y in (x.lower(), x.upper())]
+            yield [int((x * s).lower().floor().unique_fmpz()) + 2 * (i % 2) for i, (x, s) in enumerate(ends)], slope
+
+    def cycle(self, cell, form):
+        """Period, multipliers outside, of the one cycle in a box: a form rises, A'QA > Q, between any motions."""
+        (p, q, r), box = map(rational, form), self.box(cell)
+        for n in range(8):
+            ((*_, slope, time),), ((v, a, *_),) = self.images(*box), self.images(*(m := [x.mid() for x in box]))
+            rise = slope.transpose() * (Q := fmpq_mat([[p, q], [q, r]])) * slope - Q
+            step = (slope - arb_mat(2, 2, 1)).inv() * arb_mat(2, 1, [v - m[0], a - m[1]])
+            newton = [x - y for x, y in zip(m, step.entries(), strict=True)]
+            holds = n or all(x.contains_interior(y) for x, y in zip(box, newton, strict=True))
+            require(holds and rise[0, 0] > 0 and rise.det() > 0, "cells that are not proved to hold just one cycle")
+            box = [x.intersection(y) for x, y in zip(box, newton, strict=True)]
+        return 2 * time / self.rate, 1 if Q.det() < 0 else 2 * int(p > 0)
 
 
 def leaves(cover):
@@ -176,19 +171,24 @@ def leaves(cover):
 
 
 def verify(document):
-    """What a certificate proves: that no cell of a cover comes back to itself, in how many cells."""
-    require(document["statement"] == STATEMENT, "another statement")
+    """What a certificate proves: in how many cells, and of each cycle the period and the multipliers outside."""
     text = json.dumps({name: part for name, part in document.items() if name != "digest"}, sort_keys=True)
     require(document["digest"] == int.from_bytes(text.encode(), "big") % (2**127 - 1), "a file that was changed")
+    claim, order, forms = document["claim"], document["evidence"]["order"], dict(document["evidence"]["forms"])
+    cells, last = [*zip(leaves(document["evidence"]["cover"]), order, strict=True)], 0
+    require(document["statement"] == STATEMENT and len(cells) == claim["cells"], "another statement or of other cells")
     with ctx.workprec(BITS):
-        returns, order = ReturnMap(document["loop"]), document["evidence"]["order"]
-        cells = [*leaves(document["evidence"]["cover"])]
-        require(len(order) == len(cells) and document["claim"] == {"cells": len(cells)}, "an order of other cells")
-        for n, leaf in enumerate(cells):
-            for a, b, c, d in returns.reached_from(leaf):
-                met = [m for m, x in enumerate(cells) if x[0] <= b and a <= x[1] and x[2] <= d and c <= x[3]]
-                require(all(order[m] < order[n] for m in met), "cells that may come back to themselves")
-    return document["claim"]
+        returns = ReturnMap(document["loop"])
+        for (number, form), said in zip(forms.items(), claim["cycles"], strict=True):
+            box = [end(cell[i] for cell, n in cells if n == number) for i, end in enumerate((min, max, min, max))]
+            (period, outside), (low, high) = returns.cycle(box, form), map(rational, said["period"])
+            require(last < low < period < high and said["outside"] == outside, "a cycle that is another one")
+            last = high  # cycles differ as their periods do
+        for cell, n in cells:
+            for (a, b, c, d), _ in returns.reached(cell):
+                met = {m for x, m in cells if x[0] <= b and a <= x[1] and x[2] <= d and c <= x[3]}
+                require(all(m < n or (m == n and n in forms) for m in met), "cells that may come back to themselves")
+    return claim
 
 
 if __name__ == "__main__":

@@ -64,17 +64,26 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
 
 
 def _plot_cells(certificate: Certificate, ax: Axes) -> None:
-    """Cells of the return map, the darker the more returns may be left to rest."""
+    """Cells of the return map, the darker the more of them a motion may pass before it ends; dots are limit cycles."""
     from eppanalysis.methods.certificates.check_cells import GRID, leaves
+    from eppanalysis.methods.certificates.result import cycles_of
 
-    evidence = certificate.document["evidence"]
+    evidence, claim = certificate.document["evidence"], certificate.document["claim"]
     corners = [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in np.array([*leaves(evidence["cover"])]) / 2.0**GRID]
     cells = PolyCollection(corners, array=np.array(evidence["order"], float), cmap="Greys", edgecolors="none")
     ax.add_collection(cells)
+    for (number, _), cycle in zip(evidence["forms"], cycles_of(claim), strict=True):
+        held = [c for c, n in zip(corners, evidence["order"], strict=True) if n == number]
+        x, y = np.mean([np.mean(c, axis=0) for c in held], axis=0)
+        said = f"{np.mean(cycle['period']):.4g} s, {'un' * (cycle['outside'] > 0)}stable"
+        ax.plot(x, y, "o", color=VERMILLION if cycle["outside"] else BLUE, markersize=5, label=said)
     ax.autoscale_view()
     ax.set_xlabel("speed at the switch, of the greatest")
     ax.set_ylabel("acceleration, of the greatest")
-    ax.set_title(f"No cell of {len(corners)} comes back to itself", fontsize=10)
+    others = f", {len(claim['cycles'])} limit cycles apart" if claim["cycles"] else ""
+    ax.set_title(f"No cell of {len(corners)} comes back to itself{others}", fontsize=10)
+    if others:
+        ax.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 
 def _plot_popov(certificate: Certificate, ax: Axes) -> None:

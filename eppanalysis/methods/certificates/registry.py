@@ -16,6 +16,7 @@ class Asked(StrEnum):
 
     ROOTS = "roots"
     ABSENCE = "absence"
+    CYCLES = "cycles"
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,11 @@ def of_text(text: str) -> Statement:
     return {statement.text: statement for statement in STATEMENTS.values()}[text]
 
 
-#: By the word that `certify` takes; "absence" has three proofs, and `certify_orbit` has its own.
+#: By the word that `certify` takes; "absence" has three proofs, one of them "cycles", and `certify_orbit` has its own.
 STATEMENTS = {
     Asked.ROOTS: Statement("all roots of the first-order balance in a box", "check_roots"),
     Asked.ABSENCE: Statement("no periodic motion but rest", "check_absence"),
     "orbit": Statement("one closed orbit of a sequence of affine arcs in a box, and no event earlier", "check_orbit"),
-    "absence_by_cells": Statement("no periodic motion but rest, by cells of a return map", "check_cells"),
+    "cycles": Statement("all periodic motions but rest, by cells of a return map", "check_cells"),
     "absence_with_play": Statement("no periodic motion but rest, for any gap of the play", "check_play"),
 }

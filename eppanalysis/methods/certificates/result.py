@@ -57,7 +57,7 @@ class Certificate(WithFile):
     Attributes
     ----------
     statement : Asked
-        "roots" or "absence".
+        What was asked: "roots", "absence" or "cycles".
     status : Status
         CONVERGED where all of it is proved; INCOMPLETE where boxes are undecided, nothing is decided, or the loop is
         not covered.
@@ -81,7 +81,12 @@ class Certificate(WithFile):
     in_json = "statement status proved message roots undecided document operating_point provenance"
 
     def to_frame(self) -> pandas.DataFrame:
-        """The enclosures of the roots, and of what is undecided, one a row; of absence, the claim."""
+        """Roots, as enclosures, and what is undecided, one a row; limit cycles, one a row; of absence, the claim."""
+        if self.statement is Asked.CYCLES and self.document:
+            found = cycles_of(self.document["claim"])
+            names = ("period_from", "period_to", "multipliers_outside")
+            rows = [dict(zip(names, (*cycle["period"], cycle["outside"]), strict=True)) for cycle in found]
+            return frame_of(rows, {"period_from": "s", "period_to": "s"})
         if self.statement is not Asked.ROOTS:
             claim = {name: str(value) for name, value in self.document.get("claim", {}).items()}
             return frame_of([{"statement": self.statement, "proved": self.proved} | claim])
@@ -164,13 +169,32 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["statement"] == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
-    if document["statement"] == STATEMENTS["absence_by_cells"].text:
-        return f"Proved: {name} has no periodic motion but rest (its return map in {claim['cells']} cells)."
+    if document["statement"] == STATEMENTS["cycles"].text:
+        return _cycles_sentence(name, claim)
     if document["statement"] == STATEMENTS["orbit"].text:
         period = float(sum(map(Fraction, claim["period"])) / 2)
         alone = f"within {float(Fraction(claim['box'])):.1g} of its size it is the only one with these"
         return f"Proved: {name} has a limit cycle of {period:.4g} s with {claim['events']} events, and {alone}."
     return f"Proved of {name}: {document['statement']}; {claim}."
+
+
+def _cycles_sentence(name: str, claim: Mapping[str, Any]) -> str:
+    how = f"(its return map in {claim['cells']} cells)"
+    found = [
+        f"of {sum(cycle['period']) / 2:.4g} s ({'un' * (cycle['outside'] > 0)}stable)" for cycle in cycles_of(claim)
+    ]
+    if not found:
+        return f"Proved: {name} has no periodic motion but rest {how}."
+    count = f"exactly {len(found)} limit cycle{'s' * (len(found) > 1)}, {' and '.join(found)},"
+    return f"Proved: {name} has {count} and no other periodic motion but rest {how}."
+
+
+def cycles_of(claim: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The cycles of a claim: period from and to [s], and how many multipliers are outside the unit circle."""
+    return [
+        {"period": tuple(float(Fraction(end)) for end in cycle["period"]), "outside": int(cycle["outside"])}
+        for cycle in claim["cycles"]
+    ]
 
 
 def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any]) -> str:

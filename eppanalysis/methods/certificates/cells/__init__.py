@@ -1,1 +1,1 @@
-"""Absence of limit cycles by cells of a return map: how its certificates are found."""
+"""All limit cycles by cells of a return map: how their certificates are found."""

@@ -1,4 +1,4 @@
-"""Absence by cells of the return map: images hold what an integrator finds, and what proves nothing is refused."""
+"""Limit cycles by cells of the return map: images hold what an integrator finds, and what proves nothing is refused."""
 
 from __future__ import annotations
 
@@ -9,15 +9,21 @@ from scipy.optimize import brentq
 
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_cells
+from eppanalysis.methods.certificates.cells import find
 from eppanalysis.methods.certificates.registry import sealed
 
 flint = pytest.importorskip("flint")
 
 
-def relay(gain: float, p: float = 1.0, q: float = 1.0) -> epp.LureSystem:
+def relay(gain: float, p: float = 1.0, q: float = 1.0, threshold: float = 1.0) -> epp.LureSystem:
     """With p = q = 1 its exact fold of cycles is at a gain of 3.0074."""
     den = [1.0, p + q, p * q, 0.0]
-    return epp.LureSystem.from_tf(([gain], den), epp.RelayDeadZone(threshold=1.0), name="relay")
+    return epp.LureSystem.from_tf(([gain], den), epp.RelayDeadZone(threshold=threshold), name="relay")
+
+
+def proved_cycles(loop: epp.LureSystem) -> list[tuple[float, float, int]]:
+    """Periods from and to, and multipliers outside."""
+    return [tuple(row) for row in epp.certify(loop, "cycles").to_frame().itertuples(index=False)]
 
 
 def next_switch(matrix: np.ndarray, z: np.ndarray, levels: tuple[float, ...]) -> np.ndarray | None:
@@ -54,10 +60,10 @@ def test_images_hold_the_motions(p: float, q: float) -> None:
         for _ in range(6):
             v, a = rng.uniform(0.05, 0.5) * sides[0], rng.uniform(-0.3, 0.3) * sides[1]
             low, high = (0.98 * v, 1.02 * v), sorted((0.98 * a, 1.02 * a))
-            found = returns.reached(*([flint.arb(x) for x in side] for side in (low, high)))
+            found = returns.images(*(flint.arb(x).union(flint.arb(y)) for x, y in (low, high)))
             wanted = image(beta, kappa, v, a)
             held = wanted is None or any(
-                all(float(x.lower()) - 1e-9 < y < float(x.upper()) + 1e-9 for x, y in zip(box, wanted, strict=True))
+                all(float(x.lower()) - 1e-9 < y < float(x.upper()) + 1e-9 for x, y in zip(box[:2], wanted, strict=True))
                 for box in found
             )
             assert held, (v, a, wanted, found)
@@ -73,13 +79,86 @@ def test_absence_is_proved_where_popov_fails_and_changed_files_are_refused(tmp_p
         {"loop": {**document["loop"], "num": ["16/5"]}},  # which has two cycles
         {"evidence": {**evidence, "order": evidence["order"][::-1]}},
         {"evidence": {**evidence, "cover": evidence["cover"][:-1]}},
-        {"claim": {"cells": 1}},
+        {"claim": {"cells": 1, "cycles": []}},
     ):
-        with pytest.raises((check_cells.Refused, TypeError)):
+        with pytest.raises((check_cells.Refused, ValueError)):
             check_cells.verify(sealed({**document, **changed}))
 
 
-def test_no_loop_with_a_cycle_is_certified() -> None:
-    for gain in (3.02, 5.0):
+def test_no_loop_with_a_cycle_is_certified_to_have_none() -> None:
+    for gain in (3.01, 3.02, 5.0):
         found = epp.certify(relay(gain), "absence")
         assert not found.proved and not found.document and "returns" in found.message
+
+
+def test_absence_is_proved_to_a_hundredth_of_the_fold() -> None:
+    assert epp.certify(relay(2.977), "absence").proved
+
+
+@pytest.mark.slow
+def test_the_list_is_that_of_the_exact_orbits() -> None:
+    found, exact = proved_cycles(relay(3.2)), epp.find_limit_cycles(relay(3.2)).cycles
+    assert len(found) == len(exact) == 2
+    for (low, high, outside), cycle in zip(found, sorted(exact, key=lambda c: c.period), strict=True):
+        assert low < cycle.period < high
+        assert (outside == 0) == cycle.stable
+
+
+@pytest.mark.slow
+def test_the_list_is_the_same_with_both_signs_other_levels_and_another_unit_of_time() -> None:
+    first = epp.certify(relay(5.0), "cycles")
+    levels = epp.LureSystem.from_tf(([2.5], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=0.3, level=0.6))
+    signs = epp.LureSystem.from_tf(([-5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0, level=-1.0))
+    for same in (levels, signs):
+        document = epp.certify(same, "cycles").document
+        assert document["claim"] == first.document["claim"]
+    for (low, high, outside), fast in zip(proved_cycles(relay(5.0)), proved_cycles(relay(40.0, 2.0, 2.0)), strict=True):
+        assert fast == pytest.approx((low / 2, high / 2, outside), rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("gain", "p", "q", "count"),
+    [pytest.param(0.2, 0.1, 1.0, 2, marks=pytest.mark.slow), (0.04, 0.1, 1.0, 0), (8.0, 1.0, 2.5, 0)],
+)
+def test_cycles_of_other_poles(gain: float, p: float, q: float, count: int) -> None:
+    found = epp.certify(relay(gain, p, q), "cycles")
+    assert found.proved
+    assert len(found.document["claim"]["cycles"]) == len(found.to_frame()) == count
+
+
+@pytest.mark.slow
+def test_changed_lists_are_refused(tmp_path) -> None:
+    found = epp.certify(relay(5.0), "cycles")
+    check = epp.check_certificate(found.write(tmp_path / "cycles.json"))
+    assert check.accepted and "exactly 2 limit cycles" in str(check)
+    document = dict(found.document)
+    claim, evidence = document["claim"], document["evidence"]
+    one, other = claim["cycles"]
+    (number, form), (another, its_form) = evidence["forms"]
+    all_one = [number] * claim["cells"]
+    for changed in (
+        {"claim": {**claim, "cycles": [one]}},
+        {"claim": {**claim, "cycles": []}, "evidence": {**evidence, "forms": []}},
+        {"claim": {**claim, "cycles": [one]}, "evidence": {**evidence, "forms": [[number, form]]}},
+        {"claim": {**claim, "cycles": [one, one]}, "evidence": {**evidence, "forms": [[number, form]] * 2}},
+        {"claim": {**claim, "cycles": [other, one]}},
+        {"claim": {**claim, "cycles": [{**one, "outside": 1}, other]}},
+        {"claim": {**claim, "cycles": [{**one, "period": ["6.3", "6.31"]}, other]}},
+        {"evidence": {**evidence, "forms": [[number, its_form], [another, form]]}},
+        {"evidence": {**evidence, "forms": [[number, ["0", "0", "0"]], [another, its_form]]}},
+        {"evidence": {**evidence, "order": [another if n == number else n for n in evidence["order"]]}},
+        {"claim": {**claim, "cycles": [one]}, "evidence": {**evidence, "forms": [[number, form]], "order": all_one}},
+        {"loop": {**document["loop"], "num": ["51/10"]}},
+    ):
+        with pytest.raises((check_cells.Refused, ValueError, TypeError, ArithmeticError)):
+            check_cells.verify(sealed({**document, **changed}))
+
+
+def test_what_is_not_covered_says_so(monkeypatch) -> None:
+    for element in (epp.Saturation(), epp.Relay(), epp.HysteresisRelay(lower=-1.0, upper=1.0)):
+        loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), element, name="other")
+        found = epp.certify(loop, "cycles")
+        assert not found.proved and not found.document and str(found).startswith("Not covered: lists of cycles")
+    monkeypatch.setattr(find, "_MOST_CELLS", 400)
+    early = epp.certify(relay(5.0), "cycles")
+    assert not early.proved and not early.document and "Not decided: the list of cycles" in str(early)
