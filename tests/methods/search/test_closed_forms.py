@@ -1,0 +1,45 @@
+"""Loops of textbooks whose limit cycles are closed forms: the search finds each, and no other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+
+
+def test_an_integrator_with_dead_time_and_a_relay() -> None:
+    """The relay test of an integrating process: period four dead times, peak to peak twice the slope of one."""
+    delay, slope = 0.5, 1.7
+    loop = epp.LureSystem.from_tf(([slope], [1.0, 0.0]), epp.Relay(), delay=delay)
+    (cycle,) = epp.find_limit_cycles(loop).cycles
+    assert cycle.stable and cycle.period == pytest.approx(4 * delay, rel=1e-10)
+    assert cycle.peak_to_peak["x"] == pytest.approx(2 * slope * delay, rel=1e-10)
+
+
+def test_a_thermostat_with_dead_time() -> None:
+    """An oven of one time constant between on and off: it goes on as it was for a dead time behind either switch."""
+    tau, gain, delay, band, target, power = 50.0, 2.0, 4.0, 0.5, 8.0, 10.0
+    loop = epp.LureSystem.build(
+        [[-1 / tau]], [[gain / tau]], [[-1.0]], [epp.HysteresisRelay(lower=-band, upper=band, low=0.0, high=power)],
+        constant_input=[target], delays=[delay], x0=[5.0],
+    )  # fmt: skip
+    (cycle,) = epp.find_limit_cycles(loop).cycles
+    end, fall = gain * power, np.exp(-delay / tau)
+    top, bottom = end - (end - target - band) * fall, (target - band) * fall
+    assert cycle.period == pytest.approx(tau * np.log((end - bottom) / (end - top) * top / bottom), rel=1e-9)
+    assert cycle.peak_to_peak["hysteresisrelay_input"] == pytest.approx(top - bottom, rel=1e-9)
+
+
+def test_a_satellite_with_schmitt_triggered_thrusters() -> None:
+    """theta'' = u with rate feedback K: it coasts at (on - off)/(2 K), and a pulse turns that round."""
+    lead, on, off, thrust = 1.0, 1.0, 0.6, 0.1
+    relay = epp.HysteresisRelayDeadZone(on, off, thrust)
+    loop = epp.LureSystem.build([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-1.0]], [[1.0, lead]], [relay], x0=[0.5, 0.3])
+    (cycle,) = epp.find_limit_cycles(loop).cycles
+    rate = (on - off) / (2 * lead)
+    coasts, pulse = 2 * (on - lead * rate) / rate, 2 * rate / thrust
+    assert cycle.stable and cycle.period == pytest.approx(2 * (coasts + pulse), rel=1e-10)
+    # Behind its switch theta + K theta' goes on rising until the rate is K times the thrust.
+    over = (rate - lead * thrust) ** 2 / (2 * thrust)
+    assert cycle.peak_to_peak["hysteresisrelaydeadzone_input"] == pytest.approx(2 * (on + over), rel=1e-10)
