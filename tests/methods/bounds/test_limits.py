@@ -106,6 +106,7 @@ def test_bound_on_any_parameter(
     assert ends(question, found.value * (1.0 + sign * margin), found.cycle) is Status.LIMIT_CYCLE
 
 
+@pytest.mark.slow
 def test_friction_of_the_pulley_at_high_gain() -> None:
     """With the original pulley at 1.5 lbf half a degree of backlash is too much; with half the friction it is not."""
     limit, own = "pulley.friction", epp.case("fig6a_original_pulley").value("pulley.friction")

@@ -70,7 +70,14 @@ def test_amplitude_of_the_relay_with_dead_time_is_closed_too():
     assert exact.peak_to_peak["x"] / 2 == pytest.approx(1.0 - math.exp(-0.5), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["fig8a_original", "gain_brings_it_back", "fig6a_original_pulley", "elbow"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fig8a_original",
+        "fig6a_original_pulley",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("gain_brings_it_back", "elbow")),
+    ],
+)
 def test_elbow_orbits_agree_with_long_runs(name):
     _, cycle, exact = exact_of(name)
     assert exact.stable
