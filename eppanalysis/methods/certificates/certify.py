@@ -290,5 +290,6 @@ def _text(path: Path) -> str:
 def _asked(statement: str) -> Asked:
     """The statement that is meant."""
     if statement not in list(Asked):
-        raise EppError(f"certify: statement is {statement!r}; expected {did_you_mean(statement, [asked.value for asked in Asked])}.")
+        known = did_you_mean(statement, [asked.value for asked in Asked])
+        raise EppError(f"certify: statement is {statement!r}; expected {known}.")
     return Asked(statement)
