@@ -80,9 +80,10 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
     ax.autoscale_view()
     ax.set_xlabel("speed at the switch, of the greatest")
     ax.set_ylabel("acceleration, of the greatest")
-    others = f", {len(claim['cycles'])} limit cycles apart" if claim["cycles"] else ""
-    ax.set_title(f"No cell of {len(corners)} comes back to itself{others}", fontsize=10)
-    if others:
+    count = len(claim["cycles"])
+    but = f", but at {count} limit cycle{'s' * (count > 1)}" if count else ""
+    ax.set_title(f"No cell of {len(corners)} comes back to itself{but}", fontsize=10)
+    if count:
         ax.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 

@@ -91,6 +91,7 @@ def test_no_loop_with_a_cycle_is_certified_to_have_none() -> None:
         assert not found.proved and not found.document and "returns" in found.message
 
 
+@pytest.mark.slow
 def test_absence_is_proved_to_a_hundredth_of_the_fold() -> None:
     assert epp.certify(relay(2.977), "absence").proved
 
