@@ -37,7 +37,9 @@ _HALVINGS = 9
 #: Where exact cycles are searched for, relative to the bound of first order, from the safe side on.
 _AROUND = (0.8, 0.9, 0.97, 1.03, 1.1, 1.2, 1.35)
 #: How far beyond a bound nearby the cycle known there is closed again.
-_BEYOND = (0.02, 0.06, 0.15)
+_BEYOND = (0.005, 0.02, 0.06, 0.15)
+#: Part of a parameter round the start of a branch in which its turn is expected.
+_WINDOW = 0.08
 #: Change of a bound, relative to it, that slopes are believed; how often the way to a place is halved, and a distance
 #: too short for that.
 _MOST_FORETOLD, _DEEPEST, _NEAR = 0.3, 4, 0.02
@@ -274,7 +276,9 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
     limits = min(value, end), max(value, end)
     if limits[0] == limits[1]:
         return None
-    family = Family(lambda v: steady_case(question.case_at(v)), limits)
+    # Most branches turn back soon.
+    window = max(limits[0], value - _WINDOW * abs(value)), min(limits[1], value + _WINDOW * abs(value))
+    family = Family(lambda v: steady_case(question.case_at(v)), limits, window)
     try:
         hybrid = family.at(value)
         if cycle.state.size != hybrid.n_plant:  # of a loop of another structure

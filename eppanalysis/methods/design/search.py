@@ -295,7 +295,7 @@ class Search:
 
         A corner at which a bound is worse than at those that count so far is added, and the best place sought again.
         """
-        best = self.best(near[-1:], _REACH_NEAR) if near else self.best(self.proposed())
+        best = self.best(near[-1:], self._reach(near)) if near else self.best(self.proposed())
         for _ in range(_MOST_CORNERS if self.shares else 0):
             corner = self._worse_corner(best)
             if corner is None:
@@ -304,6 +304,13 @@ class Search:
             self.picks.clear()
             best = self.best([best.place] if best.feasible else self.proposed())
         return best
+
+    def _reach(self, near: Sequence[Place]) -> float:
+        """The first reach from designs nearby: twice as far as the last two are apart."""
+        if len(near) < 2 or not self.others:
+            return _REACH_NEAR
+        one, other = (self.units(place)[0] for place in near[-2:])
+        return float(np.clip(2.0 * np.abs(one - other).max(), 10.0 * _CLOSE, _REACH))
 
     def _worse_corner(self, best: Pick) -> dict[str, float] | None:
         """A corner with a worse bound than those that count: downhill of the active one, or beside that."""
