@@ -169,10 +169,15 @@ def _response(balance: Balance, element: int, omega: float) -> complex:
 
 
 def _no_rest(balance: Balance) -> Iterator[str]:
-    """Elements that jump over the only output with which the loop could stand still."""
+    """Elements that jump over the only output with which the loop could stand still, or leave it wherever it could."""
     system = balance.system
     for i, e in enumerate(system.elements):
         if not np.any(e.jumps):
+            if any(_leaves_every_mode(e, *balanced) for balanced in _balances_of_one(balance, i)):
+                yield (
+                    f"The loop has no state of rest: {system.element_names[i]} leaves each of its modes before the "
+                    "loop would stand still; it keeps moving, in a motion that is not predicted here."
+                )
             continue
         for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
             jump = _jumped_over(e, on_bias, on_mean, prescribed)
@@ -219,6 +224,25 @@ def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: fl
         return None
     across = np.flatnonzero(left * right < 0)
     return int(across[0]) if across.size else None
+
+
+def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> bool:
+    """Whether an element without memory values switches, in each of its modes, where the static balance would hold."""
+    a = e.automaton()
+    modes, guards = a.mode_columns, a.guard_columns
+    if (a.n_inputs, a.n_outputs, a.n_memory) != (1, 1, 0) or a.smooth or np.any(modes["sticking"]) or not a.guards:
+        return False
+    slope, offset = modes["from_input"][:, 0, 0], modes["constant"][:, 0]
+    turn, left = on_bias + on_mean * slope, prescribed - on_mean * offset
+    if np.any((turn == 0.0) & (np.abs(left) <= _BALANCED * (abs(prescribed) + np.abs(on_mean * offset)))):
+        return False  # at rest wherever it is
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bias = np.where(turn == 0.0, np.inf, left / turn)[guards["mode"]]
+        output = np.where(turn == 0.0, 0.0, slope * left / turn)[guards["mode"]] + offset[guards["mode"]]
+        terms = guards["on_input"][:, 0] * bias, guards["on_output"][:, 0] * output, guards["constant"]
+    # Without a state of rest in a mode there is none to be left; on the threshold it is not left for certain.
+    leaves = ~np.isfinite(bias) | (sum(terms) > _BALANCED * sum(map(np.abs, terms)))
+    return set(guards["mode"][leaves].tolist()) == set(range(len(a.modes)))
 
 
 def _slides(balance: Balance, element: int, jump: float) -> bool:

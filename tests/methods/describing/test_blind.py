@@ -85,6 +85,22 @@ def test_what_is_said_to_hunt_does():
     assert epp.simulate(encoder(0.0, 1.0, delays=[0.05]), t_end=60.0, max_events=4000).status is Status.SETTLED
 
 
+@pytest.mark.parametrize("factor", [1e-6, -1.0, 1e6])
+def test_a_relay_that_switches_wherever_the_loop_would_stand_still_is_said_to_keep_it_moving(factor):
+    """One-sided levels: the bias of the swing is larger than what a sine about it could switch at both thresholds."""
+
+    def loop(width: float) -> LureSystem:
+        low, high = sorted([-0.5 * factor, 2.0 * factor])
+        return LureSystem.from_tf(([1.0], [1.0, 2.0, 1.0]), epp.HysteresisRelay(-width, width, low, high))
+
+    predicted = predict_limit_cycles(loop(0.1 * abs(factor)))
+    (warning,) = predicted.warnings
+    assert len(predicted) == 0 and "no state of rest" in warning and "leaves each of its modes" in warning
+    assert epp.simulate(loop(0.1 * abs(factor)), t_end=60.0).limit_cycle.period == pytest.approx(2.728, abs=1e-3)
+    assert predict_limit_cycles(loop(0.6 * abs(factor))).warnings == ()
+    assert epp.simulate(loop(0.6 * abs(factor)), t_end=60.0).status is Status.SETTLED
+
+
 def test_a_stable_predicted_cycle_is_no_surprise_and_a_sliding_relay_rests():
     A = [[-1.0, 1.0, 0.0], [0.0, -1.0, 0.5], [0.0, 0.0, 0.0]]
     loop = LureSystem.build(A, [[0], [0], [-1]], [[1, 0, 0]], [Quantiser(1.0, 20)], constant_state=[0, 0, 0.3])
