@@ -152,7 +152,7 @@ def amplitude_response(
     ...     inputs=["force"],
     ... )
     >>> found = epp.amplitude_response(loop, output="mass", frequency=1.5 / (2 * np.pi), amplitudes=(0.1, 2.0))
-    >>> [fold.kind for fold in found.folds]
+    >>> [str(fold.kind) for fold in found.folds]
     ['fold', 'fold']
     """
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
