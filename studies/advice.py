@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.cases import Case, as_case
-from eppanalysis.cases.variation import variation_of
+from eppanalysis.cases import Case, as_case, variation_of
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.design import design_bounds
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds

@@ -114,7 +114,8 @@ class Programmes:
 
     def solver(self, expressions: Expressions, dependence: Dependence, pivot: int) -> Any:
         """IPOPT for a plan and the places of the numbers that depend on the parameter."""
-        key = expressions.plan, pivot, dependence.used.tobytes(), dependence.places.tobytes()
+        on = dependence.used.tobytes(), dependence.places.tobytes(), dependence.coefficients.shape
+        key = expressions.plan, pivot, on
         if key not in self._solvers:
             self._solvers[key] = _solver(expressions, dependence)
         return self._solvers[key]
