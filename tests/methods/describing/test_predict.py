@@ -375,12 +375,12 @@ class TestElbow:
             assert cycle.mean["motor_torque"] == pytest.approx(cycle.mean["pin_torque"], rel=1e-9)
 
     def test_no_other_cycle_from_many_random_starts(self):
-        from eppanalysis.methods.describing.balance import newton
+        from eppanalysis.methods.describing.balance import Balance, newton
         from eppanalysis.methods.describing.curves import distinct
-        from eppanalysis.methods.describing.multi import inner_newton, pivot_balance, start_points
+        from eppanalysis.methods.describing.multi import choose_pivot, inner_newton, start_points
 
         system = elbow(self.parameters())
-        balance = pivot_balance(system, system.v0)
+        balance = Balance.of(system, choose_pivot(system), system.v0)
         draw = np.random.default_rng(1)
         places = np.stack([draw.uniform(-11, 0, 1500), draw.uniform(0, 7, 1500)], -1)
         L = system.frequency_response(np.exp(places[:, 1]))[:, balance.rows, :]

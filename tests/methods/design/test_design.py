@@ -109,7 +109,7 @@ def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycles are looked for at four values of a range, where there is nothing to see between them."""
-    monkeypatch.setattr("eppanalysis.methods.design.frontier._N_SCAN", 4)
+    monkeypatch.setattr("eppanalysis.methods.design.programme._N_SCAN", 4)
 
 
 @pytest.mark.slow
