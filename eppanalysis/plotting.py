@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, shown
@@ -26,6 +28,8 @@ BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
     "#56B4E9",
     "#7F7F7F",
 )
+#: Grey letters that are still read with ease.
+DARK = "#4D4D4D"
 STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 #: More marks than these merge into a bar that says nothing.
 _MOST_MARKS = 300
@@ -34,26 +38,41 @@ _PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
 _CONSTANT = 1e-6
 #: Half height of the axis around a constant, relative to it.
 _AROUND = 0.05
-#: Letters of a title that stand beside each other on an inch.
-_LETTERS = 13.0
+#: Letters of the verdict and of what stands below it: their size [points], and how many stand side by side on an inch.
+_BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
+_SMALL, _SMALL_IN_AN_INCH = 8.0, 15.5
+#: Height of a line of letters, relative to their size.
+_LINE = 1.25
 #: Characters in a line of small print below a panel.
 _NOTE_WIDTH = 84
 #: What a system is called that was given no name.
 _UNNAMED = "loop"
 
 
-def with_name(text: str, subject: str) -> str:
-    """A title with the case or the system in front that a result is of, where it has a name."""
-    # A loop that nobody named has no name to show; a dollar would begin a formula.
-    name = "" if subject == _UNNAMED else subject.replace("$", r"\$")
-    return f"{name}: {text}" if name and text else name or text
+def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = "") -> None:
+    """The verdict above a picture as a bold line, and small below it the case or the system, and what else is known.
 
-
-def put_verdict(figure: Figure, result: object, subject: str) -> None:
-    """The first sentence of a result above all of its picture, with the case or the system in front."""
-    first = str(result).partition(". ")[0].removesuffix(".")
-    width = int(_LETTERS * figure.get_figwidth())
-    figure.suptitle(textwrap.fill(with_name(f"{first}.", subject), width), fontsize=10)
+    The figure grows by the height of what is written, so that its panels keep theirs.
+    """
+    name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
+    bold, small = (
+        textwrap.wrap(text.replace("$", r"\$"), int(letters * figure.get_figwidth()))  # a dollar would begin a formula
+        for text, letters in (
+            (verdict, _BOLD_IN_AN_INCH),
+            (f"{name}: {details}" if name and details else name or details, _SMALL_IN_AN_INCH),
+        )
+    )
+    heights = _LINE * _BOLD, _LINE * _SMALL
+    room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
+    figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
+    above: dict[str, Any] = {"x": 0.012, "ha": "left", "fontsize": _BOLD, "fontweight": "bold", "linespacing": _LINE}
+    title = figure.suptitle("\n".join(bold) + "\n" * room, **above)
+    if small:
+        below: dict[str, Any] = {"fontsize": _SMALL, "color": DARK, "va": "bottom", "linespacing": _LINE}
+        figure.add_artist(Annotation("\n".join(small), (0.0, 0.0), xycoords=title, **below))
+    engine = figure.get_layout_engine()
+    if engine is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
+        engine.execute(figure)  # its two rounds at drawing do not suffice where a title takes room from a fixed shape
 
 
 def show_constant(ax: Axes, *curves: Array) -> None:

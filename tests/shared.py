@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from functools import cache
 
+from matplotlib.figure import Figure
+
 import eppanalysis as epp
+
+
+def said_above(figure: Figure) -> tuple[str, str]:
+    """The verdict that stands in bold above a picture, and what stands small below it, each on one line."""
+    small = " ".join(text for artist in figure.artists if (text := getattr(artist, "get_text", str)()))
+    return " ".join(figure.get_suptitle().split()), " ".join(small.split())
 
 
 @cache

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.diagnose.record import waveform
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, legend_below, places_of, with_name
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, legend_below, places_of
 
 if TYPE_CHECKING:
     from eppanalysis.diagnose.result import Diagnosis, Explanation
@@ -30,8 +30,6 @@ def plot_diagnosis(found: Diagnosis, ax: Axes | None = None) -> Figure:
     """
     oscillation, record = found.oscillation, found.record
     figure, panels = places_of(ax, len(oscillation.names), 1.9)
-    title = with_name(found.headline(), found.provenance.subject)
-    panels[0].set_title(title, fontsize=10, fontweight="bold", loc="left", wrap=True)
     t = record.time - oscillation.middle
     turns = t / oscillation.period
     grown = np.exp(oscillation.growth * turns)

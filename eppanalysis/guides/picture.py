@@ -15,7 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, Side, in_words
 from eppanalysis.methods.bounds.result import Known
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, put_verdict, root_figure
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, root_figure
 from eppanalysis.readable import with_unit
 
 #: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
@@ -75,7 +75,6 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
         named |= dict(zip(texts, handles, strict=True))
     if above:
         _draw_grid(figure.add_subplot(places[0, :]), guide)
-    put_verdict(figure, guide, guide.case.name)
     figure.legend(named.values(), named, fontsize=8, loc="outside lower center", ncols=2, frameon=False)
     return figure
 

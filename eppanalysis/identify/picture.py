@@ -44,7 +44,6 @@ def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
         if i == 0:
             top.legend(fontsize=7, loc="best")
     _draw_intervals(figure.add_subplot(grid[:, 1]), fit.estimates)
-    figure.suptitle(f"{fit.bench}: {fit.limit_sentence()}", fontsize=9, x=0.01, ha="left", wrap=True)
     return figure
 
 

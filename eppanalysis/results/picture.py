@@ -26,11 +26,9 @@ from eppanalysis.plotting import (
     note_below,
     place_of,
     places_of,
-    put_verdict,
     show_constant,
-    with_name,
 )
-from eppanalysis.readable import count, number, readable, with_unit, words
+from eppanalysis.readable import number, readable, with_unit, words
 from eppanalysis.results import LimitCycle, Prediction, Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -79,7 +77,6 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     label_time(panels, "time [s]")
     if given is None:
         legend_below(figure, panels[0])
-        put_verdict(figure, trajectory, trajectory.provenance.subject)
         if left_out:
             note_below(panels[len(names) - 1], f"Not drawn: {', '.join(map(words, left_out))}.")
     return figure
@@ -118,33 +115,29 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
     label_time(panels, "time within the period [s]")
     if given is None:
         legend_below(figure, panels[0])
-        text = f"{cycle.method}, {number(cycle.frequency)} Hz, {STABILITY[cycle.stable]}"
-        figure.suptitle(with_name(text, cycle.provenance.subject), fontsize=10)
     return figure
 
 
 def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     """Nyquist picture: the loop's response, the -1/N locus with growing amplitude, and the cycles where they meet.
 
-    A filled circle is a stable cycle, an open one any other. Loops with several elements have no single -1/N locus; for
-    them the picture is the loop gain over the amplitude at the principal element, cut there, at the frequency at which
-    the loop's phase closes and with all other balances met. A cycle is where it is one: where it rises with amplitude
-    an oscillation grows away from the cycle, where it falls it returns to it.
+    A filled circle is a stable cycle, an open one any other; grey is one that may not exist. Loops with several
+    elements have no single -1/N locus; for them the picture is the loop gain over the amplitude at the principal
+    element, cut there, at the frequency at which the loop's phase closes and with all other balances met. A cycle is
+    where it is one: where it rises with amplitude an oscillation grows away from the cycle, where it falls it returns
+    to it.
 
     Parameters
     ----------
     prediction : Prediction
     ax : matplotlib.axes.Axes, optional
-        Where to draw, without the name of the case; a figure of its own by default.
+        Where to draw; a figure of its own by default.
     """
-    own = ax is None
     figure, ax = place_of(ax, (5.6, 5.0))
     if prediction.curves.get("kind") == "nyquist":
         _draw_nyquist(ax, prediction)
     else:
         _draw_loop_gain(ax, prediction)
-    text = f"{count(len(prediction), 'limit cycle')} predicted"
-    ax.set_title(with_name(text, prediction.provenance.subject if own else ""), fontsize=10)
     return figure
 
 
@@ -184,20 +177,22 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
     to_share = ax.transData + ax.transAxes.inverted()
     places: dict[tuple[int, int], list[int]] = {}
     for i, (point, cycle) in enumerate(zip(points, cycles, strict=True)):
-        face, size = (GREEN, 7) if cycle.stable else ("none", 11)
+        colour = GREY if cycle.may_not_exist else GREEN
+        face, size = (colour, 7) if cycle.stable else ("none", 11)
         name = next(iter(cycle.harmonics))
         unit, factor = readable(cycle.units.get(name, ""))
         amplitude = f"{name.replace('_', ' ')} amplitude {number(factor * cycle.amplitude(name))} {unit}"
-        text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {amplitude}"
+        text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {amplitude}".strip()
+        text += ", may not exist" * cycle.may_not_exist
         style: dict[str, Any] = {
             "mfc": face,
-            "mec": GREEN,
+            "mec": colour,
             "mew": 1.5,
             "markersize": size,
             "linestyle": "none",
             "zorder": 5,
         }
-        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text.strip()}", **style)
+        ax.plot([point.real], [point.imag], marker="o", label=f"{i + 1} {text}", **style)
         share = to_share.transform((point.real, point.imag))
         # Cycles at one point share their numbers.
         places.setdefault((round(50 * share[0]), round(50 * share[1])), []).append(i)
@@ -213,7 +208,8 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
             zorder=6,
         )
     if len(points) or ax.get_legend_handles_labels()[0]:
-        ax.legend(fontsize=7, loc="best", framealpha=0.9)
+        # Above, where it covers no curve.
+        ax.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2)
 
 
 def one_period(cycle: LimitCycle) -> tuple[Array, Mapping[str, Array]]:

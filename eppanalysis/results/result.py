@@ -130,12 +130,17 @@ class Result(Shown, PlainData):
     def drawn(self, function: str, ax: Axes | None, *options: Any) -> Axes:
         """The axes into which a function of the module `picture` in the result's own room draws it.
 
-        Into given axes goes its main panel; without any, the whole picture goes on a figure of its own (``ax.figure``),
-        and its first axes are returned. A notebook shows them as that figure.
+        Into given axes goes its main panel; without any, the whole picture goes on a figure of its own (``ax.figure``)
+        with the verdict above it, and its first axes are returned. A notebook shows them as that figure.
         """
+        from eppanalysis.plotting import put_verdict
+
         figure = self.by("picture", function, *options, ax)
         if ax is not None:
             return ax
+        verdict = self.headline()
+        rest = str(self).removeprefix(verdict).lstrip(".;: ")
+        put_verdict(figure, verdict, rest[:1].upper() + rest[1:], self.provenance.subject)
         first: Axes = figure.axes[0]
         # A figure that no window manages is shown by nobody; what a notebook looks for is this name.
         first._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]

@@ -10,6 +10,7 @@ import base64
 import html
 import io
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,8 @@ _CELL = '<td style="text-align: left; padding-right: 1em">'
 _ANGULAR = ("omega", "crossover")
 #: Parts of the provenance that fill pages and have tables of their own.
 _LONG = ("parameters",)
+#: Where a clause ends.
+_CLAUSE = re.compile(r"[.;] ")
 
 
 class Shown:
@@ -47,6 +50,13 @@ class Shown:
     def plot(self, ax: Axes | None = None) -> Axes:
         """The picture; see :meth:`eppanalysis.results.Result.drawn`."""
         raise NotImplementedError
+
+    def headline(self) -> str:
+        """The verdict alone, as it stands above the picture: what the sentence begins with."""
+        sentence = str(self)
+        ends = (found.start() for found in _CLAUSE.finditer(sentence))
+        whole = (end for end in ends if sentence.count("(", 0, end) == sentence.count(")", 0, end))
+        return sentence[: next(whole, None)].removesuffix(".")
 
     def in_brief(self) -> pandas.DataFrame:
         """What of the table is shown with the sentence: all of it, where nothing else is said."""

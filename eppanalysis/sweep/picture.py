@@ -24,8 +24,8 @@ from eppanalysis.plotting import (
     VERMILLION,
     label_of,
     place_of,
+    put_verdict,
     show_constant,
-    with_name,
 )
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Outcome
@@ -104,9 +104,9 @@ def plot_design_map(
     others = {d: int((at or {}).get(d, 0)) for d in map(str, dataset[names[0]].dims) if d not in (x, y)}
     plane = dataset.isel(others).transpose(y, x)
     if ax is None:
-        figure: Any = Figure(figsize=(6.2, 4.6), layout="constrained")
+        figure: Any = Figure(figsize=(6.2, 4.4), layout="constrained")
         ax = figure.add_subplot()
-        figure.suptitle(_name(dataset), fontsize=9)
+        _put_verdict(figure, plane)
     else:
         figure = ax.figure
     (across, x_label), (up, y_label) = (_readable(plane, name) for name in (x, y))
@@ -128,9 +128,18 @@ def plot_design_map(
     return figure
 
 
-def _name(dataset: xarray.Dataset) -> str:
-    """The case that was swept, as a title."""
-    return with_name("", str(dataset.attrs.get("case", "")))
+def _put_verdict(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
+    """In how many of the designs that are drawn the loop oscillates, settles or does something else."""
+    name = next((n for n in ("outcome", "exact_outcome", "predicted_outcome") if n in cells), None)
+    verdict = ""
+    if name is not None:
+        values, words = cells[name].values.ravel(), str(cells[name].attrs["flag_meanings"]).split()
+        numbers = {words[code]: int(np.sum(values == code)) for code in np.unique(values)}
+        ordered = sorted(numbers, key=lambda word: (word != words[Outcome.OSCILLATES], -numbers[word]))
+        parts = [f"{word} in {numbers[word]}" for word in ordered]
+        parts[0] += f" of {values.size} designs"
+        verdict = ", ".join(parts).capitalize()
+    put_verdict(figure, verdict, details, str(cells.attrs.get("case", "")))
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -290,7 +299,7 @@ def plot_slices(
     panels[-1].set_xlabel(label)
     _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
     places = ", ".join(f"{d.replace('_', ' ')} = {_place(dataset, d, i)}" for d, i in others.items())
-    figure.suptitle(", ".join(filter(None, (_name(dataset), places))), fontsize=9)
+    _put_verdict(figure, plane, places)
     return figure
 
 
@@ -402,7 +411,7 @@ def plot_parallel(
         handles.append(Line2D([], [], color=colour, linewidth=1.8, linestyle=dashes, label=text))
     _parallel_axes(ax, low, high, labels)
     ax.legend(handles=handles, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
-    figure.suptitle(_name(dataset), fontsize=9)
+    _put_verdict(figure, dataset)
     if dataset[outcome].size > cells.size:
         ax.set_title(f"{cells.size} of {dataset[outcome].size} cells", fontsize=8, loc="right")
     return figure
@@ -465,7 +474,6 @@ def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
-    ax.set_title(with_name(f"boundary, {boundary.label}", boundary.provenance.subject), fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 

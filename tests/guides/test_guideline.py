@@ -32,6 +32,7 @@ from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import Shade
 from tests.made_bounds import bounds_of
 from tests.reference.benches import backlash_cycling
+from tests.shared import said_above
 
 BOUNDS = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
 DEGREE = math.pi / 180.0
@@ -104,7 +105,9 @@ def test_regions_of_a_single_gain_are_seen(guide: Guide) -> None:
 def test_regions_are_told_apart_without_colour_and_named(guide: Guide) -> None:
     figure = guide.plot().figure
     assert len({area.get_hatch() for area in figure.axes[0].collections}) == 3
-    assert figure.get_suptitle().startswith("fig8a_original: Keep backlash under 0.6 deg, the strictest of 2 bounds")
+    verdict, details = said_above(figure)
+    assert verdict.startswith("Keep backlash under 0.6 deg, the strictest of 2 bounds")
+    assert details.startswith("fig8a_original: ")
     figure.draw_without_rendering()
     legend = figure.legends[0].get_window_extent()
     assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width

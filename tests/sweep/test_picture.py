@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.results import Status
 from eppanalysis.sweep.boundary import Boundary
 from eppanalysis.sweep.picture import plot_design_map, plot_parallel, plot_slices, plot_sweep
+from tests.shared import said_above
 
 DEG, LBF = math.pi / 180, 4.4482216152605
 SHORT = epp.case("fig8a_original").with_values({"run.t_end": "2 s"})
@@ -104,8 +106,11 @@ def test_slices_are_broken_between_rest_and_oscillation(relays) -> None:
 def test_pictures_name_their_case(grid, relays) -> None:
     sample = epp.sweep(RELAY, epp.Sobol({"relay_dead_zone.threshold": (0.5, 2.0)}, 2), run="predict", progress=False)
     names = ["predicted_amplitude", "predicted_frequency"]
-    titles = [f.get_suptitle() for f in (plot_design_map(grid), plot_slices(relays), plot_parallel(sample, names))]
-    assert titles == ["fig8a_original", "relay_deadzone", "relay_deadzone"]
+    above = [said_above(f) for f in (plot_design_map(grid), plot_slices(relays), plot_parallel(sample, names))]
+    assert [details for _, details in above] == ["fig8a_original", "relay_deadzone", "relay_deadzone"]
+    # The counts are of all designs that are drawn.
+    numbers = [[int(word) for word in re.findall(r"\d+", verdict)] for verdict, _ in above]
+    assert all(first + sum(others) == total for first, total, *others in numbers)
 
 
 def test_slices_show_methods_beside_each_other(relays) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, note_below, place_of, with_name
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, note_below, place_of
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
@@ -81,8 +81,6 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7, framealpha=0.9)
-    allowed = "" if bounds.allowed is None else f", {bounds.allowed} allowed"
-    ax.set_title(f"{bounds.case}: bound on {words(bounds.limit)}{allowed}", fontsize=10)
     return figure
 
 
@@ -131,7 +129,7 @@ def plot_tornado(bounds: DesignBounds, cell: int = 0, ax: Axes | None = None) ->
     if not known:
         raise EppError(f"{bounds.case}: the bound of cell {cell} has no elasticities; expected a corrected bound.")
     unit, factor = bounds.readable[bounds.over]
-    where = with_name(f"{words(bounds.over)} {number(factor * chosen.value)} {unit}".rstrip(), bounds.case)
+    where = f"{words(bounds.over)} {number(factor * chosen.value)} {unit}".rstrip()
     return tornado({"exact": known, "harmonic balance": chosen.harmonic_elasticities}, bounds.limit, where, ax)
 
 
@@ -160,7 +158,7 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
     ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=8)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
     ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]")
-    ax.set_title(where, fontsize=10, loc="left")
+    ax.set_title(where, fontsize=9, loc="left")
     ax.spines[["top", "right"]].set_visible(False)
     # Above the bars, which reach to both sides.
     ax.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)

@@ -400,9 +400,10 @@ class DesignBounds(Result):
         if self.not_covered:
             free = "No limit cycle was found"
             orbits = f"a cycle was found just beyond {sum(c.verified for c in found)} of {count(len(found), 'bound')}"
+        limit = self._span(self.limit, [c.bound for c in found])
+        limit = f"of {limit.removeprefix('at ')}" if limit.startswith("at ") else f"that runs {limit}"
         return (
-            f"{free} {side} a {words(self.limit)} that runs "
-            f"{self._span(self.limit, [c.bound for c in found])}, for {at}; {orbits}{none}. {self.not_covered}"
+            f"{free} {side} a {words(self.limit)} {limit}, for {at}; {orbits}{none}. {self.not_covered}"
         ).rstrip() + f" {self.in_theorems}".rstrip()
 
     @property

@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
 from eppanalysis.methods.certificates.registry import Asked
-from eppanalysis.plotting import BLUE, VERMILLION, place_of, with_name
+from eppanalysis.plotting import BLUE, VERMILLION, place_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,9 +58,6 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
     ax.set_ylabel("angular frequency [rad/s]")
     # Below, where it covers no box.
     ax.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)
-    number = len(certificate.roots)
-    said_above = f"{number} root{'s' * (number != 1)} of the first-order balance, {len(leaves)} boxes"
-    ax.set_title(with_name(said_above, certificate.provenance.subject), fontsize=10)
 
 
 def _plot_cells(certificate: Certificate, ax: Axes) -> None:
@@ -80,10 +77,7 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
     ax.autoscale_view()
     ax.set_xlabel("speed at the switch, of the greatest")
     ax.set_ylabel("acceleration, of the greatest")
-    count = len(claim["cycles"])
-    but = f", but at {count} limit cycle{'s' * (count > 1)}" if count else ""
-    ax.set_title(f"No cell of {len(corners)} comes back to itself{but}", fontsize=10)
-    if count:
+    if claim["cycles"]:
         ax.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 
@@ -106,6 +100,4 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     ax.plot([edge], [0.0], "k+", markersize=10)
     ax.set_xlabel("Re G(jω)")
     ax.set_ylabel("ω Im G(jω) [1/s]")
-    by_circle = "Re G(jω) stays right of -1" if loop["element"]["kind"] == "play" else "The circle criterion holds"
-    ax.set_title("Popov's criterion holds" if rate else by_circle, fontsize=10)
     ax.legend(fontsize=7, loc="best", framealpha=0.9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,15 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.methods.comparison.ladder import Ladder
-from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, VERMILLION, label_of, label_time, root_figure, with_name
+from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, STABILITY, VERMILLION, label_of, label_time, root_figure
 from eppanalysis.results import LimitCycle, Prediction
 from eppanalysis.results.picture import one_period, plot_nyquist
 
 Array = NDArray[np.float64]
+
+
+#: More exact cycles than these beside that of the run cannot be told apart.
+_MOST_OTHERS = 3
 
 
 def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
@@ -58,10 +61,18 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         ax.xaxis.set_major_locator(MaxNLocator(5))
     for ax in (*runs, *close):
         ax.spines[["top", "right"]].set_visible(False)
-    close[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
+    handles = dict(zip(*close[0].get_legend_handles_labels()[::-1], strict=True))
+    close[0].legend(
+        handles.values(),
+        handles,
+        fontsize=7,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=2,
+        frameon=False,
+        borderaxespad=0.2,
+    )
     _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
-    text = with_name(ladder.verdict, ladder.provenance.subject)
-    figure.suptitle(textwrap.fill(text, 108), fontsize=9, x=0.01, ha="left")
     return figure
 
 
@@ -81,18 +92,31 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     balance = ladder.balance
     if balance is not None:
         ax.plot(both, factor * _in_phase(ladder, balance, name, both), ":", color=ORANGE, lw=1.6, label="balanced")
+    for other in _others(ladder):
+        colour, style = (SKY, "-") if other.stable else (GREY, "--")
+        text = f"exact, {STABILITY[other.stable]}"
+        ax.plot(both, factor * _in_phase(ladder, other, name, both), style, color=colour, lw=1.0, label=text, zorder=1)
     if ladder.oscillations > 2:
         half = 2.0 * cycle.period / ladder.oscillations
         ax.set_xlim(cycle.period - half, cycle.period + half)
     ax.set_ylabel(label)
 
 
+def _others(ladder: Ladder) -> list[LimitCycle]:
+    """The first of the exact cycles that the run is not on."""
+    here = ladder.rows[-1].exact if ladder.rows else None
+    return [cycle for i, cycle in enumerate(ladder.search or ()) if i != here][:_MOST_OTHERS]
+
+
 def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Array:
-    """A signal of an approximate cycle over two periods of the run's, with the phases equal in the middle."""
+    """A signal of another cycle over two periods of the run's, with the phases equal in the middle."""
     cycle = ladder.run.limit_cycle
     assert cycle is not None
     shift = np.angle(cycle.harmonics[ladder.signal][ladder.oscillations]) - np.angle(guess.harmonics[ladder.signal][1])
     angle = guess.omega * (time - cycle.period) + shift
+    if guess.time.size:
+        own = guess.time - guess.time[0]
+        return np.interp(angle / guess.omega, own, guess.waveform[name], period=guess.period)
     waves = (c * np.exp(1j * k * angle) for k, c in enumerate(guess.harmonics[name]))
     return np.sum([np.real(wave) for wave in waves], axis=0)
 
@@ -110,13 +134,14 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
             middle = factor * cycle.mean[name]
             bands.append((middle - half, middle + half))
             ax.axhspan(*bands[-1], color=ORANGE, alpha=0.3, linewidth=0, label="stable cycle predicted")
-    text = "stable cycle that first order misses"
-    for cycle in () if ladder.search is None else [ladder.search[number] for number in ladder.missed]:
+    for i, cycle in enumerate(ladder.search or ()):
         half, middle = 0.5 * factor * cycle.peak_to_peak[name], factor * cycle.mean[name]
         bands.append((middle - half, middle + half))
-        style: dict[str, Any] = {"facecolor": "none", "edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
-        ax.axhspan(*bands[-1], **style, label=text)
-        text = ""
+        style: dict[str, Any] = {"edgecolor": SKY, "hatch": "//", "linewidth": 0.8}
+        if not cycle.stable:
+            style = {"edgecolor": VERMILLION, "linestyle": "--", "linewidth": 0.8}
+        text = f"exact, {STABILITY[cycle.stable]}" + ", first order misses it" * (i in ladder.missed)
+        ax.axhspan(*bands[-1], facecolor="none", **style, label=text)
     ax.set_ylabel(label)
     if run.settled_at and np.ptp(y) > 0:
         edges = [abs(edge - float(y[-1])) for band in bands for edge in band]

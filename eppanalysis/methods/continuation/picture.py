@@ -25,9 +25,7 @@ from eppanalysis.plotting import (
     note_below,
     place_of,
     places_of,
-    put_verdict,
     show_constant,
-    with_name,
 )
 from eppanalysis.readable import with_unit, words
 
@@ -62,8 +60,6 @@ def plot_branch(
     x_unit, x_factor = branch.shown_in
     label, factor = label_of(name, branch.units)
     figure, panels = places_of(given, 2, height=2.4)
-    if given is None:
-        put_verdict(figure, branch, branch.provenance.subject)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
@@ -97,7 +93,6 @@ def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
     ax.plot(across * curve.values[:, 1], up * curve.values[:, 0], "D-", color=ORANGE, markersize=4, linewidth=1.3)
-    ax.set_title(with_name("folds of limit cycles", curve.provenance.subject), fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 

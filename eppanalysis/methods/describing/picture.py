@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import GREEN, draw_nyquist, place_of, with_name
-from eppanalysis.readable import words
+from eppanalysis.plotting import GREEN, draw_nyquist, place_of
 
 if TYPE_CHECKING:
     from eppanalysis.methods.describing.frozen import FrozenLoop
@@ -22,6 +21,5 @@ def plot_frozen(loop: FrozenLoop, ax: Axes | None = None) -> Figure:
     mark: dict[str, Any] = {"mfc": "none", "mec": GREEN, "mew": 1.8, "markersize": 9, "linestyle": "none"}
     for point in meets:
         ax.plot([point.real], [point.imag], marker="o", label="the cycle", zorder=5, **mark)
-    ax.set_title(with_name(f"Nyquist, cut at {words(loop.element)}", loop.provenance.subject), fontsize=10)
     ax.legend(fontsize=7, loc="best", framealpha=0.9)
     return figure

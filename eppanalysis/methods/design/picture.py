@@ -87,7 +87,5 @@ def _axes(design: Design, ax: Axes | None, x_label: str, y_label: str) -> tuple[
     figure, ax = place_of(ax, (6.4, 4.4))
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
-    allowed = "" if design.allowed is None else f", {design.allowed} allowed"
-    ax.set_title(f"{design.case}: {design.goal} {words(design.objective)} without a limit cycle{allowed}", fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     return figure, ax

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.dither.runs import Start
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of, with_name
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,8 +35,6 @@ def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
     found : Dither
     """
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
-    title = f"{found.wave} of {found.frequency:.4g} Hz at {found.element}"
-    upper.set_title(with_name(title, found.provenance.subject), fontsize=10)
     known = found.predicted
     if known.size:
         upper.plot(

@@ -23,9 +23,8 @@ from eppanalysis.plotting import (
     label_time,
     legend_below,
     places_of,
-    with_name,
 )
-from eppanalysis.readable import count, quantity, readable, with_unit, words
+from eppanalysis.readable import count, readable, with_unit, words
 
 Array = NDArray[np.float64]
 
@@ -45,7 +44,6 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     response : FrequencyResponse
     """
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
-    upper.set_title(with_name(_title(response), response.provenance.subject), fontsize=10)
     label, factor = label_of(response.output, response.units)
     unit, across = ("Hz", 1.0) if response.over is Over.FREQUENCY else readable(response.units.get(response.input, ""))
     for branch in response.first_order:
@@ -72,15 +70,6 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
     upper.legend(handles.values(), handles, fontsize=8, framealpha=0.9)
     return figure
-
-
-def _title(response: FrequencyResponse) -> str:
-    first = response.branches[0]
-    if response.over is Over.FREQUENCY:
-        what = f"amplitude {quantity(float(first.amplitude[0]), response.units.get(response.input, ''))}"
-    else:
-        what = f"{float(first.frequency[0]):.4g} Hz"
-    return f"response to a sine of {what}"
 
 
 def _phase(branch: ResponseBranch) -> Array:
@@ -140,7 +129,6 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
     available = response.responses[0].cycle.waveform if response.responses else {}
     names = chosen(available, signals)
     figure, panels = places_of(ax, len(names))
-    panels[0].set_title(with_name(f"{response.frequency:.4g} Hz", response.provenance.subject), fontsize=10)
     for name, panel in zip(names, panels, strict=False):
         for number, one in enumerate(response.responses, start=1):
             label, factor = label_of(name, one.cycle.units)

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 def plot_element_check(found: ElementCheck, ax: Axes | None = None) -> Figure:
     """Real and imaginary part of the describing function, and below the energy that is taken up."""
     figure, (upper, *below) = places_of(ax, 2, height=2.6)
-    rules = {True: "deterministic", False: "not deterministic", None: "rules not decided"}[found.deterministic]
-    chatter = {True: ", can chatter", False: ", cannot chatter", None: ""}[found.can_chatter]
-    upper.set_title(f"{found.name}: {rules}{chatter}", fontsize=10)
     _draw(upper, found.amplitudes, {"Re N": found.gain.real, "Im N": found.gain.imag}, "describing function N")
     for lower in below:
         energies = {"input is a way": found.over_way, "input is a speed": found.over_speed}

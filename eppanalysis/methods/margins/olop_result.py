@@ -83,7 +83,7 @@ class OnsetPoint(Result):
         return None if math.isnan(self.margin) else self.margin < 1.0
 
     def __str__(self) -> str:
-        """The point in the units that people read, and its side of the boundary."""
+        """Whether the loop is prone to jump, and the point in the units that people read."""
         if math.isnan(self.omega):
             return f"Onset point of {words(self.at)}: {self.message}"
         place = (
@@ -93,9 +93,9 @@ class OnsetPoint(Result):
         if self.prone is None:
             return f"Onset point of {words(self.at)}: {place}. {self.message}"
         side = "above" if self.prone else "below"
-        verdict = "prone to jump" if self.prone else "not prone to jump"
-        off = f"{abs(_decibels(self.margin)):.4g} dB {side} the boundary"
-        return f"Onset point of {words(self.at)}: {place}; {off}: {verdict}."
+        verdict = "Prone to jump" if self.prone else "Not prone to jump"
+        off = f"the onset point of {words(self.at)} lies {abs(_decibels(self.margin)):.4g} dB {side} the boundary"
+        return f"{verdict}: {off}; {place}."
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.methods.margins.olop_result import BOUNDARY
-from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of, with_name
-from eppanalysis.readable import words
+from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +47,6 @@ def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
-    ax.set_title(with_name(f"Nyquist, cut at {margins.at}", margins.provenance.subject), fontsize=10)
     ax.legend(fontsize=7, loc="best", framealpha=0.9)
     return figure
 
@@ -75,7 +73,5 @@ def plot_onset_point(point: OnsetPoint, ax: Axes | None = None) -> Figure:
     ax.set_xticks(np.arange(-270.0, 1.0, 45.0))
     ax.set_xlabel("phase of the open loop [deg]")
     ax.set_ylabel("magnitude [dB]")
-    verdict = {True: "prone to jump", False: "not prone to jump", None: "no verdict"}[point.prone]
-    ax.set_title(f"Onset point of {words(point.at)}: {verdict}", fontsize=10)
     ax.legend(fontsize=7, loc="lower left", framealpha=0.9)
     return figure

@@ -92,17 +92,16 @@ class Margins(Result):
         return {"at": self.at, **self.numbers(), "stable": self.stable, "rule": self.rule, "message": self.message}
 
     def __str__(self) -> str:
-        """The cut, the numbers in the units that people read, and whether the loop is stable."""
+        """Whether the loop is stable, the numbers in the units that people read, and the cut."""
         if not self.exist:
-            return f"Cut at {self.at}: none. {self.message}"
+            return f"No margins at {self.at}. {self.message}"
         parts = [
             f"gain margin {self.gain_margin:.4g}{_at(self.phase_crossover)}",
             f"phase margin {math.degrees(self.phase_margin):.4g} deg{_at(self.gain_crossover)}",
-            f"disk margin {self.disk_margin:.4g}",
-            f"delay margin {self.delay_margin:.4g} s",
         ]
+        others = f"disk margin {self.disk_margin:.4g}, delay margin {self.delay_margin:.4g} s"
         stable = {True: "stable", False: "unstable", None: "not decided"}[self.stable]
-        return f"Cut at {self.at}: {', '.join(parts)}; linearised loop {stable}. {self.message}".rstrip()
+        return f"Linearised loop {stable}: {', '.join(parts)}; {others}; cut at {self.at}. {self.message}".rstrip()
 
     def to_frame(self) -> pandas.DataFrame:
         """One row: the place and the numbers [SI]."""

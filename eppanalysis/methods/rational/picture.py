@@ -35,5 +35,4 @@ def plot_rational(model: RationalModel, ax: Axes | None = None) -> Figure:
     (size, *others)[-1].set_xlabel("frequency [rad/s]")
     size.set_ylabel("magnitude [dB]")
     size.legend(fontsize=7)
-    size.set_title(str(len(model.poles)) + " poles", fontsize=10)
     return figure

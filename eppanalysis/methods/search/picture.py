@@ -20,7 +20,6 @@ from eppanalysis.plotting import (
     note_below,
     place_of,
     root_figure,
-    with_name,
 )
 from eppanalysis.readable import number, readable, with_unit, words
 
@@ -66,7 +65,7 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     if not len(search):
         for ax in panels:
             ax.set_axis_off()
-        text = f"{str(search).partition('.')[0]}.\nSought with {search.search}"
+        text = f"Sought with {search.search}"
         panels[0].text(0.5, 0.5, "\n".join(map(_wrapped, text.split("\n"))), **_MIDDLE, transform=panels[0].transAxes)
         return figure
     name = _chosen(search, signal)
@@ -92,6 +91,8 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
         right.set_xlabel(with_unit(words(name), unit))
         right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
     panels[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    if len(search) > _MOST:
+        note_below(panels[0], f"Drawn are the {_MOST} smallest of {len(search)}.")
     return figure
 
 
@@ -100,7 +101,6 @@ def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]
     if given is not None:
         return root_figure(given), [given]
     figure = Figure(figsize=(8.4, 3.8) if len(search) else (6.4, 2.4), layout="constrained")
-    figure.suptitle(with_name(_title(search), search.provenance.subject), fontsize=10)
     return figure, list(figure.subplots(1, 2 if len(search) else 1, squeeze=False)[0])
 
 
@@ -163,11 +163,3 @@ def _chosen(search: CycleSearch, signal: str | None) -> str:
     if signal is not None and signal not in known:
         raise EppError(f"There is no signal {signal!r}; expected one of {', '.join(known)}.")
     return signal or known[0]
-
-
-def _title(search: CycleSearch) -> str:
-    if not len(search):
-        return "no limit cycle"
-    counts = [f"{len(c)} {kind}" for c, kind in ((search.stable, "stable"), (search.unstable, "unstable")) if c]
-    shown = f", the smallest {_MOST} shown" if len(search) > _MOST else ""
-    return f"{' and '.join(counts)} limit cycle{'' if len(search) == 1 else 's'}{shown}"

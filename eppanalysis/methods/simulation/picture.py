@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.plotting import BLUE, place_of
-from eppanalysis.readable import count, words
+from eppanalysis.readable import words
 from eppanalysis.results import Status
 
 if TYPE_CHECKING:
@@ -26,6 +26,5 @@ def plot_batch(batch: BatchResult, ax: Axes | None = None) -> Figure:
     ax.plot(batch.period[cycling], sizes[cycling], ".", color=BLUE)
     ax.set_xlabel("period [s]")
     ax.set_ylabel(f"{words(name)} peak to peak, SI units")
-    ax.set_title(f"{count(int(cycling.sum()), 'run')} of {cycling.size} on a limit cycle", fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     return figure

@@ -50,7 +50,7 @@ def test_runs_on_both_sides_say_the_same(case: epp.Case, bounds: DesignBounds) -
 def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bounds: DesignBounds) -> None:
     said = bounds.not_covered
     assert f"asked at {bounds[0].n_searched} values of the range and to 5 %" in said and "not covered" in said
-    assert str(bounds).startswith("No limit cycle was found above a dead that runs at 0.18") and said in str(bounds)
+    assert str(bounds).startswith("No limit cycle was found above a dead of 0.18") and said in str(bounds)
     assert "Free of limit cycles" not in str(bounds)
     assert bounds.status is epp.Status.INCOMPLETE and bounds.to_dict()["not_covered"] == said
     assert said in " ".join(sentences(case, bounds))

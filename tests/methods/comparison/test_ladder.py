@@ -19,6 +19,7 @@ from eppanalysis.results import Status
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 from tests.reference.lure_reference import simulate_lure
 from tests.sampled_relay import patterns, sampled_relay
+from tests.shared import said_above
 
 
 @pytest.fixture(scope="module")
@@ -232,8 +233,8 @@ def test_stable_cycles_that_exist_and_are_not_predicted_are_missed(start: float,
     assert longer is not None and longer.period == pytest.approx(result.search[0].period, rel=1e-6)
     figure = result.plot().figure
     drawn = {text.get_text() for ax in figure.axes if ax.get_legend() for text in ax.get_legend().get_texts()}
-    assert "stable cycle that first order misses" in drawn
-    assert "First order misses" in (figure.get_suptitle() or "").replace("\n", " ")
+    assert "exact, stable, first order misses it" in drawn
+    assert "First order misses" in said_above(figure)[1]
 
 
 def test_an_element_without_a_describing_function_has_only_its_simulation() -> None:

@@ -8,7 +8,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.frozen import frozen_loop, input_name, nearest_cycle, with_element_inputs
-from tests.shared import predicted
+from tests.shared import predicted, said_above
 
 
 @pytest.mark.parametrize("name", ["fig8a_original", "gain_brings_it_back", "backlash_servo", "sat_plus_backlash"])
@@ -84,4 +84,4 @@ def test_the_picture_at_a_predicted_cycle_meets_in_it(name):
         response = np.interp(cycle.omega, found.omega, found.response)
         assert abs(response - found.point) < 1e-9 * abs(found.point)
     axes = found.plot()
-    assert axes.get_xlabel() == "real part" and found.element in axes.get_title().replace(" ", "_")
+    assert axes.get_xlabel() == "real part" and found.element in said_above(axes.figure)[0].replace(" ", "_")

@@ -20,6 +20,7 @@ from eppanalysis.methods.design.goal import Goal, Sense
 from eppanalysis.methods.design.result import Optimum
 from eppanalysis.methods.design.shrinking import shrinks
 from tests import made_bounds
+from tests.shared import said_above
 
 SERVO = """
 kind = "diagram"
@@ -139,7 +140,7 @@ def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, f
 
 def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
     assert "7.518" in str(epp.table(found))
-    assert "largest k" in found.plot().figure.axes[0].get_title()
+    assert said_above(found.plot().figure)[0].startswith("Largest k")
     front = replace(found, front_over="play.gap", front=((1.0, found.optimum), (2.0, Optimum({}, message="none"))))
     front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)})
     assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))

@@ -30,5 +30,4 @@ def plot_multiplier_discs(orbit: CertifiedOrbit, ax: Axes | None = None) -> Figu
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
-    ax.set_title("Multipliers of the cycle and the unit circle", fontsize=10)
     return figure

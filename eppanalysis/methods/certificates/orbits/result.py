@@ -116,8 +116,8 @@ class CertifiedOrbit(WithFile):
         if not self.proved:
             return f"{self.status.value} {self.message}".rstrip()
         found = (
-            f"A cycle with a period of {self.period:.4g} s exists, known to {self.radius:.1g} of its size, and within "
-            f"{self.unique_within:.1g} of its size it is the only one with these {len(self.events)} events."
+            f"Proved: a limit cycle with a period of {self.period:.4g} s exists; it is known to {self.radius:.1g} of "
+            f"its size, and within {self.unique_within:.1g} of it the only one with these {len(self.events)} events."
         )
         return f"{found} {self.stability.value} {self.stability_message}".rstrip()
 

@@ -42,4 +42,3 @@ def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
     ax.set_xlabel("speed of the input of the play")
     ax.set_ylabel("contact coordinate $y_2$, its acceleration and speed")
     ax.legend(fontsize=7, loc="best", framealpha=0.9)
-    ax.set_title(f"No limit cycle: a level of the function in {len(forms)} sectors", fontsize=10)
