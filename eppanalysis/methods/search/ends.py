@@ -205,9 +205,10 @@ class Ends:
                     known = self._quiet_cycle(run, t)
             if known is not End.UNDECIDED:
                 return known
-            # Each turn is three times as long; where many switches have told nothing by the fourth, no longer run is
-            # made.
-            if turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE:
+            # Each turn is three times as long; where many switches have told nothing by the fourth, and motions do not
+            # become smaller, as they do for long beside a fold, no longer run is made.
+            told_nothing = run.count > _ENOUGH_EVENTS and not _dwindles(start, run)[0]
+            if turn >= 3 and told_nothing and status is not Status.LIMIT_CYCLE:
                 break
             t *= 3.0
         return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED

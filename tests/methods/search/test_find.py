@@ -255,6 +255,15 @@ def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element
     assert search.settles and not search.diverges
 
 
+@pytest.mark.parametrize("inside", [0.99, 0.997])
+def test_runs_that_are_held_up_beside_a_fold_come_to_rest(inside: float) -> None:
+    """Below the gap at which cycles are born motions become smaller for long before they rest; none is left undecided."""
+    case = epp.case("wheelchair")
+    fold = epp.continue_branch(case, "play.gap", start=0.012, stop=0.004).folds[0].value
+    found = epp.find_limit_cycles(case.with_values({"play.gap": inside * fold}))
+    assert found.status.ok and len(found) == 0 and found.settles and not found.left_open
+
+
 def test_integrators_that_run_away_leave() -> None:
     """Conditionally stable: within the unstable cycle the motion comes to rest, beyond it piles up for ever."""
     loop = epp.LureSystem.from_tf(([2.0, 4.0, 2.0], [1.0, 0.0, 0.0, 0.0]), epp.Saturation())
