@@ -82,7 +82,9 @@ def guide(
     step: Step = None,
     outputs: Annotated[
         list[Path],
-        typer.Option("-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .xlsx, .png, .svg or .pdf" + _END),
+        typer.Option(
+            "-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .docx, .xlsx, .png, .svg or .pdf" + _END
+        ),
     ] = NO_FILES,
 ) -> None:
     """Say how far a parameter may go in each design of a grid (how much backlash an elbow may have at each gain)."""

@@ -1,4 +1,4 @@
-"""Guidelines to files: Markdown, CSV, LaTeX, HTML, Excel by pandas; pictures; a text is never taken for a formula."""
+"""Guidelines to files: Markdown, CSV, LaTeX, HTML, Excel, Word, pictures; a text is never taken for a formula."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
+from eppanalysis.guides.manual import manual_table
 from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.readable import cut_text
@@ -157,14 +158,20 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
+def _word(guide: Guide, path: Path) -> None:
+    """The table for a manual, which is what people want in a text of their own."""
+    manual_table(guide).write(path)
+
+
 _WRITERS: dict[str, Callable[[Guide, Path], None]] = {
     ".md": _markdown,
     ".csv": _csv,
     ".tex": _latex,
     ".html": _html,
     ".xlsx": _excel,
+    ".docx": _word,
 }
 FILES = (*_WRITERS, *PICTURES)
 #: What pandas needs for an ending besides itself.
-_NEEDED = {".md": ("tabulate",), ".tex": ("jinja2",), ".html": ("jinja2",), ".xlsx": ("openpyxl",)}
+_NEEDED = {".md": ("tabulate",), ".tex": ("jinja2",), ".html": ("jinja2",), ".xlsx": ("openpyxl",), ".docx": ("docx",)}
 _INSTALL = "pip install 'eppanalysis[tables]'"

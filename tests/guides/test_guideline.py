@@ -140,6 +140,14 @@ def test_excel_is_read_back_and_runs_no_formula(guide: Guide, tmp_path: Path) ->
     assert frame["largest backlash [deg]"].tolist() == pytest.approx([0.6, 0.98])
 
 
+def test_word_has_the_table_for_a_manual(guide: Guide, tmp_path: Path) -> None:
+    docx = pytest.importorskip("docx")
+    guide.write(tmp_path / "g.docx")
+    (table,) = docx.Document(str(tmp_path / "g.docx")).tables
+    rows = [[cell.text for cell in row.cells] for row in table.rows]
+    assert rows[1:] == [[str(cell) for cell in row] for row in epp.manual_table(guide).rows]
+
+
 class _Reader(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
@@ -253,7 +261,8 @@ def test_a_tolerance_without_an_elasticity_is_a_sentence(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package"), [(".md", "tabulate"), (".tex", "jinja2"), (".html", "jinja2"), (".xlsx", "openpyxl")]
+    ("suffix", "package"),
+    [(".md", "tabulate"), (".tex", "jinja2"), (".html", "jinja2"), (".xlsx", "openpyxl")],
 )
 def test_a_package_that_an_ending_needs_is_missed_before_anything_is_computed(
     guide: Guide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str

@@ -257,7 +257,7 @@ def test_switches_that_pile_up_while_the_motion_dwindles_are_rest(plant, element
 
 @pytest.mark.parametrize("inside", [0.99, 0.997])
 def test_runs_that_are_held_up_beside_a_fold_come_to_rest(inside: float) -> None:
-    """Below the gap at which cycles are born motions become smaller for long before they rest; none is left undecided."""
+    """Below the gap at which cycles are born motions become smaller for long before they rest; all are decided."""
     case = epp.case("wheelchair")
     fold = epp.continue_branch(case, "play.gap", start=0.012, stop=0.004).folds[0].value
     found = epp.find_limit_cycles(case.with_values({"play.gap": inside * fold}))
