@@ -183,7 +183,7 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         unit, factor = readable(cycle.units.get(name, ""))
         amplitude = f"{name.replace('_', ' ')} amplitude {number(factor * cycle.amplitude(name))} {unit}"
         text = f"{STABILITY[cycle.stable]}: {number(cycle.frequency)} Hz, {amplitude}".strip()
-        text += ", may not exist" * cycle.may_not_exist
+        text += "\n(may not exist)" * cycle.may_not_exist
         style: dict[str, Any] = {
             "mfc": face,
             "mec": colour,

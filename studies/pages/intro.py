@@ -155,16 +155,11 @@ def first_order_blind() -> Figure:
 
 
 def _exact_branch(case: epp.Case) -> tuple[np.ndarray, np.ndarray]:
-    """Gain (relative to that of the case) and size of the stable exact cycle, from its fold to the largest gain."""
+    """Gain (relative to that of the case) and size of the stable exact cycle, from its begin to the largest gain."""
     own = gain_of(case)
     down = epp.continue_branch(case, "loop.gain", start=1.0, stop=0.5, n_points=60)
     up = epp.continue_branch(case, "loop.gain", start=1.0, stop=LARGEST_GAIN / own)
-    parts = []
-    for branch, last in ((down, down.folds[0].index + 1), (up, None)):
-        points = branch.points
-        kept = slice(0, last)
-        parts.append((points["value"][kept], points["x"][kept]))
-    value, size = (np.r_[parts[0][i][::-1], parts[1][i]] for i in (0, 1))
+    value, size = (np.r_[down.points[name][::-1], up.points[name]] for name in ("value", "x"))
     return value, size
 
 
