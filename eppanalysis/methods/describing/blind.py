@@ -16,7 +16,7 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
-from eppanalysis.methods.describing.quality import Point, stability
+from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found, frequency_nodes, frequency_scales
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
@@ -34,10 +34,16 @@ _BALANCED = 1e-9
 
 
 def blind_spots(
-    balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found
+    balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found, stable: bool
 ) -> tuple[str, ...]:
-    """Sentences about cycles that the loop may have beside the predicted ones; empty for most loops."""
-    without_rest = [] if any(stability(balance, p)[0] for p in points) else _no_rest(balance)
+    """Sentences about cycles that the loop may have beside the predicted ones; empty for most loops.
+
+    Parameters
+    ----------
+    stable : bool
+        Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
+    """
+    without_rest = [] if stable else _no_rest(balance)
     return tuple([*made_by_harmonics(balance, points, estimates, found), *_stick_slip(balance), *without_rest])
 
 

@@ -99,29 +99,20 @@ def predict_limit_cycles(
     >>> [(round(c.omega, 6), round(c.amplitude("x"), 6), c.stable) for c in prediction]
     [(1.414214, 0.212207, True)]
     """
-    system, at = standing(system, operating_point, "predict_limit_cycles")
-    value = at.vector(system)
-    own, system = system, averaged(system)
-    system, coordinates = system.with_integrators_apart
+    own, at = standing(system, operating_point, "predict_limit_cycles")
+    balance, found, points, estimates, cycles = _balanced(own, at)
+    loop = balance.system
     with np.errstate(all="ignore"):
-        if not system.elements:
-            raise ModelError(f"{system.name}: a prediction needs at least one nonlinear element.")
-        balance, found, points = search_balance(system, value)
-        estimates = [error_estimate(balance, p) for p in points]
-        cycles: tuple[LimitCycle, ...] = tuple(
-            _cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True)
-        )
-        if isinstance(system, DataSystem):
-            told, seen = of_data(system, balance, points, estimates, cycles)
-            warnings = (*cautions(system, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
-            excluded = len(seen) == len(cycles) and (bool(seen) or not above_the_data(system, balance, seen))
+        if isinstance(loop, DataSystem):
+            told, seen = of_data(loop, balance, points, estimates, cycles)
+            warnings = (*cautions(loop, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
+            excluded = len(seen) == len(cycles) and (bool(seen) or not above_the_data(loop, balance, seen))
             points, cycles, found = told, seen, replace(found, complete=found.complete and excluded)
         else:
-            warnings = blind_spots(balance, points, estimates, found)
-        if isinstance(system, AveragedSystem):
-            cycles = tuple(of_samples(system, c) for c in cycles)
-            warnings = (*warnings, _left_out(system, cycles))
-        if is_one_loop(system):
+            warnings = blind_spots(balance, points, estimates, found, stable=any(c.stable for c in cycles))
+        if isinstance(loop, AveragedSystem):
+            warnings = (*warnings, _left_out(loop, cycles))
+        if is_one_loop(loop):
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
             curves = Deferred(partial(loop_gain_curves, balance, found, points, cycles))
@@ -146,13 +137,23 @@ def predicted_cycles(system: LureSystem | CaseLike, operating_point: PointLike |
         As :func:`predict_limit_cycles`.
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
+    return _balanced(own, at)[-1]
+
+
+def _balanced(
+    own: LureSystem, at: OperatingPoint
+) -> tuple[Balance, Found, list[Point], list[Estimate], tuple[LimitCycle, ...]]:
+    """The balance of a loop whose integrators stand apart, its search, and the cycles with their error estimates."""
     loop, coordinates = averaged(own).with_integrators_apart
     if not loop.elements:
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")
     with np.errstate(all="ignore"):
-        balance, _, points = search_balance(loop, at.vector(own))
-        cycles = tuple(_cycle(balance, p, at, error_estimate(balance, p), coordinates) for p in points)
-    return tuple(of_samples(loop, c) for c in cycles) if isinstance(loop, AveragedSystem) else cycles
+        balance, found, points = search_balance(loop, at.vector(own))
+        estimates = [error_estimate(balance, p) for p in points]
+        cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
+        if isinstance(loop, AveragedSystem):
+            cycles = tuple(of_samples(loop, c) for c in cycles)
+    return balance, found, points, estimates, cycles
 
 
 def is_one_loop(system: LureSystem) -> bool:
