@@ -27,7 +27,11 @@ IN: Role = (1, 0, 0)
 OUT: Role = (0, 1, 0)
 SLOPE: Role = (-1, 1, 0)
 DAMPING: Role = (-1, 1, 1)
+SLOPE_PER_TIME: Role = (-1, 1, -1)
+OUT_PER_TIME: Role = (0, 1, -1)
 RATIO: Role = (0, 0, 0)
+TIME: Role = (0, 0, 1)
+PER_TIME: Role = (0, 0, -1)
 
 #: Mean of an output, relative to its oscillation, that is rounding.
 _ROUNDING = 1e-9

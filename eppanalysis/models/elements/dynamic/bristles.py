@@ -15,13 +15,12 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity, OwnStates, Role
-from eppanalysis.models.elements.dynamic.presliding import DahlLaw, Spring
-from eppanalysis.models.elements.dynamic.state import StateOutput
+from eppanalysis.models.elements.automaton import Automaton, Smooth
+from eppanalysis.models.elements.base import IN, OUT, SLOPE, SLOPE_PER_TIME, OwnStates
+from eppanalysis.models.elements.dynamic.presliding import DahlLaw, PreslidingLaw, Spring
+from eppanalysis.models.elements.dynamic.state import POLE, StateOutput
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
-    broadcast,
     broadcast_with_frequency,
     require,
     require_numbers,
@@ -31,9 +30,6 @@ from eppanalysis.models.elements.piecewise import UNITY
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Answer = tuple[Array, ComplexArray]
-_STIFFNESS: Role = (-1, 1, -1)
-#: Pole of the bristles' force in the loop's matrices, which the law takes back [rad/s] (see `presliding`).
-_POLE = 1.0
 #: Nodes of Radau's rule on a panel, most panels of half an arc, and panels that are solved at once.
 _NODES, _MOST_PANELS, _AT_ONCE = 12, 40, 4000
 #: Least amplitude beside a bias: a smaller one would be lost in the rounding of the mean, and is as linear.
@@ -43,15 +39,9 @@ _MOST_REACH = 1e30
 
 
 @dataclass(frozen=True)
-class LuGreLaw(Nonlinearity):
+class LuGreLaw(PreslidingLaw):
     """From the velocity and the bristles' force to what drives that force; described by the velocity."""
 
-    n_inputs: ClassVar[int] = 2
-    of_frequency: ClassVar[bool] = True
-    linear_gain_is: ClassVar[str] = "the spring that it is at rest"
-
-    stiffness: float
-    coulomb: float
     static: float
     velocity: float
 
@@ -62,17 +52,6 @@ class LuGreLaw(Nonlinearity):
     def rate(self, v: Array, force: Array) -> Array:
         """Rate of the bristles' force."""
         return self.stiffness * (v - np.abs(v) * force / self.steady(v))
-
-    def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
-        """What drives the force, for a velocity and a force."""
-        v, force = (floats(z, "output: x") for z in x)
-        return self.rate(v, force) + _POLE * force, memory
-
-    def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Mean and gain that make the state's those of the bristles."""
-        a, b, w = broadcast(amplitude, bias, omega)
-        mean, gain = self.answer(a, b, w)
-        return _POLE * mean, (1j * w + _POLE) * gain
 
     def answer(self, amplitude: Array, bias: Array, omega: Array) -> Answer:
         """Mean and gain of the bristles' force for the velocity ``bias + amplitude sin(omega t)``, by quadrature."""
@@ -104,21 +83,13 @@ class LuGreLaw(Nonlinearity):
         """The Stribeck velocity, as an amplitude; where it slides at all depends on the frequency."""
         return np.array([self.velocity])
 
-    def slope_bounds(self) -> tuple[float, float]:
-        """Nothing is known."""
-        return -np.inf, np.inf
-
     @property
     def sticks_and_slips(self) -> bool:
         """Whether it resists more in slow motion than in quick one."""
         return self.static > self.coulomb
 
-    def linear_gain(self) -> Array:
-        """Of a spring."""
-        return np.array([[self.stiffness, _POLE]])
-
     def automaton(self) -> Automaton:
-        """A mode for either direction; each product is a quarter of a difference of squares (docs/theory/friction.md).
+        """Each product is a quarter of a difference of squares (docs/theory/friction.md).
 
         With the force in units of the Coulomb friction and the velocity in those of the Stribeck velocity.
         """
@@ -133,13 +104,7 @@ class LuGreLaw(Nonlinearity):
             Smooth("square", force, 0.0, 0.25, on_smooth=(0.0, 0.0, 1.0, 1.0)),
             Smooth("square", force, 0.0, -0.25, on_smooth=(0.0, 0.0, -1.0, -1.0)),
         )
-        build, law = AutomatonBuilder(n_inputs=2, smooth=smooth), [self.stiffness, _POLE]
-        product = self.stiffness * self.velocity * np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
-        forward = build.mode("forward", from_input=law, from_smooth=-product)
-        backward = build.mode("backward", from_input=law, from_smooth=product)
-        build.guard("turns backward", forward, backward, on_input=[-1.0, 0.0])
-        build.guard("turns forward", backward, forward, on_input=[1.0, 0.0])
-        return build.build(forward)
+        return self.two_ways(smooth, self.stiffness * self.velocity * np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0]))
 
 
 def _radau() -> tuple[Array, Array]:
@@ -267,7 +232,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
     """
 
     units = MappingProxyType({
-        "stiffness": _STIFFNESS, "coulomb": OUT, "static": OUT, "velocity": IN, "damping": SLOPE, "viscous": SLOPE,
+        "stiffness": SLOPE_PER_TIME, "coulomb": OUT, "static": OUT, "velocity": IN, "damping": SLOPE, "viscous": SLOPE,
     })  # fmt: skip
     output_is = "force"
     linear_gain_is: ClassVar[str] = "the spring and the dampers that it is at rest"
@@ -288,7 +253,7 @@ class LuGreFriction(StateOutput, kind="lugre_friction"):
             require(self, name, getattr(self, name) >= 0, "zero or more")
         part = self.damping / self.stiffness
         state = OwnStates(
-            np.array([[-_POLE]]), np.array([[0.0, 1.0]]), np.array([[0.0], [1.0], [1.0 - _POLE * part]]),
+            np.array([[-POLE]]), np.array([[0.0, 1.0]]), np.array([[0.0], [1.0], [1.0 - POLE * part]]),
             np.array([[1.0, 0.0], [0.0, 0.0], [self.viscous, part]]),
         )  # fmt: skip
         at_rest = OwnStates(

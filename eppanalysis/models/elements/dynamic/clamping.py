@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import OUT, SLOPE, Nonlinearity, OwnStates, Role
-from eppanalysis.models.elements.dynamic.controller import pid_within_limits
+from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, OwnStates
+from eppanalysis.models.elements.dynamic.controller import LimitedPID
+from eppanalysis.models.elements.dynamic.state import POLE
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
     broadcast_with_frequency,
@@ -29,16 +30,10 @@ from eppanalysis.models.elements.static import Saturation
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-_PER_TIME: Role = (-1, 1, -1)
-_TIMES_TIME: Role = (-1, 1, 1)
-_TIME: Role = (0, 0, 1)
-#: Pole of the integrator in the loop's matrices, which the law takes back [rad/s]: without one the balance of means
-#: would not determine its mean.
-_POLE = 1.0
 
 
 @dataclass(frozen=True)
-class ClampedPID(Nonlinearity, kind="clamped_pid"):
+class ClampedPID(LimitedPID, kind="clamped_pid"):
     """PID controller whose output is limited, with anti-windup by clamping (conditional integration).
 
     With the error e and the output v that it would have without limits,
@@ -85,7 +80,7 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
     linear_gain_is: ClassVar[str] = "the PID within its limits"
 
     units = MappingProxyType({
-        "kp": SLOPE, "ki": _PER_TIME, "lower": OUT, "upper": OUT, "kd": _TIMES_TIME, "filter_time": _TIME,
+        "kp": SLOPE, "ki": SLOPE_PER_TIME, "lower": OUT, "upper": OUT, "kd": DAMPING, "filter_time": TIME,
     })  # fmt: skip
 
     kp: float
@@ -99,19 +94,15 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
         require_numbers(self, *self.units)
         require(self, "kp", self.kp != 0, "a number other than zero")
         require(self, "ki", self.ki * np.sign(self.kp) > 0, "a number of the sign of kp", "kp")
-        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
-        if self.kd:
-            require(self, "filter_time", self.filter_time > 0, "a positive number, as there is a derivative")
-        object.__setattr__(self, "own_states", self._states())
-        object.__setattr__(self, "small_signal", pid_within_limits(self.kp, self.ki, self.kd, self.filter_time))
+        self._require_limits()
+        self._set_states(self._states())
 
     def _states(self) -> OwnStates:
         """The integrator and the filter of the derivative; rows: v, e, s for the law, then u."""
-        n = 2 if self.kd else 1
-        ahead, filtering = (self.kd / self.filter_time, 1.0 / self.filter_time) if self.kd else (0.0, 0.0)
+        n, ahead, filtering = self._derivative
         none = np.zeros(2)
         return OwnStates(
-            np.diag([-_POLE, -filtering])[:n, :n],
+            np.diag([-POLE, -filtering])[:n, :n],
             np.array([[0.0, 1.0, 0.0], [filtering, 0.0, 0.0]])[:n],
             np.array([[1.0, -ahead], none, [1.0, 0.0], none])[:, :n],
             np.array([[self.kp + ahead, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -122,7 +113,7 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
         v, e, s = (floats(z, "output: x") for z in x)
         drive = self.ki * e
         held = ((v > self.upper) & (drive > 0)) | ((v < self.lower) & (drive < 0))
-        return np.array([np.where(held, 0.0, drive) + _POLE * s, np.clip(v, self.lower, self.upper)]), memory
+        return np.array([np.where(held, 0.0, drive) + POLE * s, np.clip(v, self.lower, self.upper)]), memory
 
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
@@ -143,7 +134,7 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, gain = self._integrator(a, b, w)
         of_u = Saturation(self.lower, self.upper).describing_function(a, b, w)
-        return np.stack([_POLE * mean, of_u[0]], -1), np.stack([(1j * w + _POLE) * gain, of_u[1]], -1)
+        return np.stack([POLE * mean, of_u[0]], -1), np.stack([(1j * w + POLE) * gain, of_u[1]], -1)
 
     def _integrator(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
         """Mean of the integrator's state, and its fundamental over the amplitude.
@@ -185,12 +176,12 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
 
     def linear_gain(self) -> Array:
         """Within the limits."""
-        return np.array([[0.0, self.ki, _POLE], [1.0, 0.0, 0.0]])
+        return np.array([[0.0, self.ki, POLE], [1.0, 0.0, 0.0]])
 
     def automaton(self) -> Automaton:
         """Within the limits, and at either: held, free where the error leads back, and sliding along the limit."""
         build = AutomatonBuilder(n_inputs=3, n_outputs=2)
-        integrates, holds, v = [0.0, self.ki, _POLE], [0.0, 0.0, _POLE], [1.0, 0.0, 0.0]
+        integrates, holds, v = [0.0, self.ki, POLE], [0.0, 0.0, POLE], [1.0, 0.0, 0.0]
         none, way = [0.0, 0.0, 0.0], np.sign(self.ki)
         within = build.mode("within the limits", from_input=[integrates, v])
         for side, sign, limit in (("upper", 1.0, self.upper), ("lower", -1.0, self.lower)):
@@ -207,11 +198,9 @@ class ClampedPID(Nonlinearity, kind="clamped_pid"):
             build.guard("error turns back", held, free, on_input=[-f for f in further])
             build.guard("error turns on", free, held, on_input=further)
             # Along the limit the integrator is driven by between nothing and ki e.
+            build.guard(f"leaves beyond {side}", slides, held, on_output=[-sign, 0.0], on_input=[0.0, 0.0, sign * POLE])
             build.guard(
-                f"leaves beyond {side}", slides, held, on_output=[-sign, 0.0], on_input=[0.0, 0.0, sign * _POLE]
-            )
-            build.guard(
-                f"leaves {side}", slides, within, on_output=[sign, 0.0], on_input=[0.0, -sign * self.ki, -sign * _POLE]
+                f"leaves {side}", slides, within, on_output=[sign, 0.0], on_input=[0.0, -sign * self.ki, -sign * POLE]
             )
         return build.build(within)
 

@@ -7,18 +7,50 @@ from types import MappingProxyType
 
 import numpy as np
 
-from eppanalysis.models.elements.base import OUT, SLOPE, Nonlinearity, OwnStates, Role
+from eppanalysis.models.elements.base import DAMPING, OUT, SLOPE, SLOPE_PER_TIME, TIME, Nonlinearity, OwnStates
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import require, require_numbers
 from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
-_PER_TIME: Role = (-1, 1, -1)
-_TIMES_TIME: Role = (-1, 1, 1)
-_TIME: Role = (0, 0, 1)
+
+class LimitedPID(Nonlinearity):
+    """What PID controllers with a limited output share, however they keep the integrator from winding up."""
+
+    kp: float
+    ki: float
+    lower: float
+    upper: float
+    kd: float
+    filter_time: float
+
+    def _require_limits(self) -> None:
+        """Refuse limits that do not ascend, and a derivative without a filter."""
+        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
+        if self.kd:
+            require(self, "filter_time", self.filter_time > 0, "a positive number, as there is a derivative")
+
+    @property
+    def _derivative(self) -> tuple[int, float, float]:
+        """Number of states, the derivative's gain at once, and the rate of its filter."""
+        return (2, self.kd / self.filter_time, 1.0 / self.filter_time) if self.kd else (1, 0.0, 0.0)
+
+    def _set_states(self, states: OwnStates) -> None:
+        """Store the states, and what margins take: the PID within its limits.
+
+        That is cut at its input: at the limits the path of the anti-windup would be cut with it.
+        """
+        n, ahead, filtering = self._derivative
+        none, driven, of_state = np.zeros(n), np.array([self.ki, filtering])[:n], np.array([1.0, -ahead])[:n]
+        within = OwnStates(
+            np.diag([0.0, -filtering])[:n, :n], np.column_stack([none, driven]), np.array([none, of_state]),
+            np.diag([1.0, self.kp + ahead]),
+        )  # fmt: skip
+        object.__setattr__(self, "own_states", states)
+        object.__setattr__(self, "small_signal", AutomatonElement(UNITY.automaton(), within))
 
 
 @dataclass(frozen=True)
-class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
+class AntiWindupPID(LimitedPID, PiecewiseLinear, kind="anti_windup_pid"):
     """PID controller whose output is limited, with anti-windup by back-calculation.
 
     With the error e and the output v that it would have without limits,
@@ -59,8 +91,8 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
     """
 
     units = MappingProxyType({
-        "kp": SLOPE, "ki": _PER_TIME, "tracking_time": _TIME, "lower": OUT, "upper": OUT, "kd": _TIMES_TIME,
-        "filter_time": _TIME,
+        "kp": SLOPE, "ki": SLOPE_PER_TIME, "tracking_time": TIME, "lower": OUT, "upper": OUT, "kd": DAMPING,
+        "filter_time": TIME,
     })  # fmt: skip
 
     kp: float
@@ -74,18 +106,13 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
     def __post_init__(self) -> None:
         require_numbers(self, *self.units)
         require(self, "tracking_time", self.tracking_time > 0, "a positive number")
-        require(self, "upper", self.upper > self.lower, "more than lower", "lower")
-        if self.kd:
-            require(self, "filter_time", self.filter_time > 0, "a positive number, as there is a derivative")
+        self._require_limits()
         self._set_pieces([self.lower, self.upper], [0.0, 1.0, 0.0], [self.lower, 0.0, self.upper])
-        object.__setattr__(self, "own_states", self._states())
-        object.__setattr__(self, "small_signal", pid_within_limits(self.kp, self.ki, self.kd, self.filter_time))
+        self._set_states(self._states())
 
     def _states(self) -> OwnStates:
         """The integrator, and the filter of the derivative where there is one."""
-        n = 2 if self.kd else 1
-        ahead = self.kd / self.filter_time if self.kd else 0.0
-        filtering = 1.0 / self.filter_time if self.kd else 0.0
+        n, ahead, filtering = self._derivative
         v_of_state, v_of_error, back = np.array([1.0, -ahead])[:n], self.kp + ahead, 1.0 / self.tracking_time
         free, driven, none = np.diag([0.0, -filtering])[:n, :n], np.array([self.ki, filtering])[:n], np.zeros(n)
         first = np.eye(n)[0]
@@ -93,18 +120,3 @@ class AntiWindupPID(PiecewiseLinear, kind="anti_windup_pid"):
         return OwnStates(
             A, np.column_stack([B, back * first]), np.array([v_of_state, none]), np.diag([v_of_error, 1.0])
         )
-
-
-def pid_within_limits(kp: float, ki: float, kd: float, filter_time: float) -> Nonlinearity:
-    """What margins take for a PID controller with anti-windup: the PID within its limits.
-
-    It is cut at its input: at the saturation the path of the anti-windup would be cut with it.
-    """
-    n = 2 if kd else 1
-    ahead, filtering = (kd / filter_time, 1.0 / filter_time) if kd else (0.0, 0.0)
-    none, driven, of_state = np.zeros(n), np.array([ki, filtering])[:n], np.array([1.0, -ahead])[:n]
-    own = OwnStates(
-        np.diag([0.0, -filtering])[:n, :n], np.column_stack([none, driven]), np.array([none, of_state]),
-        np.diag([1.0, kp + ahead]),
-    )  # fmt: skip
-    return AutomatonElement(UNITY.automaton(), own)

@@ -6,6 +6,7 @@ squares, each a smooth function of a sum, so that its series is exact.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -15,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import OUT, Nonlinearity, Role
-from eppanalysis.models.elements.dynamic.state import StateOutput, lag, state_of_law
+from eppanalysis.models.elements.base import OUT, SLOPE_PER_TIME, Nonlinearity
+from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
@@ -29,18 +30,18 @@ from eppanalysis.models.elements.piecewise import UNITY
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
-_STIFFNESS: Role = (-1, 1, -1)
-#: Pole of the force in the loop's matrices, which the law takes back [rad/s]: without one the balance of means would
-#: not determine its mean.
-_POLE = 1.0
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 #: Most panels of an arc: the shortest is as short as the steepest begin in double precision.
 _MOST_PANELS = 40
 
 
 @dataclass(frozen=True)
-class DahlLaw(Nonlinearity):
-    """From the velocity and the force to what drives the force; described by the velocity, for the fundamental."""
+class PreslidingLaw(Nonlinearity):
+    """From the velocity and the force at rest to what drives that force; described by the velocity.
+
+    A subclass gives the force's `rate` and, for the fundamental, its `answer`; its automaton has a mode for either
+    direction.
+    """
 
     n_inputs: ClassVar[int] = 2
     of_frequency: ClassVar[bool] = True
@@ -49,16 +50,24 @@ class DahlLaw(Nonlinearity):
     stiffness: float
     coulomb: float
 
+    @abstractmethod
+    def rate(self, v: Array, force: Array) -> Array:
+        """Rate of the force, for a velocity and the force."""
+
+    @abstractmethod
+    def answer(self, amplitude: Array, bias: Array, omega: Array) -> Answer:
+        """Mean and gain of the force for the velocity ``bias + amplitude sin(omega t)``, by quadrature."""
+
     def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
         """What drives the force, for a velocity and a force."""
         v, force = (floats(z, "output: x") for z in x)
-        return self.stiffness * (v - np.abs(v) * force / self.coulomb) + _POLE * force, memory
+        return self.rate(v, force) + POLE * force, memory
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Mean and gain that make the state's those of the friction."""
+        """Mean and gain that make the state's those of the force."""
         a, b, w = broadcast(amplitude, bias, omega)
-        mean, gain = _answer(a, b, w, self.stiffness, self.coulomb)
-        return _POLE * mean, (1j * w + _POLE) * gain
+        mean, gain = self.answer(a, b, w)
+        return POLE * mean, (1j * w + POLE) * gain
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """None: where it changes depends on the frequency."""
@@ -70,19 +79,36 @@ class DahlLaw(Nonlinearity):
 
     def linear_gain(self) -> Array:
         """Of a spring."""
-        return np.array([[self.stiffness, _POLE]])
+        return np.array([[self.stiffness, POLE]])
 
-    def automaton(self) -> Automaton:
-        """A mode for either direction; the product ``v F/coulomb`` is a quarter of a difference of squares."""
-        slow = self.coulomb / self.stiffness
-        rows = ([1.0 / slow, 1.0 / self.coulomb], [-1.0 / slow, 1.0 / self.coulomb])
-        build = AutomatonBuilder(n_inputs=2, smooth=tuple(Smooth("square", np.array(row)) for row in rows))
-        quarter, law = 0.25 * self.coulomb, [self.stiffness, _POLE]
-        forward = build.mode("forward", from_input=law, from_smooth=[-quarter, quarter])
-        backward = build.mode("backward", from_input=law, from_smooth=[quarter, -quarter])
+    def two_ways(self, smooth: tuple[Smooth, ...], product: ArrayLike) -> Automaton:
+        """A mode for either direction; smooth functions make the product that opposes the spring in forward motion."""
+        build, law = AutomatonBuilder(n_inputs=2, smooth=smooth), [self.stiffness, POLE]
+        weights = np.asarray(product, float)
+        forward = build.mode("forward", from_input=law, from_smooth=-weights)
+        backward = build.mode("backward", from_input=law, from_smooth=weights)
         build.guard("turns backward", forward, backward, on_input=[-1.0, 0.0])
         build.guard("turns forward", backward, forward, on_input=[1.0, 0.0])
         return build.build(forward)
+
+
+@dataclass(frozen=True)
+class DahlLaw(PreslidingLaw):
+    """From the velocity and the force to what drives the force."""
+
+    def rate(self, v: Array, force: Array) -> Array:
+        """Of a spring that gives way as the force nears the Coulomb friction."""
+        return self.stiffness * (v - np.abs(v) * force / self.coulomb)
+
+    def answer(self, amplitude: Array, bias: Array, omega: Array) -> Answer:
+        """By quadrature of the closed form in either direction."""
+        return _answer(amplitude, bias, omega, self.stiffness, self.coulomb)
+
+    def automaton(self) -> Automaton:
+        """The product ``v F/coulomb`` is a quarter of a difference of squares."""
+        slow, quarter = self.coulomb / self.stiffness, 0.25 * self.coulomb
+        rows = ([1.0 / slow, 1.0 / self.coulomb], [-1.0 / slow, 1.0 / self.coulomb])
+        return self.two_ways(tuple(Smooth("square", np.array(row)) for row in rows), [quarter, -quarter])
 
 
 def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> Answer:
@@ -167,7 +193,7 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
     [(0.004-100j), (1.261-0.159j)]
     """
 
-    units = MappingProxyType({"stiffness": _STIFFNESS, "coulomb": OUT})
+    units = MappingProxyType({"stiffness": SLOPE_PER_TIME, "coulomb": OUT})
     output_is = "force"
     linear_gain_is: ClassVar[str] = "the spring that it is at rest"
 
@@ -179,7 +205,7 @@ class DahlFriction(StateOutput, kind="dahl_friction"):
         require(self, "stiffness", self.stiffness > 0, "a positive number")
         require(self, "coulomb", self.coulomb > 0, "a positive number")
         spring = Spring(UNITY.automaton(), lag(0.0, self.stiffness))
-        self._set_parts(state_of_law(_POLE), DahlLaw(self.stiffness, self.coulomb), spring)
+        self._set_parts(state_of_law(POLE), DahlLaw(self.stiffness, self.coulomb), spring)
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain for a velocity, by quadrature of the force in either direction; accurate to about 1e-12.

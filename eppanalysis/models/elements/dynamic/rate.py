@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.models.elements.base import Nonlinearity, OwnStates, RateLimit, Role
+from eppanalysis.models.elements.base import OUT_PER_TIME, PER_TIME, Nonlinearity, OwnStates, RateLimit
 from eppanalysis.models.elements.dynamic.state import StateOutput, lag
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import broadcast, broadcast_with_frequency, require, require_numbers
@@ -24,8 +24,6 @@ from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
-_PER_TIME: Role = (0, 0, -1)
-_RATE: Role = (0, 1, -1)
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ class RateLimiter(_RateLimited, kind="rate_limiter"):
     ([1.0, 0.83836, 0.42441], [-0.0, 0.276, 1.01973])
     """
 
-    units = MappingProxyType({"rate": _RATE})
+    units = MappingProxyType({"rate": OUT_PER_TIME})
 
     rate: float
 
@@ -170,7 +168,7 @@ class RateLimitedServo(_RateLimited, kind="rate_limited_servo"):
     [(0.9615-0.1923j), (0.1221-0.2938j)]
     """
 
-    units = MappingProxyType({"bandwidth": _PER_TIME, "rate": _RATE})
+    units = MappingProxyType({"bandwidth": PER_TIME, "rate": OUT_PER_TIME})
 
     bandwidth: float
     rate: float

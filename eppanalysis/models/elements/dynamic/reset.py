@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import Nonlinearity, Role
-from eppanalysis.models.elements.dynamic.state import StateOutput, lag, state_of_law
+from eppanalysis.models.elements.base import PER_TIME, SLOPE_PER_TIME, Nonlinearity
+from eppanalysis.models.elements.dynamic.state import POLE, StateOutput, lag, state_of_law
 from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
@@ -30,11 +30,6 @@ from eppanalysis.models.elements.piecewise import UNITY
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
-_PER_TIME: Role = (0, 0, -1)
-_GAIN_PER_TIME: Role = (-1, 1, -1)
-#: Pole of the state of an integrator in the loop's matrices, which the law inside takes back [rad/s]: without one the
-#: balance of means would not determine its mean.
-_POLE_OF_INTEGRATOR = 1.0
 #: Product of a pole and a time below which the exponential is a series.
 _SHORT = 1e-2
 
@@ -57,7 +52,7 @@ class ResetLaw(Nonlinearity):
     @property
     def leak(self) -> float:
         """Pole of the state without what the law drives it by [rad/s]."""
-        return self.pole or _POLE_OF_INTEGRATOR
+        return self.pole or POLE
 
     def output(self, x: Any, memory: Any = None) -> tuple[Any, Any]:
         """What drives the state, for an input and a state."""
@@ -198,7 +193,7 @@ class CleggIntegrator(_Reset, kind="clegg_integrator"):
     (1.619, -38.15)
     """
 
-    units = MappingProxyType({"gain": _GAIN_PER_TIME})
+    units = MappingProxyType({"gain": SLOPE_PER_TIME})
 
     gain: float = 1.0
 
@@ -239,7 +234,7 @@ class FirstOrderReset(_Reset, kind="first_order_reset"):
     [(0.666-0.334j), (0.666-0.334j)]
     """
 
-    units = MappingProxyType({"pole": _PER_TIME, "gain": _GAIN_PER_TIME})
+    units = MappingProxyType({"pole": PER_TIME, "gain": SLOPE_PER_TIME})
 
     pole: float
     gain: float = 1.0

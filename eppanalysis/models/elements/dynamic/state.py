@@ -16,6 +16,9 @@ from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 
 Array = NDArray[np.float64]
+#: Pole of a state in the loop's matrices that its law takes back [rad/s]: without one the balance of means would not
+#: determine its mean.
+POLE = 1.0
 
 
 class StateOutput(Nonlinearity):
