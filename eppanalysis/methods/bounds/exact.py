@@ -17,7 +17,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.fold import Cycle, balanced
-from eppanalysis.methods.bounds.harmonic import Question, steady_loop
+from eppanalysis.methods.bounds.harmonic import Question, spread, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.continuation.branch import continue_branch
@@ -111,8 +111,7 @@ def searched(question: Question, near: float, sign: float) -> ExactBound:
     end, far = (question.low, question.high) if sign > 0 else (question.high, question.low)
     if _orbits_at(question, end):
         return ExactBound(kind=Turn.END)
-    spread = np.geomspace if question.low > 0 else np.linspace
-    for value in (float(np.clip(v, question.low, question.high)) for v in spread(near, far, _N_SEARCHED)):
+    for value in spread(float(np.clip(near, question.low, question.high)), far, _N_SEARCHED):
         turn = farthest_turn(question, value, _orbits_at(question, value), sign) if value != end else None
         if turn is not None:
             return turn

@@ -100,6 +100,12 @@ def value_of(case: CaseLike, name: str) -> float | None:
         return None
 
 
+def spread(first: float, last: float, count: int) -> list[float]:
+    """Values from one to another, both among them: by ratio where both are positive, else evenly."""
+    make = np.geomspace if min(first, last) > 0 else np.linspace
+    return [first, *map(float, make(first, last, count)[1:-1]), last]
+
+
 def steady_loop(case: CaseLike) -> Loop:
     """The loop of a case at the operating point of its limit cycles."""
     system = case.to_system()
@@ -173,8 +179,7 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
     each : callable
         How one function is called with many values: ``map``, or that of a pool of processes.
     """
-    spread = np.geomspace if question.low > 0 else np.linspace
-    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, n_scan)]
+    values = spread(question.low, question.high, n_scan)
     if idle(question, values):
         return Outlook(Finding.IDLE)
     seen = list(each(partial(_seen_at, question), values))

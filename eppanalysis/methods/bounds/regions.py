@@ -11,10 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.search.trigger import Trigger, trigger
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -60,26 +58,25 @@ def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
     inside, outside = bound, question.high if sign > 0 else question.low
     rests_to = math.nan
     for halving in range(_HALVINGS):
-        space = np.geomspace if inside * outside > 0 else np.linspace
-        values = space(inside, outside, _GRID if halving == 0 else 8)
+        values = spread(inside, outside, _GRID if halving == 0 else 8)
         ends = _ends(question, values)
         rests = next((i for i, status in enumerate(ends) if status is not Status.SETTLED), len(ends))
         if rests and (halving == 0 or rests_to == inside):
-            rests_to = float(values[rests - 1])
+            rests_to = values[rests - 1]
         starting = [status is Status.LIMIT_CYCLE for status in ends]
         if not any(starting):
             return OwnRuns(rests_to, math.nan if halving == 0 else outside)
         first = starting.index(True)
         if first == 0:
-            return OwnRuns(rests_to, float(values[0]))
-        inside, outside = float(values[first - 1]), float(values[first])
+            return OwnRuns(rests_to, values[0])
+        inside, outside = values[first - 1], values[first]
     return OwnRuns(rests_to, outside)
 
 
-def _ends(question: Question, values: Sequence[float] | np.ndarray) -> list[Status]:
+def _ends(question: Question, values: Sequence[float]) -> list[Status]:
     """How the case's own run ends at values of the limiting parameter."""
     hybrids = []
-    for value in np.asarray(values).tolist():
+    for value in values:
         case = question.case_at(value)
         system = case.to_system()
         hybrids.append(HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input)))
@@ -91,7 +88,7 @@ def smallest_trigger(question: Question, value: float) -> Trigger | None:
     """The smallest step of an external input that starts a cycle at a value of the limiting parameter; None if none."""
     system = question.case_at(value).to_system()
     try:
-        found = [k for k in trigger(system) if k.name in system.input_names and np.isfinite(k.size)]
+        found = [k for k in trigger(system) if k.name in system.input_names and math.isfinite(k.size)]
     except EppError:
         return None
     return min(found, key=lambda k: abs(k.size)) if found else None

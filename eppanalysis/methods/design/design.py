@@ -16,7 +16,7 @@ import numpy as np
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError, shown
 from eppanalysis.methods.bounds.elasticity import parameters_of, size_elasticities
-from eppanalysis.methods.bounds.harmonic import Question, idle
+from eppanalysis.methods.bounds.harmonic import Question, idle, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import half_widths_of
@@ -24,7 +24,7 @@ from eppanalysis.methods.bounds.verify import Verification, check_verification, 
 from eppanalysis.methods.design.frontier import Frontier
 from eppanalysis.methods.design.goal import Goal, Sense, goal_of
 from eppanalysis.methods.design.machines import machines_at_rest
-from eppanalysis.methods.design.programme import Place, spread
+from eppanalysis.methods.design.programme import N_SCAN, Place
 from eppanalysis.methods.design.result import INSIDE, Design, Optimum
 from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
@@ -80,7 +80,7 @@ class _Task:
         if self.goal.name == self.bounded:
             return self.goal.sign
         rows = []
-        for value in spread(question.low, question.high):
+        for value in spread(question.low, question.high, N_SCAN):
             try:
                 rows.append(self.goal.judge(question.case_at(value)).worth)
             except EppError:

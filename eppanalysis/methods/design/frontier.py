@@ -17,7 +17,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.elasticity import exact_slopes
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage
@@ -25,7 +25,7 @@ from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import make_point
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.design.programme import Place, Programme, distance, spread
+from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
@@ -212,7 +212,7 @@ class Frontier:
             for share in _AROUND if self.sign > 0 else [2.0 - s for s in _AROUND]:
                 if here.low < proposed * share < here.high:
                     yield proposed * share
-        yield from spread(safe, wanted)
+        yield from spread(safe, wanted, N_SCAN)
 
     @cached_property
     def programme(self) -> Programme:
@@ -231,7 +231,7 @@ class Frontier:
     def _first_order(self, here: Question) -> float | None:
         safe, wanted = self.ends
         before = safe
-        for value in spread(safe, wanted):
+        for value in spread(safe, wanted, N_SCAN):
             if self._predicted(here, value):
                 for _ in range(_HALVINGS if value != safe else 0):
                     middle = 0.5 * (before + value)

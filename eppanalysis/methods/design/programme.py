@@ -10,14 +10,14 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.elasticity import harmonic_slopes
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, extreme
-from eppanalysis.methods.bounds.harmonic import Question, steady_loop
+from eppanalysis.methods.bounds.harmonic import Question, spread, steady_loop
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.harmonic.loop import inputs_of
 
 Place = tuple[float, ...]
 
 #: Values of the range at which first order is asked, and the reach of the programme from there.
-_N_SCAN, _FAR = 9, 0.7
+N_SCAN, _FAR = 9, 0.7
 
 
 @dataclass(eq=False)
@@ -79,7 +79,7 @@ class Programme:
     def _starts(self, here: Question) -> list[Cycle]:
         """The cycles of first order at the first value, from the safe end on, that has any."""
         safe, wanted = (here.low, here.high) if self.sign > 0 else (here.high, here.low)
-        for value in spread(safe, wanted)[1:]:
+        for value in spread(safe, wanted, N_SCAN)[1:]:
             case = here.case_at(value)
             try:
                 cycles = predicted_cycles(case)
@@ -94,10 +94,3 @@ class Programme:
 def distance(widths: Mapping[str, float], one: Place, other: Place) -> float:
     """Between two places, in shares of how far each parameter runs."""
     return float(np.hypot.reduce([(a - b) / w for a, b, w in zip(one, other, widths.values(), strict=True)]))
-
-
-def spread(first: float, last: float) -> list[float]:
-    """Values from one end of a range to the other."""
-    make = np.geomspace if min(first, last) > 0 else np.linspace
-    values = [float(v) for v in make(first, last, _N_SCAN)]
-    return [first, *values[1:-1], last]

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
-from eppanalysis.methods.bounds.harmonic import Question
+from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.design.climb import Slope, climb
 from eppanalysis.methods.design.frontier import FLAT, Frontier
 from eppanalysis.methods.design.goal import Goal, Judged, Kept
-from eppanalysis.methods.design.programme import Place, spread
+from eppanalysis.methods.design.programme import N_SCAN, Place
 
 Array = NDArray[np.float64]
 
@@ -138,15 +138,15 @@ class Search:
         """Values of parameters at shares of their ranges."""
         made = []
         for share, (low, high) in zip(units.tolist(), self.others.values(), strict=True):
-            by_ratio = low > 0 and high >= _DECADE * low
-            made.append(low * (high / low) ** share if by_ratio else low + share * (high - low))
-        return tuple(float(np.clip(v, *ends)) for v, ends in zip(made, self.others.values(), strict=True))
+            value = low * (high / low) ** share if _by_ratio(low, high) else low + share * (high - low)
+            made.append(float(np.clip(value, low, high)))
+        return tuple(made)
 
     def units(self, place: Place) -> tuple[Array, Array]:
         """Shares of the ranges at a place, and the derivative of the values by them."""
         shares, slopes = [], []
         for value, (low, high) in zip(place, self.others.values(), strict=True):
-            by_ratio = low > 0 and high >= _DECADE * low
+            by_ratio = _by_ratio(low, high)
             width = np.log(high / low) if by_ratio else high - low
             shares.append(np.log(value / low) / width if by_ratio else (value - low) / width)
             slopes.append(width * value if by_ratio else width)
@@ -177,7 +177,7 @@ class Search:
         limit, sign = here.limit, self.frontier.sign
         if self.goal.name == limit and not self.goal.kept:
             return Pick(place, edge, self.goal.sign * edge, ExactBound(edge))
-        values = spread(safe, edge) if sign * (edge - safe) > 0 else [edge]
+        values = spread(safe, edge, N_SCAN) if sign * (edge - safe) > 0 else [edge]
         judged = [self.judge(here, v) for v in values]
         fit = [i for i, j in enumerate(judged) if j.feasible]
         if not fit:
@@ -413,6 +413,11 @@ class Search:
         corner = self.corners[-1]
         edge = self.frontier.first_order(self.full(place, corner))
         return self.within(place, self.frontier.ends[1] if edge is None else self.nominal(edge))
+
+
+def _by_ratio(low: float, high: float) -> bool:
+    """Whether a range is run through by ratios."""
+    return low > 0 and high >= _DECADE * low
 
 
 def _not_kept(judged: Sequence[Judged]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.exact import BORN, ExactBound
-from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, value_of
+from eppanalysis.methods.bounds.harmonic import N_SCAN, Question, idle, spread, value_of
 from eppanalysis.methods.bounds.result import Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import Walk, steady_case
@@ -98,8 +98,7 @@ def scan(question: Question, allowed: Allowed) -> Scan:
 
 def tried_values(question: Question) -> list[float]:
     """Values of the limiting parameter over its range, and the case's own, lowest first [SI]."""
-    spread = np.geomspace if question.low > 0 else np.linspace
-    values = [float(np.clip(v, question.low, question.high)) for v in spread(question.low, question.high, N_SCAN)]
+    values = spread(question.low, question.high, N_SCAN)
     own = value_of(question.case, question.limit)
     return sorted({*values, own}) if own is not None and question.low < own < question.high else values
 
