@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.absorbed import with_gains
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.models.systems.subject import require_continuous
 from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
@@ -214,8 +214,7 @@ def candidates_of(system: LureSystem, at: OperatingPoint) -> Candidates:
     ModelError
         If there is dead time behind an element, or the loop of gains has no unique solution.
     """
-    if system.time_step:
-        raise EppError(f"{system.name}: a discrete-time loop; expected one in continuous time.")
+    require_continuous(system, "diagnose")
     linear = Linear.of(system, at)
     linear.closed  # noqa: B018  (refuses dead time)
     base = system.given or system

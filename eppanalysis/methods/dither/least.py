@@ -14,7 +14,7 @@ from eppanalysis.methods.dither.runs import DitherRun, Rig
 from eppanalysis.methods.dither.smoothed import Wave, smoothed
 from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, standing
+from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of, require_continuous, standing
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -83,8 +83,7 @@ def dither(
     if not (np.isfinite(frequency) and frequency > 0):
         raise EppError(f"dither: frequency is {frequency}; expected a positive number [Hz].")
     loop, at = standing(system, operating_point, "dither")
-    if loop.time_step:
-        raise EppError(f"dither: {loop.name} is a loop in discrete time; expected one in continuous time.")
+    require_continuous(loop, "dither")
     number = _number(loop, element)
     smoothed(loop.elements[number], 1.0, wave)  # refused here, before anything is searched for
     cycle = _largest(system, operating_point)

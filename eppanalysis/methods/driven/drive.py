@@ -19,7 +19,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.inputs import InputSignal, Sine, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.subject import CaseLike, PointLike, standing, system_of
+from eppanalysis.models.systems.subject import CaseLike, PointLike, require_continuous, standing, system_of
 
 Array = NDArray[np.float64]
 
@@ -153,8 +153,7 @@ def drive_of(
         point = operating_point if isinstance(operating_point, OperatingPoint) else point.with_inputs(operating_point)
     middle = point.inputs.get(name, float(system.v0[system.input_names.index(name)]))
     system, at = standing(loop, point.with_inputs({name: middle}), analysis)
-    if system.time_step:
-        raise EppError(f"{analysis}: {system.name} is a loop in discrete time; expected one in continuous time.")
+    require_continuous(system, analysis)
     return Drive(system, at, name, float(amplitude), 2.0 * np.pi * float(frequency))
 
 

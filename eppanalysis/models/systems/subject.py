@@ -125,6 +125,18 @@ def standing(
     return system, OperatingPoint(dict(zip(system.input_names, inputs, strict=True)))
 
 
+def require_continuous(system: LureSystem, analysis: str) -> None:
+    """Refuse a loop in discrete time.
+
+    Raises
+    ------
+    EppError
+        If it is one.
+    """
+    if system.time_step:
+        raise EppError(f"{analysis}: {system.name} is a loop in discrete time; expected one in continuous time.")
+
+
 def require_case(case: C | LureSystem, analysis: str) -> C:
     """The case that an analysis over parameters was handed; at the public door a loop has become one.
 
