@@ -16,10 +16,9 @@ from eppanalysis.cli.common import (
     Json,
     Output,
     Settings,
+    answer,
     check_output,
-    heading,
     load_case,
-    print_json,
     print_table,
     progress,
     within_of,
@@ -103,11 +102,7 @@ def bounds(
             workers=cores() if workers is None else workers,
             progress=advance,
         )
-    if as_json:
-        print_json("bounds", [(found, result.to_dict())], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
-        _show(found, result)
+    answer("bounds", found, settings, as_json, result.to_dict, lambda: _show(found, result))
     if output is not None:
         from eppanalysis.tables.files import write_result
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, Json, Settings, check_output, heading, load_case, print_json, print_table
+from eppanalysis.cli.common import NOTHING, Json, Settings, answer, check_output, file_option, load_case, print_table
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -27,16 +27,8 @@ Absence = Annotated[
 Cycles = Annotated[
     bool, typer.Option("--cycles", help="These are all limit cycles, and nothing else is periodic but rest.")
 ]
-File = Annotated[
-    Path | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE", help="Write the certificate (.json), or a picture.", show_default=False
-    ),
-]
-Checked = Annotated[
-    Path | None,
-    typer.Option("--check", metavar="FILE", help="Check a certificate, in a process of its own.", show_default=False),
-]
+File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
+Checked = Annotated[Path | None, file_option("Check a certificate, in a process of its own.", "--check")]
 
 
 def certify(
@@ -59,22 +51,23 @@ def certify(
     if len(asked) > 1:
         raise EppError(f"certify: {' and '.join(f'--{name}' for name in asked)} are given; expected one of them.")
     from eppanalysis.methods.certificates.certify import certify as prove
-    from eppanalysis.tables.console import certificate_table
     from eppanalysis.tables.files import PICTURES
 
     if output is not None:
         check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
     result = prove(found, *asked)
-    if as_json:
-        print_json("certify", [(found, result.to_dict())], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
-        typer.echo(result.message)
-        if result.roots or result.undecided:
-            print_table(certificate_table(result))
+    answer("certify", found, settings, as_json, result.to_dict, lambda: _show(result))
     if output is not None:
         _write(result, output)
+
+
+def _show(result: Certificate) -> None:
+    from eppanalysis.tables.console import certificate_table
+
+    typer.echo(result.message)
+    if result.roots or result.undecided:
+        print_table(certificate_table(result))
 
 
 def _write(result: Certificate, output: Path) -> None:

@@ -29,6 +29,7 @@ from eppanalysis.cli.common import (
     Settings,
     check_output,
     expanded,
+    file_option,
     heading,
     load_case,
     print_json,
@@ -141,23 +142,13 @@ Cases = Annotated[
 ]
 Output = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc); {case} in it stands for the case's name.",
-        show_default=False,
-    ),
+    file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc); {case} in it stands for the case's name."),
 ]
-
-
 Measured = Annotated[
     Path | None,
-    typer.Option(
+    file_option(
+        "Measured frequency response (.csv) in place of the linear part, round the one element of each case.",
         "--response",
-        metavar="FILE",
-        help="Measured frequency response (.csv) in place of the linear part, round the one element of each case.",
-        show_default=False,
     ),
 ]
 
@@ -271,10 +262,7 @@ def list_cases(as_json: Json = False) -> None:
 
 
 def schema(
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write it to a file (.json).", show_default=False),
-    ] = None,
+    output: Annotated[Path | None, file_option("Write it to a file (.json).")] = None,
 ) -> None:
     """Print the JSON schema of case files, with which editors complete and check them."""
     if output is not None:

@@ -6,7 +6,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 NOTHING: list[str] = []
 NO_FILES: list[Path] = []
 
+
+def file_option(help: str, *names: str) -> Any:
+    """The option of a file, by default that of what is written."""
+    return typer.Option(*(names or ("-o", "--output")), metavar="FILE", help=help, show_default=False)
+
+
 CaseName = Annotated[
     str,
     typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
@@ -38,22 +44,8 @@ Settings = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).",
-        show_default=False,
-    ),
-]
-
-
-Picture = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Write a picture (.png, .svg, .pdf).", show_default=False),
-]
+Output = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).")]
+Picture = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf).")]
 Allow = Annotated[
     str | None,
     typer.Option(
@@ -226,6 +218,38 @@ def print_table(table: Table) -> None:
     from rich.console import Console
 
     Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 240).print(table)
+
+
+def answer(
+    command: str,
+    case: Case,
+    settings: Sequence[str],
+    as_json: bool,
+    data: Callable[[], Any],
+    show: Callable[[], None],
+    title: str = "",
+) -> None:
+    """What a command found about one case: its document where JSON is asked for, else what is shown below a heading.
+
+    Parameters
+    ----------
+    command : str
+    case : Case
+    settings : sequence of str
+        As ``--set`` takes them.
+    as_json : bool
+    data : callable
+        Gives the plain data of the document.
+    show : callable
+        Prints tables and sentences.
+    title : str
+        Name and title of the case by default.
+    """
+    if as_json:
+        print_json(command, [(case, data())], settings)
+        return
+    heading(title or f"{case.name}: {case.title}", settings)
+    show()
 
 
 def print_json(command: str, results: Sequence[tuple[Case, Any]], settings: Sequence[str]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,10 +15,9 @@ from eppanalysis.cli.common import (
     Output,
     Picture,
     Settings,
+    answer,
     check_output,
-    heading,
     load_case,
-    print_json,
     progress,
 )
 from eppanalysis.errors import EppError
@@ -50,13 +50,11 @@ def cycles(
     with progress(f"cycles {found.name}") as advance:
         search = find_limit_cycles(found, progress=advance)
         hits = trigger(found, cycles=search) if triggers else ()
-    if as_json:
-        print_json("cycles", [(found, {**search.to_dict(), "triggers": [k.to_dict() for k in hits]})], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
-        _show_cycles(found, search)
-        for hit in hits:
-            typer.echo(f"trigger: {_trigger_text(found, hit)}")
+
+    def data() -> dict[str, Any]:
+        return {**search.to_dict(), "triggers": [hit.to_dict() for hit in hits]}
+
+    answer("cycles", found, settings, as_json, data, lambda: _show_cycles(found, search, hits))
     if output is not None:
         write_result(search, lambda result: cycle_table(result.cycles), output)
 
@@ -84,16 +82,12 @@ def branch(
         found.with_values({over: value}, option)
     with progress(f"branch {found.name}"):
         result = continue_branch(found, over, start, stop, n_points=points)
-    if as_json:
-        print_json("branch", [(found, result.to_dict())], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
-        _show_branch(found, over, result)
+    answer("branch", found, settings, as_json, result.to_dict, lambda: _show_branch(found, over, result))
     if output is not None:
         write_figure(result.plot(signal=found.expected.signal), output)
 
 
-def _show_cycles(case: Case, search: CycleSearch) -> None:
+def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -> None:
     # The sentence of a search that found nothing says how it ended already, where it left something open.
     said = str(search) if not len(search) else f"{count(len(search), 'limit cycle')}. {search.message}"
     typer.echo(f"{said} Sought with {search.search}")
@@ -104,6 +98,8 @@ def _show_cycles(case: Case, search: CycleSearch) -> None:
             f"  {kind}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  {name} "
             f"{quantity(cycle.peak_to_peak[name], cycle.units[name], 8)} peak to peak  {cycle.stability_criterion}"
         )
+    for hit in triggers:
+        typer.echo(f"trigger: {_trigger_text(case, hit)}")
 
 
 def _trigger_text(case: Case, hit: Trigger) -> str:

@@ -15,10 +15,10 @@ from eppanalysis.cli.common import (
     CaseName,
     Json,
     Settings,
+    answer,
     check_output,
-    heading,
+    file_option,
     load_case,
-    print_json,
     print_table,
     progress,
     range_of,
@@ -80,12 +80,8 @@ def design(
     as_json: Json = False,
     output: Annotated[
         list[Path],
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Write the design as a case file (.toml), a picture (.png, .svg, .pdf) or a table (.csv); repeatable.",
-            show_default=False,
+        file_option(
+            "Write the design as a case file (.toml), a picture (.png, .svg, .pdf) or a table (.csv); repeatable."
         ),
     ] = NO_FILES,
 ) -> None:
@@ -118,11 +114,7 @@ def design(
             seed=seed,
             progress=advance,
         )
-    if as_json:
-        print_json("design", [(found, result.to_dict())], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
-        _show(found, result)
+    answer("design", found, settings, as_json, result.to_dict, lambda: _show(found, result))
     for path in output:
         _write(found, result, path)
 

@@ -14,10 +14,10 @@ from eppanalysis.cli.common import (
     CaseName,
     Json,
     Settings,
+    answer,
     check_output,
-    heading,
+    file_option,
     load_case,
-    print_json,
     print_table,
     progress,
     split_pair,
@@ -82,9 +82,7 @@ def guide(
     step: Step = None,
     outputs: Annotated[
         list[Path],
-        typer.Option(
-            "-o", "--output", metavar="FILE", help=".md, .csv, .tex, .html, .docx, .xlsx, .png, .svg or .pdf" + _END
-        ),
+        file_option(".md, .csv, .tex, .html, .docx, .xlsx, .png, .svg or .pdf" + _END),
     ] = NO_FILES,
 ) -> None:
     """Say how far a parameter may go in each design of a grid (how much backlash an elbow may have at each gain)."""
@@ -121,11 +119,7 @@ def guide(
             seed=seed,
             progress=advance,
         )
-    if as_json:
-        print_json("guide", [(found, result.to_dict())], settings)
-    else:
-        heading(title(result), settings)
-        _show(result)
+    answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
     for path in outputs:
         result.write(path)
     write_manual(result, manual, rounding)

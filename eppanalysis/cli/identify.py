@@ -17,8 +17,9 @@ from eppanalysis.cli.common import (
     Json,
     Output,
     Settings,
+    answer,
     check_output,
-    heading,
+    file_option,
     load_case,
     print_json,
     print_table,
@@ -37,13 +38,9 @@ _FILES = (".toml", ".csv", *_PICTURES)
 Measured = Annotated[Path | None, typer.Option(metavar="CSV", show_default=False)]
 Outputs = Annotated[
     list[Path],
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of "
-        "a picture stands for tray, backlash or step.",
-        show_default=False,
+    file_option(
+        "A case file (.toml), a table (.csv) or a picture (.png, .svg, .pdf); repeatable. {bench} in the name of a "
+        "picture stands for tray, backlash or step."
     ),
 ]
 
@@ -215,10 +212,7 @@ def diagnose(
     chosen = _columns(columns, found)
     with progress(f"diagnose {found.name}") as advance:
         result = run(found, _measured(record), columns=chosen, model_error=model_error, progress=advance)
-    if as_json:
-        print_json("diagnose", [(found, result.to_dict())], settings)
-    else:
-        _show_diagnosis(found, result, settings)
+    answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(result))
     if output is not None:
         from eppanalysis.tables.files import diagnosis_table, write_result
 
@@ -238,10 +232,9 @@ def _columns(texts: list[str], found: Case) -> dict[str, tuple[str, str]]:
     return out
 
 
-def _show_diagnosis(found: Case, result: Diagnosis, settings: list[str]) -> None:
+def _show_diagnosis(result: Diagnosis) -> None:
     from eppanalysis.tables.console import candidates_table
 
-    heading(f"{found.name}: {found.title}", settings)
     for note in result.record.notes:
         typer.echo(note)
     typer.secho(f"{result.headline()}.", bold=True)

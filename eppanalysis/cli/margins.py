@@ -12,10 +12,9 @@ from eppanalysis.cli.common import (
     Json,
     Picture,
     Settings,
+    answer,
     check_output,
-    heading,
     load_case,
-    print_json,
     print_table,
 )
 from eppanalysis.errors import EppError
@@ -46,11 +45,11 @@ def margins(
     if output is not None and len(names) > 1:
         raise EppError(f"{output}: is one picture for {len(names)} cuts; expected one --at.")
     result = margins_at(found, names)
-    if as_json:
-        print_json("margins", [(found, {"margins": [one.to_dict() for one in result]})], settings)
-    else:
-        heading(f"{found.name}: {found.title}", settings)
+
+    def show() -> None:
         print_table(all_margins_table(result))
         typer.echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
+
+    answer("margins", found, settings, as_json, lambda: {"margins": [one.to_dict() for one in result]}, show)
     if output is not None:
         write_figure(result[0].plot(), output)

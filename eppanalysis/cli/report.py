@@ -7,18 +7,9 @@ from typing import Annotated
 
 import typer
 
-from eppanalysis.cli.common import NOTHING, Settings, check_output, expanded, load_case, progress
+from eppanalysis.cli.common import NOTHING, Settings, check_output, expanded, file_option, load_case, progress
 
-Target = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="A page (.html), a notebook (.ipynb) or a document (.pdf).",
-        show_default=False,
-    ),
-]
+Target = Annotated[Path, file_option("A page (.html), a notebook (.ipynb) or a document (.pdf).")]
 Cases = Annotated[
     list[str],
     typer.Argument(metavar="CASE", help="Case files (TOML), or names of shipped cases.", show_default=False),

@@ -12,10 +12,9 @@ from eppanalysis.cli.common import (
     Json,
     Output,
     Settings,
+    answer,
     check_output,
-    heading,
     load_case,
-    print_json,
     print_table,
     progress,
     range_of,
@@ -55,10 +54,7 @@ def response(
     name = signal or found.expected.signal
     with progress(f"response {found.name}"):
         result = _asked(found, input, name, amplitude, frequency)
-    if as_json:
-        print_json("response", [(found, result.to_dict())], settings)
-    else:
-        _show(found, result, settings)
+    answer("response", found, settings, as_json, result.to_dict, lambda: _show(result))
     if output is not None:
         write_result(result, response_table, output)
 
@@ -100,11 +96,10 @@ def _numbers(option: str, text: str | None, unit: str) -> list[float]:
         raise EppError(f"{option} {text}: expected {error.expected}, or two with '..' between them.") from None
 
 
-def _show(found: Case, result: Any, settings: list[str]) -> None:
+def _show(result: Any) -> None:
     from eppanalysis.methods.driven.result import ForcedResponse
     from eppanalysis.tables.console import forced_table, special_responses_table
 
-    heading(f"{found.name}: {found.title}", settings)
     typer.echo(str(result))
     if isinstance(result, ForcedResponse):
         if len(result):

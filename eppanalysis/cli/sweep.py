@@ -17,6 +17,7 @@ from eppanalysis.cli.common import (
     Json,
     Settings,
     check_output,
+    file_option,
     load_case,
     print_json,
     split_pair,
@@ -110,18 +111,9 @@ Scheduler = Annotated[
 ]
 Target = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="A Zarr folder (.zarr), which goes on where it was; or a table (.nc) or picture (.png, .svg, .pdf).",
-        show_default=False,
-    ),
+    file_option("A Zarr folder (.zarr), which goes on where it was; or a table (.nc) or picture (.png, .svg, .pdf)."),
 ]
-Picture = Annotated[
-    Path | None,
-    typer.Option("--picture", metavar="FILE", help="Also a picture (.png, .svg, .pdf).", show_default=False),
-]
+Picture = Annotated[Path | None, file_option("Also a picture (.png, .svg, .pdf).", "--picture")]
 ShardOption = Annotated[
     str | None,
     typer.Option(
