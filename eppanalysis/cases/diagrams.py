@@ -19,6 +19,7 @@ from eppanalysis.cases.blocks import (
 from eppanalysis.cases.files import Connections, Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
+from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
 from eppanalysis.cases.values.dimensions import check_fields
 from eppanalysis.cases.values.expressions import is_expression
@@ -45,6 +46,7 @@ class DiagramKind(Kind):
 
     name = "diagram"
     input_unit = ""
+    file = DiagramFile
     variation = DiagramVariation
 
     def parts(self, file: Any, raw: RawCase) -> Parts:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from eppanalysis.cases.model import json_schema
-from eppanalysis.cases.schema import FILES
+from eppanalysis.cases.model import KINDS, json_schema
 
 _DEFINITIONS = "$defs"
 #: What a file that inherits may leave out is for the file that it inherits from to say.
@@ -23,7 +22,7 @@ def case_schema() -> dict[str, Any]:
     ['elbow', 'loop', 'diagram']
     """
     definitions: dict[str, Any] = {}
-    for kind in FILES:
+    for kind in KINDS:
         whole = json_schema(kind)
         for prefix, change in (("", False), (_PARTLY, True)):
             name = f"{prefix}{kind}"
@@ -35,15 +34,15 @@ def case_schema() -> dict[str, Any]:
             "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
             "then": {"$ref": f"#/{_DEFINITIONS}/{kind}"},
         }
-        for kind in FILES
+        for kind in KINDS
     ]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Case file of eppanalysis",
         "type": "object",
         "if": {"required": ["base"]},
-        "then": {"anyOf": [{"$ref": f"#/{_DEFINITIONS}/{_PARTLY}{kind}"} for kind in FILES]},
-        "else": {"required": ["kind"], "properties": {"kind": {"enum": list(FILES)}}, "allOf": by_kind},
+        "then": {"anyOf": [{"$ref": f"#/{_DEFINITIONS}/{_PARTLY}{kind}"} for kind in KINDS]},
+        "else": {"required": ["kind"], "properties": {"kind": {"enum": list(KINDS)}}, "allOf": by_kind},
         _DEFINITIONS: definitions,
     }
 

@@ -13,6 +13,7 @@ import numpy as np
 from eppanalysis.cases.files import RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
+from eppanalysis.cases.schema import ElbowFile
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import Slider, Variation, Varied
 from eppanalysis.errors import CaseError, ModelError
@@ -82,6 +83,7 @@ class ElbowKind(Kind):
 
     name = "elbow"
     input_unit = "m"
+    file = ElbowFile
     variation = ElbowVariation
 
     def parts(self, file: Any, raw: RawCase) -> Parts:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from eppanalysis.cases.files import RawCase
+from eppanalysis.cases.schema import CaseFile
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.variation import LoopVariation, Variation
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
@@ -45,12 +46,15 @@ class Kind(ABC):
         What its files call it.
     input_unit : str
         SI unit of the external input; empty where it has none.
+    file : type of CaseFile
+        The model of its files.
     variation : type of Variation
         What is worth varying in its cases.
     """
 
     name: ClassVar[str]
     input_unit: ClassVar[str]
+    file: ClassVar[type[CaseFile]]
     variation: ClassVar[type[Variation]] = LoopVariation
 
     @abstractmethod

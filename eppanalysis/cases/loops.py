@@ -13,7 +13,7 @@ from eppanalysis.cases.blocks import Block, make_element, read_blocks
 from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
-from eppanalysis.cases.schema import LoopSection
+from eppanalysis.cases.schema import LoopFile, LoopSection
 from eppanalysis.cases.values.dimensions import check_units
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
@@ -44,6 +44,7 @@ class LoopKind(Kind):
 
     name = "loop"
     input_unit = ""
+    file = LoopFile
 
     def parts(self, file: Any, raw: RawCase) -> Parts:
         """The elements' scalar fields and what stands before the loop as a whole, the input, and the loop."""

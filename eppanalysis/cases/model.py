@@ -18,7 +18,7 @@ from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, without
 from eppanalysis.cases.from_system import input_tables, tables_of
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
-from eppanalysis.cases.schema import FILES, INPUTS, find_quantity, validate
+from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.toml import write_toml
@@ -271,7 +271,7 @@ class Case:
             return self.parameters[name].unit, self.parameters[name].friendly
         if name.startswith("run.input."):
             return self._unit_of_input(name.removeprefix("run.input."))
-        quantity = find_quantity(FILES[self.kind], name.split("."))
+        quantity = find_quantity(KINDS[self.kind].file, name.split("."))
         return ("", "") if quantity is None else (quantity.unit, quantity.friendly or quantity.unit)
 
     def _unit_of_input(self, name: str) -> tuple[str, str]:
@@ -416,7 +416,7 @@ def load(raw: RawCase) -> Case:
     CaseError
         If anything in it is not valid.
     """
-    file = validate(raw)
+    file = validate(raw, {name: kind.file for name, kind in KINDS.items()})
     parts = KINDS[file.kind].parts(file, raw)
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
@@ -448,9 +448,9 @@ def json_schema(kind: str) -> dict[str, Any]:
     CaseError
         If there is no such kind.
     """
-    if kind not in FILES:
-        raise CaseError("json_schema", "kind", kind, " or ".join(repr(k) for k in FILES))
-    schema = FILES[kind].model_json_schema()
+    if kind not in KINDS:
+        raise CaseError("json_schema", "kind", kind, " or ".join(repr(k) for k in KINDS))
+    schema = KINDS[kind].file.model_json_schema()
     schema["properties"]["base"] = {"type": "string", "description": "Case that this one inherits from."}
     return schema
 

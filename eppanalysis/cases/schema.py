@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
@@ -36,6 +37,10 @@ Scalar = Annotated[Parameter, AnyQuantity()]
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CaseFile(_Model):
+    """A case file: the top level, where a base may stand beside the fields."""
 
 
 class StepInput(_Model):
@@ -165,7 +170,7 @@ _ELBOW: dict[str, Any] = {
     "expected": (ExpectedSection, ExpectedSection()),
 }
 ElbowFile: Any = create_model(
-    "ElbowFile", __base__=_Model, __doc__="A case of the elbow.", __module__=__name__, **_ELBOW
+    "ElbowFile", __base__=CaseFile, __doc__="A case of the elbow.", __module__=__name__, **_ELBOW
 )
 
 
@@ -220,7 +225,7 @@ class LoopSection(_Model):
     feedback: Literal[-1, 1] = -1
 
 
-class LoopFile(_Model):
+class LoopFile(CaseFile):
     """A case of a generic loop."""
 
     kind: Literal["loop"]
@@ -267,7 +272,7 @@ def _sum(signal: Any) -> Any:
     return {"of": signal} if isinstance(signal, str) else signal
 
 
-class DiagramFile(_Model):
+class DiagramFile(CaseFile):
     """A case of a diagram: named parameters, blocks, elements, and how they are connected."""
 
     kind: Literal["diagram"]
@@ -282,8 +287,6 @@ class DiagramFile(_Model):
     run: RunSection
     expected: ExpectedSection = ExpectedSection()
 
-
-FILES: dict[str, type[BaseModel]] = {"elbow": ElbowFile, "loop": LoopFile, "diagram": DiagramFile}
 
 _SENTENCES = {
     "string_type": "a text",
@@ -302,8 +305,8 @@ _SENTENCES = {
 _LENGTHS = {"string_too_long": ("a text", "characters"), "too_long": ("a list", "items")}
 
 
-def validate(raw: RawCase) -> Any:
-    """The validated model of a case file.
+def validate(raw: RawCase, files: Mapping[str, type[CaseFile]]) -> Any:
+    """The validated model of a case file; `files` are the models by what files call their kind.
 
     Raises
     ------
@@ -315,9 +318,9 @@ def validate(raw: RawCase) -> Any:
     if "kind" not in raw.data and "connect" in raw.data:
         raise CaseError(raw.source, "kind", Missing(), "'diagram', as the file has connections")
     kind = raw.data.get("kind", "elbow")
-    model = FILES.get(kind) if isinstance(kind, str) else None
+    model = files.get(kind) if isinstance(kind, str) else None
     if model is None:
-        raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in FILES))
+        raise CaseError(raw.origin("kind"), "kind", kind, " or ".join(repr(k) for k in files))
     try:
         return model.model_validate(raw.data)
     except ValidationError as error:
@@ -378,7 +381,7 @@ def _members(annotation: Any) -> list[Any]:
 
 def _suggest(name: str, model: type[BaseModel] | None) -> str:
     known = sorted(model.model_fields) if model is not None else []
-    if model in FILES.values():
+    if model is not None and issubclass(model, CaseFile):
         known.append("base")
     close = difflib.get_close_matches(name, known, n=1)
     if close:
