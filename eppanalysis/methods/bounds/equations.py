@@ -19,6 +19,7 @@ With the states kept as unknowns every equation is polynomial but for the waves 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -323,7 +324,7 @@ class _Element:
             for i, kind in enumerate(self.kinds):
                 on, on_rate, constant, scale = self.numbers.smooth[i]
                 share = self.numbers.by_smooth[piece, output, i]
-                y += share * _function(kind, on * value + on_rate * rate + constant, scale)
+                y += share * _FUNCTIONS[kind](on * value + on_rate * rate + constant, scale)
             angles = nodes @ self.owner.k.T
             y = y * weights
             total += ca.horzcat(ca.sum1(y), 2.0 * (y.T @ ca.cos(angles)), -2.0 * (y.T @ ca.sin(angles)))
@@ -370,20 +371,18 @@ class _Element:
         return out
 
 
-def _function(kind: str, x: Any, scale: Any) -> Any:
-    if kind == "sine":
-        return scale * ca.sin(x)
-    if kind == "cube":
-        return scale * x**3
-    if kind == "reciprocal_abs":
-        return scale / (1.0 + ca.fabs(x))
-    powers = {"square": 2, "fourth_power": 4, "fifth_power": 5}
-    if kind in powers:
-        return scale * x ** powers[kind]
-    others = {"tanh": ca.tanh, "arctan": ca.atan, "gaussian": lambda x: ca.exp(-(x**2))}
-    if kind in others:
-        return scale * others[kind](x)
-    raise ModelError(f"The smooth function {kind!r} is unknown to harmonic balance.")
+#: Smooth functions of an argument and their scale, as CasADi takes them.
+_FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
+    "sine": lambda x, scale: scale * ca.sin(x),
+    "cube": lambda x, scale: scale * x**3,
+    "reciprocal_abs": lambda x, scale: scale / (1.0 + ca.fabs(x)),
+    "square": lambda x, scale: scale * x**2,
+    "fourth_power": lambda x, scale: scale * x**4,
+    "fifth_power": lambda x, scale: scale * x**5,
+    "tanh": lambda x, scale: scale * ca.tanh(x),
+    "arctan": lambda x, scale: scale * ca.atan(x),
+    "gaussian": lambda x, scale: scale * ca.exp(-(x**2)),
+}
 
 
 def polynomials(dependence: Dependence, used: NDArray[np.bool_], u: Any, constants: Any, coefficients: Any) -> Any:

@@ -259,31 +259,28 @@ class _Coefficients:
         )
 
 
-#: Value and slope of further smooth functions.
-_CURVES: dict[str, Callable[[Array], tuple[Array, Array]]] = {
-    "square": lambda x: (x**2, 2.0 * x),
-    "fourth_power": lambda x: (x**4, 4.0 * x**3),
-    "fifth_power": lambda x: (x**5, 5.0 * x**4),
-    "tanh": lambda x: (np.tanh(x), 1.0 - np.tanh(x) ** 2),
-    "arctan": lambda x: (np.arctan(x), 1.0 / (1.0 + x**2)),
-    "gaussian": lambda x: (np.exp(-(x**2)), -2.0 * x * np.exp(-(x**2))),
+def _reciprocal_abs(x: Array, scale: float) -> tuple[Array, Array]:
+    y = scale / (1.0 + np.abs(x))
+    return y, -y * np.sign(x) / (1.0 + np.abs(x))
+
+
+#: Value and slope of smooth functions of an argument, and their scale.
+_CURVES: dict[str, Callable[[Array, float], tuple[Array, Array]]] = {
+    "sine": lambda x, scale: (scale * np.sin(x), scale * np.cos(x)),
+    "cube": lambda x, scale: (scale * x**3, 3.0 * scale * x**2),
+    "reciprocal_abs": _reciprocal_abs,
+    "square": lambda x, scale: (scale * x**2, scale * (2.0 * x)),
+    "fourth_power": lambda x, scale: (scale * x**4, scale * (4.0 * x**3)),
+    "fifth_power": lambda x, scale: (scale * x**5, scale * (5.0 * x**4)),
+    "tanh": lambda x, scale: (scale * np.tanh(x), scale * (1.0 - np.tanh(x) ** 2)),
+    "arctan": lambda x, scale: (scale * np.arctan(x), scale * (1.0 / (1.0 + x**2))),
+    "gaussian": lambda x, scale: (scale * np.exp(-(x**2)), scale * (-2.0 * x * np.exp(-(x**2)))),
 }
 
 
 def smooth_values(smooth: Smooth, argument: Array) -> tuple[Array, Array]:
     """A smooth function and its derivative by its argument ``on_input @ z`` (the constant is added here)."""
-    x = argument + smooth.constant
-    if smooth.kind == "sine":
-        return smooth.scale * np.sin(x), smooth.scale * np.cos(x)
-    if smooth.kind == "cube":
-        return smooth.scale * x**3, 3.0 * smooth.scale * x**2
-    if smooth.kind == "reciprocal_abs":
-        y = smooth.scale / (1.0 + np.abs(x))
-        return y, -y * np.sign(x) / (1.0 + np.abs(x))
-    if smooth.kind in _CURVES:
-        y, slope = _CURVES[smooth.kind](x)
-        return smooth.scale * y, smooth.scale * slope
-    raise ModelError(f"The smooth function {smooth.kind!r} is unknown to harmonic balance.")
+    return _CURVES[smooth.kind](argument + smooth.constant, smooth.scale)
 
 
 def _smooth_part(c: _Coefficients) -> tuple[ComplexArray, ComplexArray, ComplexArray]:

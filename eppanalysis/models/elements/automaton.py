@@ -27,19 +27,7 @@ from eppanalysis.models.elements.columns import ByName, Columns, in_columns
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Smooth functions an element may use, by the code that the kernels know.
-SMOOTH_KINDS = {
-    "sine": 0,
-    "cube": 1,
-    "reciprocal_abs": 2,
-    "square": 3,
-    "fourth_power": 4,
-    "fifth_power": 5,
-    "tanh": 6,
-    "arctan": 7,
-    "gaussian": 8,
-}
-#: Those functions, of numbers or arrays.
+#: Smooth functions an element may use, of numbers or arrays, in the order of the codes that the kernels know.
 SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sine": np.sin,
     "cube": lambda u: u**3,
@@ -51,6 +39,8 @@ SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "arctan": np.arctan,
     "gaussian": lambda u: np.exp(-(u**2)),
 }
+#: Their codes.
+SMOOTH_KINDS = {name: code for code, name in enumerate(SMOOTH_FUNCTIONS)}
 
 
 def _vector(values: ArrayLike, size: int) -> Array:
