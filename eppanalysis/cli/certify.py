@@ -9,6 +9,7 @@ import typer
 
 from eppanalysis.cli.common import NOTHING, Json, Settings, answer, check_output, file_option, load_case, print_table
 from eppanalysis.errors import EppError
+from eppanalysis.methods.certificates.registry import Asked
 
 if TYPE_CHECKING:
     from eppanalysis.methods.certificates.result import Certificate
@@ -20,12 +21,14 @@ MaybeCase = Annotated[
     str | None,
     typer.Argument(metavar="CASE", help="Case file (TOML), or name of a shipped case.", show_default=False),
 ]
-Roots = Annotated[bool, typer.Option("--roots", help="All roots of the first-order balance in a box (the default).")]
-Absence = Annotated[
-    bool, typer.Option("--absence", help="No periodic motion but rest: circle criterion, Popov's, proofs for play.")
-]
-Cycles = Annotated[
-    bool, typer.Option("--cycles", help="These are all limit cycles, and nothing else is periodic but rest.")
+Statement = Annotated[
+    Asked | None,
+    typer.Option(
+        "--statement",
+        help="roots: all roots of the first-order balance in a box (the default); absence: no periodic motion but "
+        "rest; cycles: these are all limit cycles, and nothing else is periodic but rest.",
+        show_default=False,
+    ),
 ]
 File = Annotated[Path | None, file_option("Write the certificate (.json), or a picture.")]
 Checked = Annotated[Path | None, file_option("Check a certificate, in a process of its own.", "--check")]
@@ -33,9 +36,7 @@ Checked = Annotated[Path | None, file_option("Check a certificate, in a process 
 
 def certify(
     case: MaybeCase = None,
-    roots: Roots = False,
-    absence: Absence = False,
-    cycles: Cycles = False,
+    statement: Statement = None,
     check: Checked = None,
     settings: Settings = NOTHING,
     as_json: Json = False,
@@ -43,20 +44,17 @@ def certify(
 ) -> None:
     """Prove what first order predicts, or which limit cycles a loop has, or none, in a file that is checked."""
     if check is not None:
-        _check(check, [case, roots, absence, cycles, settings, as_json, output])
+        _check(check, [case, statement, settings, as_json, output])
         return
     if case is None:
         raise EppError("certify: there is no case; expected a case, or --check FILE.")
-    asked = [name for name, given in (("roots", roots), ("absence", absence), ("cycles", cycles)) if given]
-    if len(asked) > 1:
-        raise EppError(f"certify: {' and '.join(f'--{name}' for name in asked)} are given; expected one of them.")
     from eppanalysis.methods.certificates.certify import certify as prove
     from eppanalysis.tables.files import PICTURES
 
     if output is not None:
         check_output(output, (".json", *PICTURES))
     found = load_case(case, settings)
-    result = prove(found, *asked)
+    result = prove(found, statement or Asked.ROOTS)
     answer("certify", found, settings, as_json, result.to_dict, lambda: _show(result))
     if output is not None:
         _write(result, output)

@@ -191,7 +191,7 @@ def _advice(
         searched = (
             ""
             if cycles is None
-            else " The search is thorough and no proof: eppanalysis certify --absence asks for one."
+            else " The search is thorough and no proof: eppanalysis certify --statement absence asks for one."
         )
         longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
         return f"Nothing, at these values.{searched}" if run.status is Status.SETTLED else longer

@@ -18,7 +18,7 @@ def run(*args: str) -> tuple[int, str]:
 
 def test_roots_are_written_and_checked(tmp_path: Path) -> None:
     file = str(tmp_path / "roots.json")
-    code, text = run("backlash_servo", "--roots", "-o", file)
+    code, text = run("backlash_servo", "--statement", "roots", "-o", file)
     assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
     code, text = run("--check", file)
     assert code == 0 and text.startswith("Proved: the first-order balance of backlash servo has exactly 2 roots")
@@ -26,7 +26,7 @@ def test_roots_are_written_and_checked(tmp_path: Path) -> None:
 
 def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Path) -> None:
     file = tmp_path / "absence.json"
-    code, text = run("sat_am165", "--set", "loop.gain=0.5", "--absence", "-o", str(file))
+    code, text = run("sat_am165", "--set", "loop.gain=0.5", "--statement", "absence", "-o", str(file))
     assert code == 0 and "no periodic motion but rest" in text and "with loop.gain = 0.5" in text
     file.write_text(file.read_text().replace('"9/2"', '"4"'))
     code, text = run("--check", str(file))
@@ -36,7 +36,7 @@ def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Pat
 def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
     file, picture = tmp_path / "absence.json", tmp_path / "level.png"
     for output in (file, picture):
-        code, text = run("backlash_servo", "--set", "loop.gain=0.5", "--absence", "-o", str(output))
+        code, text = run("backlash_servo", "--set", "loop.gain=0.5", "--statement", "absence", "-o", str(output))
         assert code == 0 and "backlash servo has no periodic motion but rest, for any gap" in text.replace("\n", " ")
     assert picture.stat().st_size > 1000
     code, text = run("--check", str(file))
@@ -47,9 +47,9 @@ def test_absence_with_play_is_written_checked_and_drawn(tmp_path: Path) -> None:
 
 
 def test_what_is_not_decided_is_a_result_but_no_file(tmp_path: Path) -> None:
-    code, text = run("sat_am165", "--absence")
+    code, text = run("sat_am165", "--statement", "absence")
     assert code == 0 and "Not decided" in text
-    code, text = run("sat_am165", "--absence", "-o", str(tmp_path / "none.json"))
+    code, text = run("sat_am165", "--statement", "absence", "-o", str(tmp_path / "none.json"))
     assert code == 2 and "no certificate to write" in text and not list(tmp_path.iterdir())
 
 
@@ -64,7 +64,10 @@ def test_json_and_pictures(tmp_path: Path) -> None:
     ("args", "why"),
     [
         ([], "there is no case"),
-        (["sat_am165", "--roots", "--absence"], "--roots and --absence are given"),
+        (
+            ["sat_am165", "--statement", "presence"],
+            "--statement presence: is not known; expected one of roots, absence, cycles",
+        ),
         (["sat_am165", "--check", "x.json"], "expected it alone"),
         (["--check", "nowhere.json"], "expected the file of a certificate"),
         (["sat_am165", "-o", "roots.csv"], "roots.csv"),
