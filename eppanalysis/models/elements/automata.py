@@ -105,13 +105,24 @@ def smooth(kind: str, scale: float) -> Automaton:
 
 def friction(coulomb: float, static: float, stribeck: float = 0.0) -> Automaton:
     """Friction force of a velocity: slips either way, sticks at zero while it can hold."""
-    falling = stribeck > 0
-    law = (Smooth("reciprocal_abs", np.array([stribeck]), 0.0, static),) if falling else ()
-    build = AutomatonBuilder(smooth=law)
+    if stribeck > 0:
+        return sticking(static, 0.0, law=(Smooth("reciprocal_abs", np.array([stribeck]), 0.0, static),))
+    return sticking(static, coulomb)
+
+
+def sticking(static: float, level: float, viscous: float = 0.0, law: tuple[Smooth, ...] = ()) -> Automaton:
+    """Force against a velocity: sticks at zero up to `static`, slips with `level`, the law and the viscous part.
+
+    Parameters
+    ----------
+    static, level, viscous : float
+    law : tuple of Smooth
+        What falls with speed, or nothing.
+    """
+    build, falls = AutomatonBuilder(smooth=law), float(len(law))
     stick = build.mode("stuck", sticking=True)
-    smooth_part, constant = (1.0, 0.0) if falling else (0.0, coulomb)
-    forward = build.mode("slips forward", from_smooth=smooth_part, constant=constant)
-    backward = build.mode("slips backward", from_smooth=-smooth_part, constant=-constant)
+    forward = build.mode("slips forward", from_input=viscous, from_smooth=falls, constant=level)
+    backward = build.mode("slips backward", from_input=viscous, from_smooth=-falls, constant=-level)
     build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
     build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
     build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)

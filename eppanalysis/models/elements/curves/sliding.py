@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
+from eppanalysis.models.elements import automata
+from eppanalysis.models.elements.automaton import Automaton, Smooth
 from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
@@ -106,7 +107,7 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
 
     def automaton(self) -> Automaton:
         """Slips either way, sticks at rest."""
-        return _automaton(self.coulomb, self.coulomb, self.viscous)
+        return automata.sticking(self.coulomb, self.coulomb, self.viscous)
 
 
 @dataclass(frozen=True)
@@ -209,18 +210,5 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
 
     def automaton(self) -> Automaton:
         """Slips either way, sticks at rest."""
-        return _automaton(self.coulomb, self.static, self.viscous, self.velocity)
-
-
-def _automaton(coulomb: float, static: float, viscous: float, velocity: float = 0.0) -> Automaton:
-    """Slips either way, sticks at zero while it can hold; falls from `static` with speed if a velocity is given."""
-    law = (Smooth("gaussian", np.array([1 / velocity]), 0.0, static - coulomb),) if velocity else ()
-    build = AutomatonBuilder(smooth=law)
-    stick = build.mode("stuck", sticking=True)
-    forward = build.mode("slips forward", from_input=viscous, from_smooth=float(len(law)), constant=coulomb)
-    backward = build.mode("slips backward", from_input=viscous, from_smooth=-float(len(law)), constant=-coulomb)
-    build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
-    build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
-    build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)
-    build.guard("sticks", backward, stick, on_input=1.0, bypass=forward)
-    return build.build(stick)
+        law = (Smooth("gaussian", np.array([1 / self.velocity]), 0.0, self.static - self.coulomb),)
+        return automata.sticking(self.static, self.coulomb, self.viscous, law)
