@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.diagnose.record import Oscillation, Record
 from eppanalysis.readable import listed, number, quantity, words
-from eppanalysis.results import PlainData, Result, Status
+from eppanalysis.results import Listing, PlainData, Status
 from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ class Explanation(PlainData):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Result):
+class Diagnosis(Listing[Explanation]):
     """Which element of a loop explains a recorded oscillation; behaves as a sequence of Explanation, likeliest first.
 
     Attributes
@@ -140,19 +139,11 @@ class Diagnosis(Result):
     units: dict[str, str]
     status: Status
 
+    parts = "explanations"
     in_json = (
         "status message=status.value verdict threshold named=names explanations period growth model_error left_out "
         "operating_point provenance"
     )
-
-    def __len__(self) -> int:
-        return len(self.explanations)
-
-    def __getitem__(self, i: int) -> Explanation:
-        return self.explanations[i]
-
-    def __iter__(self) -> Iterator[Explanation]:
-        return iter(self.explanations)
 
     @property
     def period(self) -> float:

@@ -17,6 +17,7 @@ from eppanalysis.results.events import Event as Event
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.result import (
     Brief as Brief,
+    Listing as Listing,
     PlainData as PlainData,
     Result as Result,
     Status as Status,
@@ -299,7 +300,7 @@ class Trajectory(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction(Result):
+class Prediction(Listing[LimitCycle]):
     """All limit cycles that first-order harmonic balance with bias has.
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
@@ -316,16 +317,8 @@ class Prediction(Result):
     margins: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
+    parts = "cycles"
     in_json = "status message=status.value search warnings margins operating_point cycles provenance"
-
-    def __len__(self) -> int:
-        return len(self.cycles)
-
-    def __getitem__(self, i: int) -> LimitCycle:
-        return self.cycles[i]
-
-    def __iter__(self):
-        return iter(self.cycles)
 
     def __str__(self) -> str:
         """How many limit cycles first order has, the largest stable one, and what it may not see."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import partial
 from importlib import import_module
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, overload
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from eppanalysis.results.shown import Shown, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Part = TypeVar("Part")
 
 
 class Status(Enum):
@@ -155,3 +157,24 @@ class Result(Shown, PlainData):
         own = import_module(type(self).__module__)
         room = own.__name__ if hasattr(own, "__path__") else own.__name__.rpartition(".")[0]
         return getattr(import_module(f"{room}.{module}"), function)(self, *options)
+
+
+class Listing(Result, Generic[Part]):
+    """A result that behaves as the sequence of its parts."""
+
+    #: The field that holds them.
+    parts: ClassVar[str]
+
+    def __len__(self) -> int:
+        return len(getattr(self, self.parts))
+
+    @overload
+    def __getitem__(self, place: int) -> Part: ...
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Part, ...]: ...
+    def __getitem__(self, place: int | slice) -> Part | tuple[Part, ...]:
+        found: Part | tuple[Part, ...] = getattr(self, self.parts)[place]
+        return found
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(getattr(self, self.parts))

@@ -15,7 +15,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import count, percent, reasons, span, with_unit, words
-from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results import Brief, LimitCycle, Listing, Status
 from eppanalysis.results.shown import frame_of
 
 if TYPE_CHECKING:
@@ -269,7 +269,7 @@ def _summary(cycle: LimitCycle | None) -> dict[str, Any] | None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DesignBounds(Result):
+class DesignBounds(Listing[BoundCell]):
     """Bounds on one parameter at a row of values of another; behaves as a sequence of cells.
 
     Attributes
@@ -308,16 +308,8 @@ class DesignBounds(Result):
     allowed: Allowed | None = None
     not_covered: str = ""
 
+    parts = "cells"
     in_json = "over limit units within allowed status not_covered cells operating_point provenance"
-
-    def __len__(self) -> int:
-        return len(self.cells)
-
-    def __getitem__(self, i: int) -> BoundCell:
-        return self.cells[i]
-
-    def __iter__(self):
-        return iter(self.cells)
 
     @property
     def status(self) -> Status:

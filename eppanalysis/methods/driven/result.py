@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown
-from eppanalysis.results import Brief, LimitCycle, Result, Status
+from eppanalysis.results import Brief, LimitCycle, Listing, Result, Status
 
 if TYPE_CHECKING:
     import control
@@ -108,7 +107,7 @@ class PeriodicResponse(Brief):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ForcedResponse(Result):
+class ForcedResponse(Listing[PeriodicResponse]):
     """Periodic responses of a loop to one sine: a sequence of PeriodicResponse.
 
     Attributes
@@ -146,23 +145,11 @@ class ForcedResponse(Result):
     message: str
     first_order: dict[str, ComplexArray] = field(default_factory=dict)
 
+    parts = "responses"
     in_json = (
         "input amplitude frequency status message motion repeats exponent responses first_order operating_point "
         "provenance"
     )
-
-    @overload
-    def __getitem__(self, place: int) -> PeriodicResponse: ...
-    @overload
-    def __getitem__(self, place: slice) -> tuple[PeriodicResponse, ...]: ...
-    def __getitem__(self, place: int | slice) -> PeriodicResponse | tuple[PeriodicResponse, ...]:
-        return self.responses[place]
-
-    def __len__(self) -> int:
-        return len(self.responses)
-
-    def __iter__(self) -> Iterator[PeriodicResponse]:
-        return iter(self.responses)
 
     @property
     def stable(self) -> tuple[PeriodicResponse, ...]:

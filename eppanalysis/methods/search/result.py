@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.readable import count, listed
-from eppanalysis.results import LimitCycle, Result, Status, brief_cycles, counted, cycles_frame
+from eppanalysis.results import LimitCycle, Listing, Status, brief_cycles, counted, cycles_frame
 
 if TYPE_CHECKING:
     import pandas
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CycleSearch(Result):
+class CycleSearch(Listing[LimitCycle]):
     """All limit cycles found, smallest first; behaves as a sequence of LimitCycle.
 
     Attributes
@@ -62,6 +61,7 @@ class CycleSearch(Result):
     left_open: tuple[str, ...] = ()
     n_runs: int = 0
 
+    parts = "cycles"
     in_json = "status message settles diverges search operating_point cycles unclosed provenance"
 
     @property
@@ -74,15 +74,6 @@ class CycleSearch(Result):
         if not doubtful:
             return told
         return f"{told} No orbit was found for what first order predicts at {doubtful}, which may not exist."
-
-    def __len__(self) -> int:
-        return len(self.cycles)
-
-    def __getitem__(self, i: int) -> LimitCycle:
-        return self.cycles[i]
-
-    def __iter__(self) -> Iterator[LimitCycle]:
-        return iter(self.cycles)
 
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
