@@ -234,10 +234,13 @@ def point_across(point: Point, u: Array, row: Array | None = None) -> Point | No
 
 
 def bend(old: Point, new: Point) -> float:
-    """How much the direction turns between two points: one less the cosine of the angle."""
-    w = weights(new.orbit, new.family.width)
-    size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
-    return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+    """How much the direction turns between two points."""
+    return turned(weights(new.orbit, new.family.width), old.tangent, new.tangent)
+
+
+def turned(w: Array, old: Array, new: Array) -> float:
+    """How much a direction turns, in weighted coordinates: one less the cosine of the angle."""
+    return float(1.0 - np.sum(w * old * new) / np.sqrt(np.sum(w * old**2) * np.sum(w * new**2)))
 
 
 def admissible(point: Point) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
-from eppanalysis.methods.continuation.steps import bordered, weights
+from eppanalysis.methods.continuation.steps import bordered, turned, weights
 from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import Turning
@@ -264,10 +264,8 @@ class Walk:
         return bool(np.sqrt(np.sum(w * away * away)) > _MOST_MISSED * ds)
 
     def _bend(self, old: Place, new: Place) -> float:
-        """How much the direction turns between two places: one less the cosine of the angle."""
-        w = measure(new.orbit, self.road.width)
-        size = np.sqrt(np.sum(w * old.tangent**2) * np.sum(w * new.tangent**2))
-        return float(1.0 - np.sum(w * old.tangent * new.tangent) / size)
+        """How much the direction turns between two places."""
+        return turned(measure(new.orbit, self.road.width), old.tangent, new.tangent)
 
     def _same(self, one: Place, other: Place) -> bool:
         """Whether the branch has come back to a place, whatever phase of the input either begins at."""

@@ -132,10 +132,8 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         return (-np.inf if self.model == "classical" else 0.0), np.inf
 
     def sector(self) -> tuple[float, float]:
-        """Of the spring; infinite with a damper, whose torque is as great as the rate."""
-        if not self.damping:
-            return (0.0 if self.gap else self.stiffness), self.stiffness
-        return (-np.inf if self.model == "classical" else 0.0), np.inf
+        """As the slopes: infinite with a damper, whose torque is as great as the rate."""
+        return self.slope_bounds()
 
     linear_gain_is = "its stiffness and damping, in contact"
 
