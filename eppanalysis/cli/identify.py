@@ -4,7 +4,7 @@ which element of a loop explains a recorded oscillation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,7 +28,6 @@ from eppanalysis.cli.common import (
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
-    from eppanalysis.cases import Case
     from eppanalysis.diagnose.result import Diagnosis
     from eppanalysis.identify import BenchFit, Identification
 
@@ -91,11 +90,12 @@ def identify(
 ) -> None:
     """Identify parameters with intervals from measured CSV files; what the data cannot identify is named."""
     from eppanalysis.identify import identify as run
+    from eppanalysis.identify.columns import ROLES
 
     benches = [name for name, path in (("tray", tray), ("backlash", backlash), ("step", step)) if path is not None]
     for output in outputs:
         _check_output(output, benches)
-    chosen = _choices(columns)
+    chosen = _choices(columns, "role", ROLES)
     angle, torque = _quantity("--wrap", wrap, "rad"), _quantity("--press", press, "N*m")
     base = load_case(case, settings)
     tray, backlash, step = (None if path is None else _measured(path) for path in (tray, backlash, step))
@@ -123,15 +123,16 @@ def _measured(path: Path) -> Path:
     return shipped if shipped.is_file() else path
 
 
-def _choices(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
+def _choices(texts: Sequence[str], what: str, names: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Header and unit of each role (or signal, as `what` calls it) that ``--column`` names."""
     from eppanalysis.identify.columns import parse_choice
 
     out: dict[str, tuple[str, str]] = {}
     for text in texts:
-        role, header, unit = parse_choice(text)
-        if role in out:
-            raise EppError(f"--column {text}: {role} is given twice; expected each role once.")
-        out[role] = (header, unit)
+        name, header, unit = parse_choice(text, names)
+        if name in out:
+            raise EppError(f"--column {text}: {name} is given twice; expected each {what} once.")
+        out[name] = (header, unit)
     return out
 
 
@@ -209,7 +210,7 @@ def diagnose(
     if output is not None:
         check_output(output)
     found = load_case(case, settings)
-    chosen = _columns(columns, found)
+    chosen = _choices(columns, "signal", ("time", *found.to_system().signals.names))
     with progress(f"diagnose {found.name}") as advance:
         result = run(found, _measured(record), columns=chosen, model_error=model_error, progress=advance)
     answer("diagnose", found, settings, as_json, result.to_dict, lambda: _show_diagnosis(result))
@@ -217,19 +218,6 @@ def diagnose(
         from eppanalysis.tables.files import diagnosis_table, write_result
 
         write_result(result, diagnosis_table, output)
-
-
-def _columns(texts: list[str], found: Case) -> dict[str, tuple[str, str]]:
-    from eppanalysis.identify.columns import parse_choice
-
-    signals = ("time", *found.to_system().signals.names)
-    out: dict[str, tuple[str, str]] = {}
-    for text in texts:
-        name, header, unit = parse_choice(text, signals)
-        if name in out:
-            raise EppError(f"--column {text}: {name} is given twice; expected each signal once.")
-        out[name] = (header, unit)
-    return out
 
 
 def _show_diagnosis(result: Diagnosis) -> None:
