@@ -16,6 +16,7 @@ from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
 from eppanalysis.methods.search.reach import reach_of_elements
+from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
@@ -125,6 +126,7 @@ class Ends:
     n_ended: int = 0
     work: Work = field(default_factory=lambda: Work(float("inf")))
     rest: tuple[Array, Array] | None = None
+    met: Met = field(default_factory=dict)
 
     @cached_property
     def horizon(self) -> float:
@@ -305,7 +307,10 @@ class Ends:
     def _run(self, start: HybridSystem, t: float) -> Run:
         """A run of the search, without samples."""
         self.n_runs += 1
-        return run_hybrid(start, t, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 600)
+        run = run_hybrid(start, t, NO_SAMPLES, 2.0 * self.hybrid.time_scale, MOST_EVENTS, 600)
+        if self.rest is None and start.model is self.hybrid.model:
+            note_modes(self.met, start, run)
+        return run
 
     def _sizes(self) -> Array:
         """How far the states move on what was predicted and found."""

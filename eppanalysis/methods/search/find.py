@@ -27,6 +27,7 @@ from eppanalysis.methods.orbits.samples.sampled import search_sampled
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
 from eppanalysis.methods.search.locked import search_locked
+from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch, exists, named, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.simulate import run_hybrid
@@ -193,6 +194,7 @@ class _Search(Ends):
     n_left: int = 0
     n_cut: int = 0
     n_images: int = 0
+    n_towards: int = 0
     unclosed: list[LimitCycle] = field(default_factory=list)
 
     @property
@@ -225,6 +227,9 @@ class _Search(Ends):
             for ray in self.rays:
                 self._scan(ray)
             for start in self._random():
+                self.outcome(*start)
+            for start in towards_rests(self.hybrid, self.met) if End.REST not in self.outcomes else ():
+                self.n_towards += 1
                 self.outcome(*start)
             for orbit in list(self.orbits):
                 self._scan(self._ray_to(orbit))
@@ -286,9 +291,11 @@ class _Search(Ends):
         """How completeness was sought."""
         ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
         balance = ", by harmonic balance where needed" * self.by_balance
+        rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
         return (
             f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
-            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts ({ends}); "
+            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
+            f"({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles; the mirror image "
             "of each cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}{self._open()}"

@@ -1,0 +1,102 @@
+"""States of rest that single combinations of modes have and draw motions to, where runs have found no rest.
+
+A mass under integral action comes to rest where the force that it slips under is just held: a state on the edge of the
+slip, which motions come to from one side alone (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994)
+1083). Few starts lead there, or to a rest in a narrow band. Within one combination of modes the loop is affine, so its
+states of rest are solved for, and runs are begun on the way that the slowest motion takes to each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import ModelError
+from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.models.systems.hybrid import HybridSystem
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: By its modes: state and memory values with which a combination was met.
+Met = dict[tuple[int, ...], tuple[Array, Array]]
+
+#: Combinations that are asked, of those that were met.
+_MOST = 64
+#: Rounding of rates and of distances to guards, relative to their terms.
+_ROUNDING = 1e-9
+#: Eigenvalues below this share of the largest belong to states of rest side by side.
+_NEUTRAL = 1e-6
+#: How far from the state of rest a run begins, relative to the way to the next guard.
+_SHARE = 0.5
+
+
+def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
+    """Add the combinations of modes that a run has met."""
+    met.setdefault(tuple(start.modes0.tolist()), (start.x0, start.H0))
+    rows = run.order
+    for k in np.unique(run.modes[rows], axis=0, return_index=True)[1] if rows.size else ():
+        i = rows[k]
+        met.setdefault(tuple(run.modes[i].tolist()), (run.state[i].copy(), run.memory_values[i].copy()))
+
+
+def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array]]:
+    """States and memory values from which the slowest motion of a combination goes to its state of rest."""
+    if hybrid.model.S.shape[1]:  # with smooth elements or dead times no combination is affine
+        return
+    for modes, (x, H) in list(met.items())[:_MOST]:
+        arcs = _arcs(hybrid, np.array(modes))
+        if arcs is None:
+            continue
+        towards = _towards(arcs.F[0], arcs.g, hybrid.compared, x, H)
+        yield from ((start, H) for start in towards)
+
+
+def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
+    """One arc for every guard of a combination of modes; None where it has none, or no unique solution."""
+    first = hybrid.model.mode_first[:-1] + modes
+    guards = np.concatenate([np.arange(*hybrid.model.guard_first[m : m + 2]) for m in first])
+    if not guards.size:
+        return None
+    p = guards.size
+    none = np.full((p, 3), -1), np.zeros(p, np.int64)
+    try:
+        return Arcs.build(hybrid, EventSequence(np.tile(modes, (p, 1)), guards, *none))
+    except ModelError:
+        return None
+
+
+def _towards(F: Array, g: Array, moves: NDArray[np.bool_], x: Array, H: Array) -> Iterator[Array]:
+    """Starts beside the state of rest of ``x' = F (x, H)`` that is next to x, if all motions of F come to rest."""
+    n = x.size
+    A = F[np.ix_(moves, np.flatnonzero(moves))]
+    values, vectors = np.linalg.eig(A)
+    size = float(np.abs(values).max(initial=0.0))
+    passing = np.abs(values) > _NEUTRAL * size
+    still = int(np.sum(np.linalg.svd(A, compute_uv=False) <= _ROUNDING * np.linalg.norm(A)))
+    if not passing.any() or np.any(values[passing].real >= 0.0) or still != int(np.sum(~passing)):
+        return
+    y = np.append(x, H)
+    terms = np.abs(F) @ np.abs(y)
+    y[:n][moves] -= np.linalg.lstsq(A, (F @ y)[moves], rcond=_ROUNDING)[0]
+    if np.any(np.abs(F @ y)[moves] > _ROUNDING * (terms + np.abs(F) @ np.abs(y))[moves]):
+        return
+    slow = np.zeros(n, complex)
+    k = int(np.argmax(np.where(passing, values.real, -np.inf)))
+    slow[moves] = vectors[:, k]
+    way, terms = g @ y, np.abs(g) @ np.abs(y)
+    way = np.where(np.abs(way) <= _ROUNDING * terms, 0.0, way)
+    if np.any(way > 0.0):
+        return
+    turns = abs(values[k].imag) > _ROUNDING * size
+    for side in (1.0, -1.0):
+        # A motion that swings about its rest comes as near to a guard from both sides.
+        nears = np.abs(g[:, :n] @ slow) if turns else side * (g[:, :n] @ slow).real
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = float(np.min(np.where(nears > 0.0, -way / nears, np.inf), initial=np.inf))
+        far = float(np.abs(x - y[:n]).max()) if np.isinf(far) else far
+        if far > 0.0:
+            yield y[:n] + _SHARE * side * far * slow.real

@@ -1,0 +1,69 @@
+"""Searches name states of rest that few starts lead to; the witness is the closed form of a single mode."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.models.systems.lure import LureSystem
+from tests.stress.families import problem, turned
+
+#: Slip motions of a mass under PID: a swing that decays faster than one real motion does (a multiple of one, and more).
+FADING, SWING = 0.25, 1.5
+
+
+def _hunting(slowest: float) -> LureSystem:
+    """A mass that hunts under PID with static friction above Coulomb's, its slowest slip motion of a given rate."""
+    kd, kp, ki = np.poly([-slowest, -FADING + 1j * SWING, -FADING - 1j * SWING]).real[1:]
+    A = [[0.0, 1.0, 0.0], [-kp, -kd, -ki], [1.0, 0.0, 0.0]]
+    return LureSystem.build(A, [[0.0], [-1.0], [0.0]], [[0.0, 1.0, 0.0]], [epp.Friction(0.7, 0.9)], x0=[0.3, 0.2, -0.1])
+
+
+def _slips_for_ever(loop: LureSystem, start: np.ndarray) -> bool:
+    """Whether the slip from a start keeps its sense while it decays to a state of rest, by its eigenvectors."""
+    rates, ways = np.linalg.eig(loop.A)
+    sense = np.sign((loop.C @ start)[0])
+    rest = -np.linalg.solve(loop.A, loop.B[:, 0] * loop.elements[0].coulomb * sense)
+    shares = np.linalg.solve(ways, start - rest) * (loop.C @ ways)[0]
+    t = np.linspace(0.0, 200.0, 40_001)
+    # Beside the slowest motion the others vanish: what is left decides once they are a thousandth of it.
+    speed = (shares[:, None] * np.exp((rates[:, None] - rates.real.max()) * t)).sum(axis=0).real
+    return bool(np.all(sense * speed > 0.0)) and bool(np.all(rates.real < 0.0))
+
+
+@pytest.mark.parametrize("slowest", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize("seed", [None, 1, 2])
+def test_rest_on_the_edge_of_a_slip_is_named_where_a_slip_decays_to_it(slowest, seed):
+    loop = _hunting(slowest)
+    if seed is not None:
+        loop = turned(loop, np.random.default_rng(seed))
+    ways = np.linalg.eig(loop.A)[1]
+    rates = np.linalg.eigvals(loop.A)
+    k = int(np.argmax(rates.real))
+    rest = -np.linalg.solve(loop.A, loop.B[:, 0] * 0.7)
+    starts = [rest + s * ways[:, k].real for s in (0.5, -0.5) if s * (loop.C @ ways[:, k].real)[0] > 0]
+    comes_to_rest = any(_slips_for_ever(loop, start) for start in starts)
+    # Where the swing decays more slowly, no slip keeps its sense, and nothing but the cycle is come to.
+    assert comes_to_rest == (slowest < FADING)
+    found = epp.find_limit_cycles(loop)
+    assert found.settles == comes_to_rest
+    assert len(found.stable) == 1
+    if comes_to_rest:
+        assert epp.simulate(replace(loop, x0=starts[0]), t_end=400.0).status is epp.Status.SETTLED
+
+
+def test_rest_in_a_narrow_band_is_named_where_all_other_starts_grow():
+    loop = problem("jump and follow", 306).system
+    found = epp.find_limit_cycles(loop)
+    assert found.settles and found.diverges
+    # While the element is stuck at zero the loop moves freely, by the matrix exponential: it never comes to the band's
+    # edge, and its own motions are all but one of them damped, the last being an integrator that stands.
+    rates, ways = np.linalg.eig(loop.A)
+    start = 1e-3 * loop.x0
+    free = (loop.C @ ways)[0] * np.linalg.solve(ways, start)
+    passed = np.abs((free[:, None] * np.exp(rates[:, None] * np.linspace(0.0, 200.0, 20_001))).sum(axis=0))
+    assert passed.max() < loop.elements[0].stick_band
+    assert np.sort(rates.real)[-2] < 0.0 and abs(rates).min() < 1e-12
