@@ -22,6 +22,9 @@ from tests.stress.machine import Machine, iterate
 STARTS = 200
 #: Periods of the slowest cycle (or time constants) that a run is given, and how much longer one without a verdict is.
 _PERIODS, _LONGER = 60.0, 8.0
+#: Runs that are made longer in vain, after which the others of that loop are not: most motions that fill a curve never
+#: get a verdict.
+_MOST_IN_VAIN = 10
 #: Switches after which a run ends: where they pile up it would make 200,000, and so would each of the other starts.
 _MOST_EVENTS = 60_000
 #: Differences of period and sizes within which a run is on a listed cycle.
@@ -69,7 +72,7 @@ def _slowest(system: LureSystem) -> float:
     return 1.0 / float(slow.min()) if slow.size else 1.0
 
 
-def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
+def _run(system: LureSystem, start: np.ndarray, t_end: float, patient: bool = True) -> Trajectory:
     """A run, made longer where it has no verdict or has not yet come as near its cycle as cycles are told apart.
 
     A cycle with a multiplier of 0.998 is come nearer by a factor of a thousand in 3,500 periods.
@@ -80,7 +83,7 @@ def _run(system: LureSystem, start: np.ndarray, t_end: float) -> Trajectory:
         return epp.simulate(begun, t_end=longer * t_end, t_eval=[0.0, *ends], max_events=_MOST_EVENTS)
 
     run = made(1.0, t_end)
-    if run.status is Status.UNDECIDED or _is_coarse(run):
+    if (patient and run.status is Status.UNDECIDED) or _is_coarse(run):
         run = made(_LONGER)
     return made(_LONGER**2) if _is_coarse(run) else run
 
@@ -96,7 +99,7 @@ def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
         t_end = system.time_step * np.ceil(t_end / system.time_step)
     ends: dict[str, int] = {}
     for start in spread(system, found, STARTS):
-        run = _run(system, start, t_end)
+        run = _run(system, start, t_end, ends.get("UNDECIDED", 0) < _MOST_IN_VAIN)
         what = run.status.name
         if run.limit_cycle is not None:
             what = "LISTED" if _known(run.limit_cycle, found) else "UNKNOWN"

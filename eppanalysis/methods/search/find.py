@@ -156,17 +156,25 @@ def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> C
 
 def _in_discrete_time(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle] | None) -> CycleSearch:
     """Orbits that close after whole numbers of samples."""
-    found = search_sampled(system, at, _predictions(system, at) if predicted is None else predicted)
+    seeds = _predictions(system, at) if predicted is None else predicted
+    with allotted(_MOST_WORK) as work:
+        found = search_sampled(system, at, seeds)
+    left = [undecided(found.undecided)] * bool(found.undecided)
+    if found.left:
+        left.append(
+            f"orbits of {count(len(found.left), 'further number')} of samples, up to {max(found.left)}, not sought "
+            f"when the search had taken {_MOST_WORK:.0e} steps"
+        )
     return CycleSearch(
         cycles=tuple(replace(c, operating_point=at) for c in found.cycles),
-        status=Status.UNDECIDED if found.undecided else Status.CONVERGED,
+        status=Status.UNDECIDED if left else Status.CONVERGED,
         settles=found.rest is not None,
         diverges=found.diverges,
         search=found.search,
         rest_state=np.zeros(0) if found.rest is None else found.rest,
-        left_open=(undecided(found.undecided),) if found.undecided else (),
+        left_open=tuple(left),
         n_runs=found.runs,
-        provenance=_made_by(system, {"runs": found.runs}),
+        provenance=_made_by(system, {"runs": found.runs, "work": work.used}),
         operating_point=at,
     )
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,13 +45,17 @@ def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
 
 def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array]]:
     """States and memory values from which the slowest motion of a combination goes to its state of rest."""
-    if hybrid.model.S.shape[1]:  # with smooth elements or dead times no combination is affine
+    model = hybrid.model
+    late = np.flatnonzero(model.smooth_kind == DELAY_LINE)
+    if late.size < model.smooth_kind.size:  # with smooth elements no combination is affine
         return
     for modes, (x, H) in list(met.items())[:_MOST]:
         arcs = _arcs(hybrid, np.array(modes))
         if arcs is None:
             continue
-        towards = _towards(arcs.F[0], arcs.g, hybrid.compared, x, H)
+        # At rest what comes out of a dead time is what goes in, which is constant where there are arcs.
+        delayed = arcs.W[0, model.smooth_w[late], arcs.memory.stop - 1]
+        towards = _towards(arcs.F[0], arcs.g, hybrid.compared, np.concatenate([x, H, delayed]))
         yield from ((start, H) for start in towards)
 
 
@@ -69,9 +73,9 @@ def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
         return None
 
 
-def _towards(F: Array, g: Array, moves: NDArray[np.bool_], x: Array, H: Array) -> Iterator[Array]:
-    """Starts beside the state of rest of ``x' = F (x, H)`` that is next to x, if all motions of F come to rest."""
-    n = x.size
+def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator[Array]:
+    """Starts beside the state of rest of ``x' = F y`` that is next to y, if all motions of F come to rest."""
+    n, x = moves.size, y[: moves.size]
     A = F[np.ix_(moves, np.flatnonzero(moves))]
     values, vectors = np.linalg.eig(A)
     size = float(np.abs(values).max(initial=0.0))
@@ -79,7 +83,7 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], x: Array, H: Array) -
     still = int(np.sum(np.linalg.svd(A, compute_uv=False) <= _ROUNDING * np.linalg.norm(A)))
     if not passing.any() or np.any(values[passing].real >= 0.0) or still != int(np.sum(~passing)):
         return
-    y = np.append(x, H)
+    y = y.copy()
     terms = np.abs(F) @ np.abs(y)
     y[:n][moves] -= np.linalg.lstsq(A, (F @ y)[moves], rcond=_ROUNDING)[0]
     if np.any(np.abs(F @ y)[moves] > _ROUNDING * (terms + np.abs(F) @ np.abs(y))[moves]):

@@ -67,3 +67,14 @@ def test_rest_in_a_narrow_band_is_named_where_all_other_starts_grow():
     passed = np.abs((free[:, None] * np.exp(rates[:, None] * np.linspace(0.0, 200.0, 20_001))).sum(axis=0))
     assert passed.max() < loop.elements[0].stick_band
     assert np.sort(rates.real)[-2] < 0.0 and abs(rates).min() < 1e-12
+
+
+def test_rest_of_a_relay_that_stands_behind_a_dead_time_is_named():
+    loop = problem("relay with hysteresis, dead time", 317).system
+    found = epp.find_limit_cycles(loop)
+    assert found.settles and len(found.stable) == 1
+    # The plant is stable, and its constant answer to one of the two levels does not make the relay switch.
+    relay = loop.elements[0]
+    answers = [float((-loop.C @ np.linalg.solve(loop.A, loop.B))[0, 0]) * level for level in (relay.low, relay.high)]
+    assert answers[0] > relay.lower or answers[1] < relay.upper
+    assert np.linalg.eigvals(loop.A).real.max() < 0.0

@@ -13,6 +13,7 @@ it is listed as long runs have it (``unlocked``).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import EppError
 from eppanalysis.methods.orbits.samples.sample_step import Step
 from eppanalysis.methods.orbits.samples.unlocked import unlocked
+from eppanalysis.methods.simulation.effort import Spent
 from eppanalysis.methods.simulation.iterate import cycle_of_samples
 from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
 from eppanalysis.models.elements.memory import Slip
@@ -54,12 +56,13 @@ _FAR = 1e9
 
 @dataclass(frozen=True, eq=False)
 class SampledSearch:
-    """Cycles found, and how the runs of the search ended."""
+    """Cycles found, how the runs of the search ended, and the lengths that were `left` when its work was spent."""
 
     cycles: tuple[LimitCycle, ...]
     rest: Array | None
     diverges: bool
     undecided: int
+    left: tuple[int, ...]
     search: str
     runs: int
 
@@ -267,16 +270,13 @@ def _between(found: list[_Found]) -> tuple[Array, list[Any]]:
     return seeds, _chosen(found[0].marks, np.zeros(len(seeds), np.intp))
 
 
-def _all_orbits(step: Step, seeds: tuple[Array, list[Any]], lengths: Iterable[int], scale: Array) -> list[LimitCycle]:
-    """Cycles of the given numbers of samples that seeds lead to, and that lie between those."""
-    cycles = []
-    for n in lengths:
-        found = _orbits(step, *seeds, n, scale)
-        if found and n * len(found) <= _MOST_SAMPLES // 4:
-            more = _orbits(step, *_between(found), n, scale)
-            found += [o for o in more if not any(o.same(known) for known in found)]
-        cycles += [_limit_cycle(step, o) for o in found]
-    return cycles
+def _all_orbits(step: Step, seeds: tuple[Array, list[Any]], n: int, scale: Array) -> list[LimitCycle]:
+    """Cycles of n samples that seeds lead to, and that lie between those."""
+    found = _orbits(step, *seeds, n, scale)
+    if found and n * len(found) <= _MOST_SAMPLES // 4:
+        more = _orbits(step, *_between(found), n, scale)
+        found += [o for o in more if not any(o.same(known) for known in found)]
+    return [_limit_cycle(step, o) for o in found]
 
 
 def sampled_orbit(system: LureSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
@@ -332,10 +332,12 @@ def search_sampled(system: LureSystem, at: OperatingPoint, predicted: Sequence[L
     open_ = [i for i, n in enumerate(ends) if n == 0]
     tails = [paths[len(paths) // 2 :, i] for i in open_]
     motions, on = unlocked(step, tails, [_chosen(marks, np.array([i])) for i in open_])
-    sought = {n for n in ends if n > 1} | set(_SHORT)
-    for turn in turns:
-        sought |= set(_lengths_near(turn))
-    cycles = [*motions, *_all_orbits(step, _seeds(paths, marks, _MOST_STARTS), sorted(sought), scale)]
+    sought = _lengths(ends, turns)
+    left, cycles, seeds = list(sought), list(motions), _seeds(paths, marks, _MOST_STARTS)
+    with suppress(Spent):
+        while left:
+            cycles += _all_orbits(step, seeds, left[0], scale)
+            left.pop(0)
     resting = [i for i, n in enumerate(ends) if n == 1]
     name = system.signals.names[0]
     undecided = ends.count(0) - len(on)
@@ -344,9 +346,18 @@ def search_sampled(system: LureSystem, at: OperatingPoint, predicted: Sequence[L
         rest=paths[-1, resting[0], : system.A.shape[0]] if resting else None,
         diverges=-1 in ends,
         undecided=undecided,
-        search=_sentence(len(starts), samples, sorted(sought), undecided, len(on)),
+        left=tuple(left),
+        search=_sentence(len(starts), samples, sorted(set(sought) - set(left)), undecided, len(on)),
         runs=len(starts),
     )
+
+
+def _lengths(ends: Sequence[int], turns: Sequence[float]) -> list[int]:
+    """Numbers of samples of orbits that are sought: those that runs end on, short ones, and those nearest to turns."""
+    of_runs = {n for n in ends if n > 1}
+    near = {n for turn in turns for n in _lengths_near(turn)}
+    away = {n: min((abs(n - turn) for turn in turns), default=0.0) for n in near}
+    return sorted(of_runs | set(_SHORT) | near, key=lambda n: (n not in of_runs, n not in _SHORT, away.get(n, 0.0), n))
 
 
 def _lengths_near(turn: float) -> range:

@@ -10,6 +10,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
+from eppanalysis.methods.search import find
 from eppanalysis.results import Status
 
 
@@ -120,3 +121,16 @@ def test_a_start_without_state_is_refused():
     guess = epp.predict_limit_cycles(system)[0]
     with pytest.raises(EppError, match="no state"):
         epp.exact_orbit(system, replace(guess, state=np.zeros(0)))
+
+
+def test_a_search_ends_with_its_work_and_says_what_it_left(monkeypatch):
+    """A share of the work lists a share of the orbits, the same ones each time, and none is claimed to be all."""
+    system, whole = search("backlash_discrete_pi_kp02_ki02")
+    assert whole.status is Status.CONVERGED
+    monkeypatch.setattr(find, "_MOST_WORK", 0.7 * whole.provenance.statistics["work"])
+    cut, again = epp.find_limit_cycles(system), epp.find_limit_cycles(system)
+    assert cut.status is Status.UNDECIDED
+    assert "not sought when the search had taken" in str(cut)
+    assert [c.period for c in cut] == [c.period for c in again]
+    assert {c.period for c in cut} <= {c.period for c in whole}
+    assert cut.provenance.statistics["work"] < 1.1 * find._MOST_WORK
