@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle, sample_arcs
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.period import PeriodShape, analyse_period
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
@@ -92,17 +92,6 @@ def orbit_shape(system: LureSystem, orbit: Orbit) -> PeriodShape:
     else:
         sample = by_arcs if delayed else by_engine
     return analyse_period(marks, np.zeros(0), orbit.hybrid.time_scale, system.signals.names, sample)
-
-
-def sample_arcs(orbit: Orbit, times: Array) -> Array:
-    """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
-    from eppanalysis.kernels.orbits.signals import states_at
-
-    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
-    y = np.empty((times.size, orbit.arcs.size))
-    states_at(orbit.arcs.channels, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
-    arc = np.clip(np.searchsorted(marks, times, side="left") - 1, 0, orbit.tau.size - 1)
-    return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)
 
 
 def _events(orbit: Orbit) -> Events:

@@ -47,8 +47,10 @@ class Mesh:
         Raises
         ------
         ModelError
-            Where there are too many.
+            Where there are too many, or events at one instant, but for rounding.
         """
+        if np.any(tau <= _SAME * tau.sum()):
+            raise ModelError("orbit: switches at one instant.")
         p = tau.size
         whole = np.append(np.ones(p), 0.0)
         at = np.append(tau, 1.0)

@@ -295,3 +295,14 @@ def middle(orbit: Orbit, arc: int) -> Array:
     channels = arcs.channels._replace(sense=arcs.channels.sense[one])
     states_at(channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y)
     return y[0]
+
+
+def sample_arcs(orbit: Orbit, times: Array) -> Array:
+    """Signals at increasing `times` of one period, shape (nt, signals); not for loops with smooth channels."""
+    from eppanalysis.kernels.orbits.signals import states_at
+
+    marks = np.concatenate([[0.0], np.cumsum(orbit.tau)])
+    y = np.empty((times.size, orbit.arcs.size))
+    states_at(orbit.arcs.channels, orbit.arcs.F, orbit.arcs.S, orbit.arcs.smooth, orbit.starts, marks, times, y)
+    arc = np.clip(np.searchsorted(marks, times, side="left") - 1, 0, orbit.tau.size - 1)
+    return np.einsum("tsj,tj->ts", orbit.arcs.Y[arc], y)

@@ -16,9 +16,9 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.delayed import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, solve
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run
-from eppanalysis.methods.simulation.rounding import is_rounding, may_be_lost
+from eppanalysis.methods.simulation.rounding import SAMPLES, is_lost, is_rounding, may_be_lost, watched
 from eppanalysis.methods.simulation.simulate import loses_elements, run_hybrid
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
@@ -99,10 +99,11 @@ def _close_delayed(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
         return None
     m, p = motion.arcs.free.size, motion.tau.size
     r = np.concatenate([np.zeros(m), motion.guards])
-    return Orbit(
+    orbit = Orbit(
         hybrid, motion.arcs, motion.starts[0], motion.tau, motion.starts, motion.ends, np.eye(m + p), r, motion.speed,
         motion,
     )  # fmt: skip
+    return orbit if moves(orbit) else None
 
 
 def _goes_round(it: EventSequence, tau: Array, q: int) -> bool:
@@ -129,9 +130,21 @@ def moves(orbit: Orbit) -> bool:
 def _is_lost(orbit: Orbit) -> bool:
     """Whether what the elements change in a period is beneath rounding, or beneath the residual of the orbit."""
     if is_delayed(orbit.hybrid):
-        return False  # a run cannot begin in the middle of what is on its way
+        # A run cannot begin in the middle of what is on its way.
+        times = orbit.period * (np.arange(SAMPLES) + 0.5) / SAMPLES
+        return is_lost(orbit.hybrid, _seen_by_elements(orbit, times), orbit.period, orbit.residual)
     start = restarted(orbit.hybrid, orbit.arcs, orbit.y, orbit.arcs.event_sequence.modes[0])
     return loses_elements(start, orbit.period, orbit.period, orbit.residual)
+
+
+def _seen_by_elements(orbit: Orbit, times: Array) -> Array:
+    """Signals of the `watched` system at times of one period, of an orbit behind a dead time."""
+    seen, motion, arcs = watched(orbit.hybrid), orbit.motion, orbit.arcs
+    if motion is None:
+        return sample_arcs(replace(orbit, arcs=Arcs.build(seen, arcs.event_sequence, arcs)), times)
+    undelayed = seen.model._replace(smooth_kind=np.zeros_like(seen.model.smooth_kind))
+    arcs = Arcs.build(replace(seen, model=undelayed), motion.arcs.event_sequence, motion.arcs)
+    return replace(motion, arcs=arcs).signals(times)
 
 
 def crosses(orbit: Orbit) -> bool:

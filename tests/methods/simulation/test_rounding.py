@@ -50,3 +50,16 @@ def test_on_a_belt_too_fast_for_its_friction_to_be_felt_no_orbit_closes(speed: f
     hybrid = steady_hybrid(system, observed=True)
     for size in (1.0, 0.1 * speed):
         assert not list(orbits_near(hybrid, np.array([size, 0.0]), hybrid.H0, 2.0 * np.pi))
+
+
+#: Behind a dead time of one radian these take from a motion, or add to it, in each period what their sign says; the
+#: saturation's output moves while it is under way, the relay's only jumps.
+LATE = {"relay": epp.Relay(), "saturation": epp.Saturation(-1.0, 1.0)}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_behind_a_dead_time_no_orbit_closes_whose_element_is_beneath_rounding(name: str) -> None:
+    loop = replace(oscillator(LATE[name], [1.0, 0.0]), delays=np.array([1.0]))
+    hybrid = steady_hybrid(loop)
+    for size in 10.0 ** np.arange(3, 19, 3):
+        assert not list(orbits_near(hybrid, np.array([0.3 * size, size]), hybrid.H0, 2.0 * np.pi))
