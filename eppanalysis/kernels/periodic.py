@@ -23,6 +23,10 @@ TURN = 2.0 * math.pi
 _PER_WAVE, _LEAST = 8, 32
 ROUNDING = 1e-13
 _MOST_STEPS = 60
+#: Periods after which an automaton has to have come back, to what share of its input; how much larger the motion is
+#: from which it comes; what :func:`settle` says instead of a number of switches.
+_MOST_PERIODS, _SAME, _EXCURSION = 6, 1e-9, 4.0
+ENDLESS, UNSETTLED = -1, -2
 
 _COMPILED = {**KERNEL, "error_model": "numpy"}
 #: Those that only kernels call.
@@ -31,11 +35,12 @@ _INNER = {**PART, "error_model": "numpy"}
 
 @by_address
 class Table(NamedTuple):
-    """Mode guards of an automaton with m modes, s in all, as arrays; h memory values, inputs z in their roles.
+    """Mode guards (s) and modes (m) of an automaton as arrays; memory values h, inputs z in their roles, outputs w.
 
     A mode guard of a mode fires where ``factor * series + on_memory @ h + on_clock * time + constant`` rises through
     zero (`series` -1: it has none), writes ``from_input @ z + from_memory @ h + memory_constant`` into the memory
-    values, and leads to the mode `target`.
+    values, and leads to the mode `target`. `on_free` and `on_rate` are what ``factor * series`` is of the free input
+    and of its rate. In a mode an output is ``w_free * z + w_rate * dz/dt + w_memory @ h + w_constant``.
     """
 
     roles: NDArray[np.int64]  # (inputs,): 0 the free series, 1 its rate, 2 the time
@@ -49,6 +54,12 @@ class Table(NamedTuple):
     from_input: Array  # (s, h, inputs)
     from_memory: Array  # (s, h, h)
     memory_constant: Array  # (s, h)
+    on_free: Array
+    on_rate: Array
+    w_free: Array  # (m, w)
+    w_rate: Array  # (m, w)
+    w_memory: Array  # (m, w, h)
+    w_constant: Array  # (m, w)
 
 
 @njit(**_INNER)
@@ -234,8 +245,8 @@ def _due(table, mode_guard, offset, phi, omega):
     return max(phi, -offset / clock * omega)
 
 
-@njit(**_COMPILED)
-def advance(table, series, phase, value, counts, z, omega, phi, end, mode, memory, at, fired, holds):
+@njit(**_INNER)
+def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memory, at, fired, holds):
     """Run an automaton over phases, from `phi` to before `end` (over what is due at once if both are the same).
 
     Parameters
@@ -300,3 +311,113 @@ def advance(table, series, phase, value, counts, z, omega, phi, end, mode, memor
             holds[number, h] = new
         at[number], fired[number] = phi, best
         number += 1
+
+
+@njit(**_INNER)
+def _repeat(
+    table, series, phase, value, counts, z, omega, start, mode, memory, least, clocked, begun, at, fired, holds
+):
+    """Run at least `least` periods from a phase, until one ends as it began; returns as :func:`settle`."""
+    size = 0.0
+    for k in range(z.size):
+        size += abs(z[k])
+    turn = TURN / omega
+    count, mode = _advance(table, series, phase, value, counts, z, omega, start, start, mode, memory, at, fired, holds)
+    if count < 0:
+        return ENDLESS, mode, start
+    for period in range(_MOST_PERIODS):
+        begin, before = start + TURN * period, mode
+        fill(begun, memory)
+        end = begin + TURN
+        count, mode = _advance(
+            table, series, phase, value, counts, z, omega, begin, end, mode, memory, at, fired, holds
+        )
+        if count < 0:
+            return ENDLESS, mode, begin
+        same = period + 1 >= least and mode == before
+        for h in range(memory.size):
+            moved = memory[h] - begun[h]
+            near = abs(moved) <= _SAME * (size + abs(begun[h]))
+            same = same and (near or (clocked and abs(moved - turn) <= _SAME * turn))
+        if same:
+            return count, mode, begin
+    return UNSETTLED, mode, start
+
+
+@njit(**_COMPILED)
+def settle(table, on_free, on_rate, z, omega, mode, clocked, rest, begun, at, fired, holds):
+    """Run an automaton over whole periods until mode and memory values come back.
+
+    An element that holds values comes from a larger motion, so that it joins its loop even where it could also rest;
+    only if it then does not switch at all does it rest, where its describing function has it rest.
+
+    Parameters
+    ----------
+    table : Table
+    on_free, on_rate : array, shape (S, 1)
+        What the series of the guards are of the free input and of its rate.
+    z : array, shape (n + 1,)
+        The free input.
+    omega : float
+        [rad/s].
+    mode : int
+        At the start.
+    clocked : bool
+        Whether a guard is on the time.
+    rest : array, shape (h,)
+        Memory values at rest.
+    begun : array, shape (h,)
+        Is filled with the memory values at the beginning.
+    at, fired, holds : array, shapes (most,), (most,), (most, h)
+        Are filled with phase, mode guard, and memory values behind each switch of a period.
+
+    Returns
+    -------
+    (int, int, float)
+        Number of switches, :data:`ENDLESS` where they never end, :data:`UNSETTLED` where no period repeats; mode and
+        phase at the beginning.
+    """
+    n, n_series = z.size - 1, on_free.shape[0]
+    # The last row is the input itself.
+    series = np.empty((n_series + 1, n + 1), np.complex128)
+    for k in range(n + 1):
+        for s in range(n_series):
+            free, rate = on_free[s, 0], on_rate[s, 0] * (omega * k)
+            series[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
+        series[n_series, k] = z[k]
+    phase, value = np.empty((n_series + 1, 8 * n + 32)), np.empty((n_series + 1, 8 * n + 32))
+    counts = np.empty(n_series + 1, np.int64)
+    for s in range(n_series + 1):
+        counts[s] = find_extrema(series[s], phase[s], value[s])
+    memory = np.empty(rest.size)
+    fill(memory, rest)
+    if memory.size == 0 or clocked:
+        least = 2 if clocked else 1
+        return _repeat(
+            table, series, phase, value, counts, z, omega, 0.0, mode, memory, least, clocked, begun, at, fired, holds
+        )
+    best, start = -math.inf, 0.0
+    for i in range(counts[n_series]):
+        if value[n_series, i] > best:
+            best, start = value[n_series, i], phase[n_series, i]
+    larger, wide = series.copy(), value.copy()
+    for s in range(n_series + 1):
+        for k in range(1, n + 1):
+            larger[s, k] *= _EXCURSION
+        for i in range(counts[s]):
+            wide[s, i] = series[s, 0].real + _EXCURSION * (value[s, i] - series[s, 0].real)
+    before, own = start - TURN, larger[n_series]
+    count, there = _advance(
+        table, larger, phase, wide, counts, own, omega, before, start, mode, memory, at, fired, holds
+    )
+    if count < 0:
+        return ENDLESS, mode, start
+    count, there, begin = _repeat(
+        table, series, phase, value, counts, z, omega, start, there, memory, 2, clocked, begun, at, fired, holds
+    )
+    if count != 0:
+        return count, there, begin
+    fill(memory, rest)
+    return _repeat(
+        table, series, phase, value, counts, z, omega, 0.0, mode, memory, 1, clocked, begun, at, fired, holds
+    )

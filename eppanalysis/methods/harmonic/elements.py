@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled, workspaces
+from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, sampled
 from eppanalysis.models.elements.automaton import Automaton, Guard
 from eppanalysis.models.elements.base import Nonlinearity
 
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from eppanalysis.kernels.periodic import Table
 
 IntArray = NDArray[np.int64]
-
-_MOST_PERIODS = 6
-_EXCURSION = 4.0
 
 
 class Unsettled(Exception):
@@ -74,19 +71,40 @@ class Switch:
 
 @dataclass(frozen=True, eq=False)
 class Regime:
-    """The periodic regime from phase `start` on: mode and memory values there, and the switches of one period."""
+    """The periodic regime of an element from phase `start` on.
 
+    Attributes
+    ----------
+    element : PeriodicElement
+    start : float
+        Phase at its beginning.
+    mode : int
+        At its beginning, as the memory values.
+    memory : array, shape (h,)
+    phases, fired, holds : array, shapes (s,), (s,), (s, h)
+        Phase of each switch of one period, the row of its mode guard in the element's table, memory values behind it.
+    """
+
+    element: PeriodicElement
     start: float
     mode: int
     memory: Array
-    switches: tuple[Switch, ...]
+    phases: Array
+    fired: IntArray
+    holds: Array
+
+    @cached_property
+    def switches(self) -> tuple[Switch, ...]:
+        """Those of one period, in order."""
+        found = zip(self.phases.tolist(), self.fired.tolist(), self.holds, strict=True)
+        of = self.element.mode_guard
+        return tuple(Switch(at, of(i), of(i).target, h) for at, i, h in found)
 
     @property
     def memory_at_zero(self) -> Array:
         """Memory values at phase zero (and every whole turn)."""
-        turn = np.ceil(self.start / TURN) * TURN
-        before = [s for s in self.switches if s.phase <= turn]
-        return before[-1].memory if before else self.memory
+        before = np.searchsorted(self.phases, np.ceil(self.start / TURN) * TURN, side="right")
+        return np.asarray(self.holds[before - 1] if before else self.memory)
 
 
 class PeriodicElement:
@@ -166,10 +184,13 @@ class PeriodicElement:
             raise IndexError(number)
         return self.mode_guard(int(first[mode]) + number)
 
-    def from_input(self, modes: Sequence[int]) -> tuple[Array, Array]:
-        """What outputs in modes (m,) are of the free inputs, (m, outputs, n_free), and of the rate, (m, outputs)."""
-        free, rate, _ = self._by_role(self.automaton.mode_columns["from_input"][np.asarray(modes, np.int64)])
-        return free[..., None], rate
+    def _outputs(self) -> dict[str, Array]:
+        """What the outputs are in each mode, as the table holds it."""
+        columns = self.automaton.mode_columns
+        free, rate, _ = self._by_role(columns["from_input"])
+        parts = (free, rate, columns["from_memory"], columns["constant"])
+        names = ("w_free", "w_rate", "w_memory", "w_constant")
+        return {name: np.ascontiguousarray(part, float) for name, part in zip(names, parts, strict=True)}
 
     def _table(self) -> tuple[Array, Array, Table]:
         """The mode guards as the compiled run takes them, the outputs of their modes inserted.
@@ -212,6 +233,9 @@ class PeriodicElement:
                 from_input=of["memory_from_input"],
                 from_memory=of["memory_from_memory"],
                 memory_constant=of["memory_constant"],
+                on_free=free,
+                on_rate=rate,
+                **self._outputs(),
             ),
         )
 
@@ -238,7 +262,39 @@ class PeriodicElement:
         Unsettled
             If the automaton does not repeat itself within six periods.
         """
-        return _Run(self, Z, omega).settle()
+        from eppanalysis.kernels.periodic import ENDLESS, UNSETTLED, settle
+
+        # No wave of order n passes a level more than 2 n times in a period.
+        most = 200 + 2 * Z.shape[1] * max(20, len(self.guards))
+        at, fired = np.empty(most), np.empty(most, np.int64)
+        rest, begun = self._rest(Z, omega), np.empty(self.automaton.n_memory)
+        holds = np.empty((most, begun.size))
+        count, mode, start = settle(
+            self.table,
+            self.on_free,
+            self.on_rate,
+            Z[0],
+            omega,
+            self.start_mode,
+            self.clocked,
+            rest,
+            begun,
+            at,
+            fired,
+            holds,
+        )
+        if count == ENDLESS:
+            raise Unsettled(f"{self.name} switches without end.")
+        if count == UNSETTLED:
+            raise Unsettled(f"{self.name} does not answer with the period of its input.")
+        return Regime(self, start, mode, begun, at[:count].copy(), fired[:count].copy(), holds[:count].copy())
+
+    def _rest(self, Z: ComplexArray, omega: float) -> Array:
+        memory = self.automaton.start_memory
+        if self.clocked or not memory.size:
+            return memory
+        rest = rest_value(self.element, Z, omega)
+        return memory if rest is None else np.concatenate([[rest], memory[1:]])
 
 
 def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]:
@@ -281,80 +337,6 @@ def _hashable(element: Nonlinearity) -> bool:
     except TypeError:
         return False
     return True
-
-
-class _Run:
-    """The automaton driven over phases; lives for one call."""
-
-    def __init__(self, owner: PeriodicElement, Z: ComplexArray, omega: float) -> None:
-        self.owner, self.Z, self.omega = owner, Z, omega
-        self.series = owner.on_free * Z[0] + owner.on_rate * (1j * omega * orders(Z.shape[1] - 1) * Z[0])
-        self.phase, self.value, self.counts = workspaces(self.series)
-        # No wave of order n passes a level more than 2 n times in a period.
-        most = 200 + 2 * Z.shape[1] * max(20, len(owner.guards))
-        self.at, self.fired = np.empty(most), np.empty(most, np.int64)
-        self.holds = np.empty((most, owner.automaton.n_memory))
-
-    def settle(self) -> Regime:
-        """Run whole periods until mode and memory values come back.
-
-        An element that holds values comes from a larger motion, so that it joins its loop even where it could also
-        rest; only if it then does not switch at all does it rest, where its describing function has it rest.
-        """
-        owner = self.owner
-        if not owner.automaton.n_memory or owner.clocked:
-            return self._repeat(0.0, owner.start_mode, owner.automaton.start_memory, 2 if owner.clocked else 1)
-        top = self._top()
-        larger = self.Z.copy()
-        larger[:, 1:] *= _EXCURSION
-        mode, memory, _ = _Run(owner, larger, self.omega)._advance(top - TURN, top, owner.start_mode, self._rest())
-        regime = self._repeat(top, mode, memory, 2)
-        return regime if regime.switches else self._repeat(0.0, owner.start_mode, self._rest(), 1)
-
-    def _repeat(self, start: float, mode: int, memory: Array, least: int) -> Regime:
-        """Run at least `least` periods, until one ends as it began."""
-        mode, memory, _ = self._advance(start, start, mode, memory)
-        for period in range(_MOST_PERIODS):
-            begin = start + TURN * period
-            after, memory_after, switches = self._advance(begin, begin + TURN, mode, memory)
-            if period + 1 >= least and after == mode and self._same(memory, memory_after):
-                return Regime(begin, mode, memory, tuple(switches))
-            mode, memory = after, memory_after
-        raise Unsettled(f"{self.owner.name} does not answer with the period of its input.")
-
-    def _top(self) -> float:
-        """Phase at which the first input is greatest."""
-        phase, value = extrema(self.Z[:1])[0]
-        return float(phase[np.argmax(value)]) if phase.size else 0.0
-
-    def _same(self, memory: Array, after: Array) -> bool:
-        size = 1e-9 * (np.abs(self.Z).sum() + np.abs(memory))
-        same = np.abs(after - memory) <= size
-        if self.owner.clocked:
-            same |= np.abs(after - memory - TURN / self.omega) <= 1e-9 * TURN / self.omega
-        return bool(np.all(same))
-
-    def _rest(self) -> Array:
-        memory = self.owner.automaton.start_memory.copy()
-        rest = rest_value(self.owner.element, self.Z, self.omega)
-        memory[0] = memory[0] if rest is None else rest
-        return memory
-
-    def _advance(self, phi: float, end: float, mode: int, memory: Array) -> tuple[int, Array, list[Switch]]:
-        """All switches from `phi` to before `end` (those that are due at once if both are the same)."""
-        from eppanalysis.kernels.periodic import advance
-
-        table, memory = self.owner.table, memory.copy()
-        extrema_of = self.phase, self.value, self.counts
-        workspace = self.at, self.fired, self.holds
-        count, mode = advance(
-            table, self.series, *extrema_of, self.Z[0], self.omega, phi, end, mode, memory, *workspace
-        )
-        if count < 0:
-            raise Unsettled(f"{self.owner.name} switches without end.")
-        found = zip(self.at[:count].tolist(), self.fired[:count].tolist(), self.holds[:count].copy(), strict=True)
-        of = self.owner.mode_guard
-        return mode, memory, [Switch(at, of(i), of(i).target, h) for at, i, h in found]
 
 
 def rest_value(element: Nonlinearity, Z: ComplexArray, omega: float) -> float | None:

@@ -1,0 +1,298 @@
+"""Compiled: Fourier coefficients of an element's outputs in its periodic regime, and their derivatives.
+
+The sums are those of docs/theory/harmonic_balance.md, Coefficients without sampling. Unknowns are the mean, the real
+and the imaginary parts of the input's coefficients, and the frequency: 2 n + 2 at order n. A period has pieces, one
+more than switches; the first begins where the period does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+from eppanalysis.kernels.periodic import TURN, series_at
+from eppanalysis.kernels.simd.tuples import by_address
+
+_COMPILED = {**KERNEL, "error_model": "numpy"}
+_INNER = {**PART, "error_model": "numpy"}
+#: Share of the outputs below which a jump is rounding; slowest rise of a guard: one that grazes moves without bound.
+_NO_JUMP, _GRAZES = 1e-14, 1e-300
+
+
+@by_address
+class Pieces(NamedTuple):
+    """What a period consists of, with s switches, h memory values, w outputs."""
+
+    edges: NDArray[np.float64]  # (s + 2,) phases: begin, switches, end
+    modes: NDArray[np.int64]  # (s + 1,)
+    memory: NDArray[np.float64]  # (s + 1, h)
+    fired: NDArray[np.int64]  # (s,) mode guards in the table
+    jump: NDArray[np.float64]  # (s, w) of smooth functions
+    rest: NDArray[np.float64]  # (h,) derivative of the memory values by the mean where nothing switches
+
+
+@njit(**_INNER)
+def _means(pieces, p, n, wave):
+    """Mean over a period of exp(-j q phi) on a piece, q = 0..2 n, into `wave`."""
+    low, high = pieces.edges[p], pieces.edges[p + 1]
+    wave[0] = (high - low) / TURN
+    for q in range(1, 2 * n + 1):
+        real = math.cos(low * q) - math.cos(high * q)
+        imaginary = math.sin(high * q) - math.sin(low * q)
+        size = TURN * q
+        wave[q] = complex(imaginary / size, -real / size)
+
+
+@njit(**_INNER)
+def _level(table, pieces, p, o):
+    """What an output has on a piece besides its input."""
+    mode = pieces.modes[p]
+    level = table.w_constant[mode, o]
+    for h in range(pieces.memory.shape[1]):
+        level += table.w_memory[mode, o, h] * pieces.memory[p, h]
+    return level
+
+
+@njit(**_INNER)
+def _product(S, n, k, m):
+    """What real and imaginary part m of a series are to coefficient k of its product with a real function S."""
+    q = k - m
+    minus = S[q] if q >= 0 else S[-q].conjugate()
+    plus = S[k + m]
+    share = 1.0 if k else 0.5
+    turned = share * (minus - plus)
+    return share * (minus + plus), complex(-turned.imag, turned.real)
+
+
+@njit(**_INNER)
+def _convolved(S, n, k, z, factor):
+    """Coefficient k of the product of S and a series, of which the mean is real; or of its derivative (factor j m)."""
+    total = complex(0.0, 0.0)
+    for m in range(n + 1):
+        by_real, by_imaginary = _product(S, n, k, m)
+        real, imaginary = z[m].real, z[m].imag
+        if factor:
+            real, imaginary = -m * z[m].imag, m * z[m].real
+        total += by_real * real
+        if m:
+            total += by_imaginary * imaginary
+    return total
+
+
+@njit(**_COMPILED)
+def coefficients(table, pieces, z, omega, W, S, R):
+    """Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
+
+    Parameters
+    ----------
+    table : Table
+        See :mod:`eppanalysis.kernels.periodic`.
+    pieces : Pieces
+    z : array, shape (n + 1,)
+        The input.
+    omega : float
+        [rad/s].
+    W, S, R : complex array, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
+        Are filled.
+    """
+    n, n_w = z.size - 1, W.shape[0]
+    wave = np.empty(2 * n + 1, np.complex128)
+    W[:, :] = 0.0
+    S[:, :] = 0.0
+    R[:, :] = 0.0
+    for p in range(pieces.modes.size):
+        mode = pieces.modes[p]
+        _means(pieces, p, n, wave)
+        for o in range(n_w):
+            free, rate = table.w_free[mode, o], table.w_rate[mode, o]
+            for q in range(2 * n + 1):
+                S[o, q] += free * wave[q]
+                R[o, q] += rate * wave[q]
+            level = _level(table, pieces, p, o)
+            W[o, 0] += level * wave[0]
+            for k in range(1, n + 1):
+                W[o, k] += 2.0 * level * wave[k]
+    for o in range(n_w):
+        for k in range(n + 1):
+            W[o, k] += _convolved(S[o], n, k, z, False) + omega * _convolved(R[o], n, k, z, True)
+
+
+@njit(**_INNER)
+def _value(c, phi, power):
+    """Value at a phase of a series without its mean, differentiated `power` times (1 or 2)."""
+    total = 0.0
+    for k in range(1, c.size):
+        angle = k * phi
+        cosine, sine = math.cos(angle), math.sin(angle)
+        if power == 1:
+            total -= k * (c[k].real * sine + c[k].imag * cosine)
+        else:
+            total -= k * k * (c[k].real * cosine - c[k].imag * sine)
+    return total
+
+
+@njit(**_INNER)
+def _read(free, rate, clock, z, omega, phi, by_x):
+    """Derivatives of an affine function of the inputs at a phase, by the unknowns into `by_x`, and by the phase."""
+    n = z.size - 1
+    slope, curve = _value(z, phi, 1), _value(z, phi, 2)
+    for k in range(n + 1):
+        cosine, sine = math.cos(k * phi), math.sin(k * phi)
+        by_x[k] = free * cosine - omega * rate * k * sine
+        if k:
+            by_x[n + k] = -free * sine - omega * rate * k * cosine
+    by_x[2 * n + 1] = rate * slope - clock * phi / omega**2
+    return free * slope + omega * rate * curve + clock / omega
+
+
+@njit(**_INNER)
+def _jumps(table, pieces, z, omega, n_w, jump):
+    """Jumps of the outputs at the switches into `jump`; returns whether there are any."""
+    largest, level = 0.0, 0.0
+    for p in range(pieces.modes.size):
+        for o in range(n_w):
+            level = max(level, abs(_level(table, pieces, p, o)))
+    for i in range(pieces.fired.size):
+        value, slope = series_at(z, pieces.edges[i + 1])
+        before, after = pieces.modes[i], pieces.modes[i + 1]
+        for o in range(n_w):
+            old = table.w_free[before, o] * value + table.w_rate[before, o] * (omega * slope)
+            new = table.w_free[after, o] * value + table.w_rate[after, o] * (omega * slope)
+            old, new = old + _level(table, pieces, i, o), new + _level(table, pieces, i + 1, o)
+            jump[i, o] = new - old + pieces.jump[i, o]
+            largest = max(largest, abs(jump[i, o]))
+    return largest > _NO_JUMP * (level + largest)
+
+
+@njit(**_INNER)
+def _reset(table, g, h, z, omega, phi, by_x):
+    """As :func:`_read`, of what a mode guard writes into a memory value."""
+    free, rate, clock = 0.0, 0.0, 0.0
+    for i in range(table.roles.size):
+        part = table.from_input[g, h, i]
+        if table.roles[i] == 0:
+            free += part
+        elif table.roles[i] == 1:
+            rate += part
+        else:
+            clock += part
+    return _read(free, rate, clock, z, omega, phi, by_x)
+
+
+@njit(**_INNER)
+def _pass_on(table, pieces, z, omega, i, here, moved, memory):
+    """Derivatives of the memory values behind a switch, `memory` (h, x), from those before it, `here`."""
+    by_x = np.empty(moved.shape[1])
+    g = pieces.fired[i]
+    for h in range(here.shape[0]):
+        by_phase = _reset(table, g, h, z, omega, pieces.edges[i + 1], by_x)
+        for x in range(by_x.size):
+            new = by_x[x] + by_phase * moved[i, x]
+            for other in range(here.shape[0]):
+                new += table.from_memory[g, h, other] * here[other, x]
+            memory[h, x] = new
+
+
+@njit(**_INNER)
+def _move(table, pieces, z, omega, here, moved, memory):
+    """Derivatives of the switching phases, (s, x), and of the memory values on each piece, (s + 1, h, x).
+
+    `here` (h, x) holds the latter at the beginning, and afterwards at the end.
+    """
+    clocked = False
+    for g in range(table.on_clock.size):
+        clocked = clocked or table.on_clock[g] != 0.0
+    for h in range(here.shape[0]):
+        for x in range(moved.shape[1]):
+            memory[0, h, x] = here[h, x]
+    for i in range(pieces.fired.size):
+        g, phi = pieces.fired[i], pieces.edges[i + 1]
+        if i and phi == pieces.edges[i]:
+            for x in range(moved.shape[1]):
+                moved[i, x] = moved[i - 1, x]
+        else:
+            speed = _read(table.on_free[g], table.on_rate[g], table.on_clock[g], z, omega, phi, moved[i])
+            speed = speed if abs(speed) > _GRAZES else _GRAZES
+            for x in range(moved.shape[1]):
+                for h in range(here.shape[0]):
+                    moved[i, x] += table.on_memory[g, h] * memory[i, h, x]
+                moved[i, x] = -moved[i, x] / speed
+        _pass_on(table, pieces, z, omega, i, memory[i], moved, memory[i + 1])
+    for h in range(here.shape[0]):
+        for x in range(moved.shape[1]):
+            here[h, x] = memory[pieces.fired.size, h, x]
+        if clocked:
+            here[h, moved.shape[1] - 1] += TURN / omega**2
+
+
+@njit(**_INNER)
+def _add_moved(table, pieces, jump, moved, dW):
+    """What moving switches contribute: one that comes later keeps the old output for so long."""
+    for i in range(pieces.fired.size):
+        for k in range(dW.shape[1]):
+            angle, share = k * pieces.edges[i + 1], (1.0 if k else 0.5) / math.pi
+            cosine, sine = share * math.cos(angle), share * math.sin(angle)
+            for o in range(dW.shape[0]):
+                real, imaginary = -jump[i, o] * cosine, jump[i, o] * sine
+                for x in range(dW.shape[2]):
+                    dW[o, k, x] += complex(real * moved[i, x], imaginary * moved[i, x])
+
+
+@njit(**_INNER)
+def _add_memory(table, pieces, memory, dW):
+    """What memory values contribute where they act."""
+    n = dW.shape[1] - 1
+    wave = np.empty(2 * n + 1, np.complex128)
+    for p in range(pieces.modes.size):
+        _means(pieces, p, n, wave)
+        for o in range(dW.shape[0]):
+            for h in range(memory.shape[1]):
+                on = table.w_memory[pieces.modes[p], o, h]
+                if on != 0.0:
+                    for k in range(n + 1):
+                        share = on * wave[k] * (2.0 if k else 1.0)
+                        for x in range(dW.shape[2]):
+                            dW[o, k, x] += share * memory[p, h, x]
+
+
+@njit(**_COMPILED)
+def slopes(table, pieces, z, omega, S, R, dW):
+    """Derivatives of the coefficients of the outputs by the unknowns.
+
+    Parameters
+    ----------
+    table, pieces, z, omega
+        As for :func:`coefficients`.
+    S, R : complex array, shape (w, 2 n + 1)
+        Functions that small changes of the input and of its rate are multiplied with.
+    dW : complex array, shape (w, n + 1, 2 n + 2)
+        Is filled.
+    """
+    n, n_w, n_x = z.size - 1, dW.shape[0], dW.shape[2]
+    for o in range(n_w):
+        for k in range(n + 1):
+            for m in range(n + 1):
+                by_real, by_imaginary = _product(S[o], n, k, m)
+                # A real part adds j m omega, an imaginary part -m omega to the rate's coefficient.
+                rate_real, rate_imaginary = _product(R[o], n, k, m)
+                dW[o, k, m] = by_real + omega * m * rate_imaginary
+                if m:
+                    dW[o, k, n + m] = by_imaginary - omega * m * rate_real
+            dW[o, k, n_x - 1] = _convolved(R[o], n, k, z, True)
+    n_switches, n_memory = pieces.fired.size, pieces.memory.shape[1]
+    memory, here = np.zeros((n_switches + 1, n_memory, n_x)), np.zeros((n_memory, n_x))
+    for h in range(n_memory):
+        memory[0, h, 0] = pieces.rest[h]
+    if n_switches:
+        jump, moved = np.empty((n_switches, n_w)), np.zeros((n_switches, n_x))
+        # Where the output is continuous a moving switch changes nothing to first order.
+        if _jumps(table, pieces, z, omega, n_w, jump) or n_memory:
+            for _ in range(2 if n_memory else 1):
+                _move(table, pieces, z, omega, here, moved, memory)
+            _add_moved(table, pieces, jump, moved, dW)
+    if n_memory:
+        _add_memory(table, pieces, memory, dW)
