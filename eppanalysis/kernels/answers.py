@@ -31,8 +31,6 @@ class Pieces(NamedTuple):
     modes: NDArray[np.int64]  # (s + 1,)
     memory: NDArray[np.float64]  # (s + 1, h)
     fired: NDArray[np.int64]  # (s,) mode guards in the table
-    jump: NDArray[np.float64]  # (s, w) of smooth functions
-    rest: NDArray[np.float64]  # (h,) derivative of the memory values by the mean where nothing switches
 
 
 @njit(**_INNER)
@@ -150,8 +148,9 @@ def _read(free, rate, clock, z, omega, phi, by_x):
 
 
 @njit(**_INNER)
-def _jumps(table, pieces, z, omega, n_w, jump):
-    """Jumps of the outputs at the switches into `jump`; returns whether there are any."""
+def _jumps(table, pieces, z, omega, jump):
+    """Add the jumps of the outputs at the switches to those of smooth functions; returns whether there are any."""
+    n_w = jump.shape[1]
     largest, level = 0.0, 0.0
     for p in range(pieces.modes.size):
         for o in range(n_w):
@@ -163,7 +162,7 @@ def _jumps(table, pieces, z, omega, n_w, jump):
             old = table.w_free[before, o] * value + table.w_rate[before, o] * (omega * slope)
             new = table.w_free[after, o] * value + table.w_rate[after, o] * (omega * slope)
             old, new = old + _level(table, pieces, i, o), new + _level(table, pieces, i + 1, o)
-            jump[i, o] = new - old + pieces.jump[i, o]
+            jump[i, o] += new - old
             largest = max(largest, abs(jump[i, o]))
     return largest > _NO_JUMP * (level + largest)
 
@@ -260,7 +259,7 @@ def _add_memory(table, pieces, memory, dW):
 
 
 @njit(**_COMPILED)
-def slopes(table, pieces, z, omega, S, R, dW):
+def slopes(table, pieces, z, omega, S, R, jump, rest, dW):
     """Derivatives of the coefficients of the outputs by the unknowns.
 
     Parameters
@@ -269,6 +268,10 @@ def slopes(table, pieces, z, omega, S, R, dW):
         As for :func:`coefficients`.
     S, R : complex array, shape (w, 2 n + 1)
         Functions that small changes of the input and of its rate are multiplied with.
+    jump : array, shape (s, w)
+        Of smooth functions at the switches; those of the outputs are added.
+    rest : array, shape (h,)
+        Derivatives of the memory values by the mean where nothing switches.
     dW : complex array, shape (w, n + 1, 2 n + 2)
         Is filled.
     """
@@ -286,11 +289,11 @@ def slopes(table, pieces, z, omega, S, R, dW):
     n_switches, n_memory = pieces.fired.size, pieces.memory.shape[1]
     memory, here = np.zeros((n_switches + 1, n_memory, n_x)), np.zeros((n_memory, n_x))
     for h in range(n_memory):
-        memory[0, h, 0] = pieces.rest[h]
+        memory[0, h, 0] = rest[h]
     if n_switches:
-        jump, moved = np.empty((n_switches, n_w)), np.zeros((n_switches, n_x))
+        moved = np.zeros((n_switches, n_x))
         # Where the output is continuous a moving switch changes nothing to first order.
-        if _jumps(table, pieces, z, omega, n_w, jump) or n_memory:
+        if _jumps(table, pieces, z, omega, jump) or n_memory:
             for _ in range(2 if n_memory else 1):
                 _move(table, pieces, z, omega, here, moved, memory)
             _add_moved(table, pieces, jump, moved, dW)

@@ -153,8 +153,8 @@ class BalancedOscillation:
         equations = Equations(self.loop, n, self.pivot, np.ones(n))
         anchored = self.Z * np.exp(-1j * (np.pi / 2 + np.angle(self.Z[self.pivot, 1])) * orders(n))
         X = equations.pack(anchored, self.omega)
-        _, J, W = equations.linearised(X)
-        unknowns, rows = equations.scales(X, W)
+        here = equations.at(X)
+        unknowns, rows = equations.scales(X, here.W)
         harmonic = np.concatenate([np.zeros(m), *[orders(n)[1:]] * (2 * m), [1.0]])
         place = np.arange(m)[:, None] * (2 * n + 1) + np.arange(1, n + 1)
         column = np.concatenate([place[:, 0] - 1, place.ravel(), place.ravel() + n, [X.size - 1]])
@@ -162,7 +162,7 @@ class BalancedOscillation:
         # like half-waves it does not meet the lopsided ones.
         symmetric = np.all(np.abs(self.Z[:, ::2]).max(1) <= _LOPSIDED * np.abs(self.Z[:, 1]))
         kept = harmonic % 2 == 1 if symmetric else harmonic >= 0
-        scaled = (J * unknowns / rows[:, None])[:, column]
+        scaled = (here.jacobian * unknowns / rows[:, None])[:, column]
         return float(np.linalg.slogdet(scaled[np.ix_(kept, kept)])[0])
 
     @cached_property

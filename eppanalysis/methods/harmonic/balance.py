@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
+from eppanalysis.methods.harmonic.loop import Equations, Loop, Place, inputs_of, order_one
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.lure import LureSystem
@@ -331,35 +332,32 @@ def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int 
         ok &= bool(np.abs(Z[start.pivot, 1]) > 1e-6 * np.abs(start.Z[start.pivot, 1]) and omega > 0)
         error = _error(loop, equations, last) if ok and share == 1.0 and estimate else float("nan")
     except Unsettled:
-        Z = _padded(start.Z, order)
+        Z = np.pad(start.Z[:, : order + 1], ((0, 0), (0, max(0, order - start.order))))
         return _Point(Z, start.omega, start.pivot, False)
     return _Point(Z, omega, start.pivot, ok, last.residual, error, count)
 
 
-def _padded(Z: ComplexArray, order: int) -> ComplexArray:
-    """Series cut or filled with zeros to an order."""
-    out = np.zeros((Z.shape[0], order + 1), complex)
-    count = min(order + 1, Z.shape[1])
-    out[:, :count] = Z[:, :count]
-    return out
-
-
 @dataclass(frozen=True, eq=False)
 class _Iterate:
-    """A point of Newton's iteration: unknowns, scaled residual, solver of the scaled Jacobian, sizes."""
+    """A point of Newton's iteration: unknowns, scaled residual, sizes; most that are tried are never solved at."""
 
     X: Array
     R: Array
-    solve: Callable[[Array], Array]
+    place: Place
     unknowns: Array
     rows: Array
 
     @classmethod
     def at(cls, equations: Equations, X: Array, sizes: tuple[Array, Array] | None = None) -> _Iterate:
         spend(_ITERATE + _UNKNOWN * X.size)
-        R, J, W = equations.linearised(X)
-        unknowns, rows = equations.scales(X, W) if sizes is None else sizes
-        return cls(X, R / rows, _solver(J * unknowns / rows[:, None]), unknowns, rows)
+        place = equations.at(X)
+        unknowns, rows = equations.scales(X, place.W) if sizes is None else sizes
+        return cls(X, place.residual / rows, place, unknowns, rows)
+
+    @cached_property
+    def solve(self) -> Callable[[Array], Array]:
+        """Solver of the scaled Jacobian."""
+        return _solver(self.place.jacobian * self.unknowns / self.rows[:, None])
 
     @property
     def residual(self) -> float:

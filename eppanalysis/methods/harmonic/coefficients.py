@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,33 +25,21 @@ from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, Row, 
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
 from eppanalysis.models.elements.automaton import Smooth
 
+if TYPE_CHECKING:
+    from eppanalysis.kernels.answers import Pieces
+
 _PANEL_NODES = 16
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """Fourier coefficients of the outputs, shape (n_outputs, n + 1), and their derivatives.
-
-    `slopes` has shape (n_outputs, n + 1, n_free * (2 n + 1) + 1); its columns are for each free input the mean, the
-    real and the imaginary parts of c[1..n], and at last omega. None where they were not asked for.
-    """
-
-    coefficients: ComplexArray
-    slopes: ComplexArray | None
-    regime: Regime
-
-
-def respond(element: PeriodicElement, Z: ComplexArray, omega: float, slopes: bool = True) -> Answer:
+def respond(element: PeriodicElement, Z: ComplexArray, omega: float) -> Answer:
     """Settled answer of an element to the free inputs Z, shape (n_free, n + 1), at `omega` [rad/s].
 
     Raises
     ------
     Unsettled
         If the element does not answer with the period of its input.
-    ModelError
-        If a smooth function acts on a rate.
     """
-    return _Coefficients(element, Z, omega, element.regime(Z, omega)).answer(slopes)
+    return Answer(element, Z, omega, element.regime(Z, omega))
 
 
 def stacked(Z: ComplexArray) -> Array:
@@ -57,40 +47,79 @@ def stacked(Z: ComplexArray) -> Array:
     return np.concatenate([Z.real, Z.imag[..., 1:]], -1)
 
 
-class _Coefficients:
-    """Integrals over the pieces of one period; lives for one call."""
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Fourier coefficients of the outputs in a periodic regime, and their derivatives where they are asked for."""
 
-    def __init__(self, owner: PeriodicElement, Z: ComplexArray, omega: float, regime: Regime) -> None:
-        self.owner, self.Z, self.omega, self.regime = owner, Z, omega, regime
-        self.n = Z.shape[1] - 1
-        self.edges = np.concatenate([[regime.start], regime.phases, [regime.start + TURN]])
-        self.modes = np.concatenate([[regime.mode], owner.table.target[regime.fired]])
+    owner: PeriodicElement
+    Z: ComplexArray
+    omega: float
+    regime: Regime
 
-    def answer(self, slopes: bool) -> Answer:
+    @property
+    def n(self) -> int:
+        """Order."""
+        return self.Z.shape[1] - 1
+
+    @property
+    def coefficients(self) -> ComplexArray:
+        """Of the outputs, shape (n_outputs, n + 1)."""
+        return self._sums[0]
+
+    @cached_property
+    def slopes(self) -> ComplexArray:
+        """Derivatives of the coefficients, shape (n_outputs, n + 1, 2 n + 2).
+
+        The columns are for the mean, the real and the imaginary parts of c[1..n] of the input, and at last omega.
+
+        Raises
+        ------
+        ModelError
+            If a smooth function acts on a rate.
+        """
         from eppanalysis.kernels import answers
 
-        table, regime, n, n_w = self.owner.table, self.regime, self.n, self.owner.automaton.n_outputs
-        W, S, R = (np.empty((n_w, size + 1), complex) for size in (n, 2 * n, 2 * n))
-        pieces = answers.Pieces(
-            self.edges,
-            self.modes,
-            np.concatenate([regime.memory[None], regime.holds]),
-            regime.fired,
-            self._smooth_jumps() if slopes else np.zeros((regime.fired.size, n_w)),
-            self._rest_slopes() if slopes else np.zeros(regime.memory.size),
-        )
-        answers.coefficients(table, pieces, self.Z[0], self.omega, W, S, R)
-        if self.owner.smooth:
-            smooth, by_free, by_rate = _smooth_part(self)
-            W += smooth
-            S += by_free
-            if slopes and np.any(by_rate):
+        _, S, R = self._sums
+        if self._smooth is not None:
+            S = S + self._smooth[1]
+            if np.any(self._smooth[2]):
                 raise ModelError(f"{self.owner.name}: a smooth function of a rate is not supported.")
-        if not slopes:
-            return Answer(W, None, regime)
-        dW = np.empty((n_w, n + 1, 2 * n + 2), complex)
-        answers.slopes(table, pieces, self.Z[0], self.omega, S, R, dW)
-        return Answer(W, dW, regime)
+        dW = np.empty((len(S), self.n + 1, 2 * self.n + 2), complex)
+        found = self._smooth_jumps(), self._rest_slopes()
+        answers.slopes(self.owner.table, self._pieces, self.Z[0], self.omega, S, R, *found, dW)
+        return dW
+
+    @cached_property
+    def _sums(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Coefficients of the outputs, and of what multiplies the input and its rate in them."""
+        from eppanalysis.kernels import answers
+
+        n_w = self.owner.automaton.n_outputs
+        W, S, R = (np.empty((n_w, size + 1), complex) for size in (self.n, 2 * self.n, 2 * self.n))
+        answers.coefficients(self.owner.table, self._pieces, self.Z[0], self.omega, W, S, R)
+        return (W if self._smooth is None else W + self._smooth[0]), S, R
+
+    @cached_property
+    def edges(self) -> Array:
+        """Phases between the pieces of the period, shape (pieces + 1,)."""
+        start = self.regime.start
+        return np.concatenate([[start], self.regime.phases, [start + TURN]])
+
+    @cached_property
+    def modes(self) -> NDArray[np.int64]:
+        """Mode on each piece."""
+        return np.concatenate([[self.regime.mode], self.owner.table.target[self.regime.fired]])
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        from eppanalysis.kernels.answers import Pieces
+
+        memory = np.concatenate([self.regime.memory[None], self.regime.holds])
+        return Pieces(self.edges, self.modes, memory, self.regime.fired)
+
+    @cached_property
+    def _smooth(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
+        return _smooth_part(self) if self.owner.smooth else None
 
     def inputs(self, phases: Array) -> tuple[Array, Array]:
         """The free input and its rate at phases (m,)."""
@@ -145,7 +174,7 @@ def smooth_values(smooth: Smooth, argument: Array) -> tuple[Array, Array]:
     return _CURVES[smooth.kind](argument + smooth.constant, smooth.scale)
 
 
-def _smooth_part(c: _Coefficients) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+def _smooth_part(c: Answer) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Quadrature of the smooth functions: outputs (no, n + 1), slopes by the free input and by the rate (no, 2 n + 1).
 
     Panels are halved until the polynomials on them are resolved to rounding.
@@ -164,13 +193,13 @@ def _smooth_part(c: _Coefficients) -> tuple[ComplexArray, ComplexArray, ComplexA
 class _Panels:
     """Gauss-Legendre nodes on parts of the pieces between switches."""
 
-    whole: _Coefficients
+    whole: Answer
     phases: Array
     weights: Array
     piece: NDArray[np.intp]
 
     @classmethod
-    def cut(cls, whole: _Coefficients, longest: float) -> _Panels:
+    def cut(cls, whole: Answer, longest: float) -> _Panels:
         node, weight = np.polynomial.legendre.leggauss(_PANEL_NODES)
         counts = np.maximum(1, np.ceil(np.diff(whole.edges) / longest)).astype(int)
         size = np.repeat(np.diff(whole.edges) / counts, counts)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.harmonic.coefficients import respond, stacked
+from eppanalysis.methods.harmonic.coefficients import Answer, respond, stacked
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime
 from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
 from eppanalysis.models.systems.lure import LureSystem
@@ -87,24 +87,23 @@ class Loop:
         response, slope = self.system.frequency_response_and_slope(omega * k)
         return response[:, self.rows], k[:, None, None] * slope[:, self.rows]
 
+    def responses(self, Z: ComplexArray, omega: float) -> tuple[Answer, ...]:
+        """Answer of each element."""
+        return tuple(respond(e, z[None], omega) for e, z in zip(self.elements, Z, strict=True))
+
     def answers(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, tuple[Regime, ...]]:
         """Coefficients of all outputs (nw, n + 1), and the regime of each element."""
-        found = [respond(e, z[None], omega, slopes=False) for e, z in zip(self.elements, Z, strict=True)]
+        found = self.responses(Z, omega)
         return np.concatenate([a.coefficients for a in found]), tuple(a.regime for a in found)
 
-    def answers_and_slopes(self, Z: ComplexArray, omega: float) -> tuple[ComplexArray, ComplexArray]:
-        """Coefficients (nw, n + 1) and derivatives (nw, n + 1, F (2 n + 1) + 1) by the real unknowns and omega."""
-        F, n = Z.shape[0], Z.shape[1] - 1
-        width = 2 * n + 1
-        W = np.zeros((self.system.B.shape[1], n + 1), complex)
-        dW = np.zeros((len(W), n + 1, F * width + 1), complex)
-        for f, (e, out) in enumerate(zip(self.elements, self.system.output_slices, strict=True)):
-            answer = respond(e, Z[f : f + 1], omega)
-            assert answer.slopes is not None
-            W[out] = answer.coefficients
+    def slopes(self, found: tuple[Answer, ...]) -> ComplexArray:
+        """Derivatives (nw, n + 1, F (2 n + 1) + 1) of the outputs' coefficients by the real unknowns and omega."""
+        n, width = found[0].n, 2 * found[0].n + 1
+        dW = np.zeros((self.system.B.shape[1], n + 1, len(found) * width + 1), complex)
+        for f, (answer, out) in enumerate(zip(found, self.system.output_slices, strict=True)):
             dW[out, :, f * width : (f + 1) * width] = answer.slopes[:, :, :-1]
             dW[out, :, -1] = answer.slopes[:, :, -1]
-        return W, dW
+        return dW
 
     def continued(self, Z: ComplexArray, omega: float, n: int, passes: int = 1) -> ComplexArray:
         """The same inputs with harmonics up to n; the new ones are what the linear part makes of the outputs'.
@@ -151,25 +150,12 @@ class Equations:
         static = self.loop.on_bias @ Z[:, 0].real + self.loop.on_mean @ W[:, 0].real - self.loop.prescribed
         return np.concatenate([static, ac.real.ravel(), ac.imag.ravel(), [Z[self.pivot, 1].real]])
 
-    def linearised(self, X: Array) -> tuple[Array, Array, ComplexArray]:
-        """Residual, its Jacobian, and the coefficients of the outputs (nw, n + 1)."""
-        loop, n = self.loop, self.n
+    def at(self, X: Array) -> Place:
+        """What the equations are at a point."""
         Z, omega = self.unpack(X)
-        F, width = Z.shape[0], 2 * n + 1
-        W, dW = loop.answers_and_slopes(Z, omega)
-        L, dL = (m * self.weight[:, None, None] for m in loop.linear_and_slope(omega, n))
-        ac = -np.moveaxis(L @ np.moveaxis(dW[:, 1:], 0, 1), 0, 1)
-        ac[:, :, -1] -= (dL @ W.T[1:, :, None])[..., 0].T
-        k = np.arange(n)
-        for f in range(F):
-            ac[f, k, f * width + 1 + k] += 1.0
-            ac[f, k, f * width + n + 1 + k] += 1j
-        J = np.zeros((X.size, X.size))
-        J[:F] = np.tensordot(loop.on_mean, dW[:, 0].real, 1)
-        J[:F, : F * width : width] += loop.on_bias
-        J[F : F + F * n], J[F + F * n : -1] = ac.real.reshape(F * n, -1), ac.imag.reshape(F * n, -1)
-        J[-1, self.pivot * width + 1] = 1.0
-        return self.residual(Z, W, L), J, W
+        found = self.loop.responses(Z, omega)
+        L, dL = (m * self.weight[:, None, None] for m in self.loop.linear_and_slope(omega, self.n))
+        return Place(self, Z, found, np.concatenate([a.coefficients for a in found]), L, dL)
 
     def scales(self, X: Array, W: ComplexArray) -> tuple[Array, Array]:
         """Sizes of the unknowns and of the equations, given the outputs."""
@@ -181,6 +167,41 @@ class Equations:
         static = np.abs(loop.on_bias) @ (np.abs(Z[:, 0]) + amplitude) + np.abs(loop.on_mean) @ np.abs(W).max(1)
         rows = np.repeat(amplitude, self.n)
         return unknowns, np.concatenate([np.maximum(static, 1e-300), rows, rows, [amplitude[self.pivot]]])
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The equations at a point: coefficients W of the outputs (nw, n + 1), residual, and the Jacobian if asked for."""
+
+    equations: Equations
+    Z: ComplexArray
+    found: tuple[Answer, ...]
+    W: ComplexArray
+    L: ComplexArray
+    dL: ComplexArray
+
+    @property
+    def residual(self) -> Array:
+        """Of the equations, shape (F (2 n + 1) + 1,)."""
+        return self.equations.residual(self.Z, self.W, self.L)
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivatives of the residual by the unknowns."""
+        loop, n, (F, _) = self.equations.loop, self.equations.n, self.Z.shape
+        width, dW = 2 * n + 1, loop.slopes(self.found)
+        ac = -np.moveaxis(self.L @ np.moveaxis(dW[:, 1:], 0, 1), 0, 1)
+        ac[:, :, -1] -= (self.dL @ self.W.T[1:, :, None])[..., 0].T
+        k = np.arange(n)
+        for f in range(F):
+            ac[f, k, f * width + 1 + k] += 1.0
+            ac[f, k, f * width + n + 1 + k] += 1j
+        J = np.zeros((F * width + 1, F * width + 1))
+        J[:F] = np.tensordot(loop.on_mean, dW[:, 0].real, 1)
+        J[:F, : F * width : width] += loop.on_bias
+        J[F : F + F * n], J[F + F * n : -1] = ac.real.reshape(F * n, -1), ac.imag.reshape(F * n, -1)
+        J[-1, self.equations.pivot * width + 1] = 1.0
+        return J
 
 
 def _role(system: LureSystem, first: int, row: int) -> str:

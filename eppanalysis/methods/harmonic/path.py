@@ -40,15 +40,15 @@ class _Curve:
     def linearised(self, Y: Array) -> tuple[Array, Array, Array]:
         """Scaled residual (N,), its Jacobian (N, N + 1) by scaled unknowns and share, and sizes of the unknowns."""
         equations = replace(self.equations, weight=self._weight(Y[-1]))
-        R, J, W = equations.linearised(Y[:-1])
-        unknowns, rows = equations.scales(Y[:-1], W)
+        here = equations.at(Y[:-1])
+        unknowns, rows = equations.scales(Y[:-1], here.W)
         loop, n = equations.loop, equations.n
         Z, omega = equations.unpack(Y[:-1])
         let_in = loop.linear(omega, n) * (orders(n)[1:] > self.kept)[:, None, None]
-        by_share = equations.residual(np.zeros_like(Z), W, let_in)
+        by_share = equations.residual(np.zeros_like(Z), here.W, let_in)
         by_share[: len(Z)] = 0.0
-        full = np.column_stack([J * unknowns, by_share]) / rows[:, None]
-        return R / rows, full, np.append(unknowns, 1.0)
+        full = np.column_stack([here.jacobian * unknowns, by_share]) / rows[:, None]
+        return here.residual / rows, full, np.append(unknowns, 1.0)
 
     def _weight(self, share: float) -> Array:
         return np.where(orders(self.equations.n)[1:] > self.kept, share, 1.0)

@@ -67,5 +67,5 @@ def sinusoidal_harmonics(
     series = np.zeros((1, order + 1), complex)
     series[0, 0], series[0, 1] = bias, -1j * amplitude
     # Coefficients of real parts become those of imaginary parts; the mean is what it is.
-    found = respond(PeriodicElement.of(element, roles), series, omega, slopes=False).coefficients / amplitude
+    found = respond(PeriodicElement.of(element, roles), series, omega).coefficients / amplitude
     return np.asarray(np.hstack([found[:, :1], 1j * found[:, 1:]]), complex)

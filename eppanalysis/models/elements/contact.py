@@ -16,13 +16,10 @@ from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
 from eppanalysis.models.elements.phases import (
     SMALLEST_AMPLITUDE,
-    angle,
     broadcast_with_frequency,
     distances,
-    lever,
     require,
     require_numbers,
-    squared_sine,
 )
 
 Array = NDArray[np.float64]
@@ -113,13 +110,14 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         ModelError
             If an amplitude or a frequency is negative.
         """
+        from eppanalysis.kernels.closed_forms import lock_pin
+
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
-        q = self.damping / self.stiffness * w
-        side = _push if self.model == "unilateral" else _hold
-        (mean_up, mean_down), (gain_up, gain_down) = side(a, np.stack([b, -b]) - self.gap / 2, q)
-        mean = self.stiffness / (2 * np.pi) * (mean_up - mean_down)
-        return mean, self.stiffness / np.pi * (gain_up + gain_down)
+        mean, gain = np.empty(a.size), np.empty(a.size, complex)
+        points = (np.ascontiguousarray(v).ravel() for v in (a, b, w))
+        lock_pin(*map(float, (self.gap, self.stiffness, self.damping)), self.model == "unilateral", *points, mean, gain)
+        return mean.reshape(a.shape), gain.reshape(a.shape)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Distances of both edges of the gap from the bias."""
@@ -144,45 +142,6 @@ class LockPin(Nonlinearity, kind="lock_pin"):
     def automaton(self) -> Automaton:
         """Free, in contact on either side and, if unilateral, released on either side."""
         return automata.lock_pin(self.gap, self.stiffness, self.damping, self.model == "unilateral")
-
-
-def _hold(a: Array, inside: Array, q: Array) -> Answer:
-    """Classical contact on one side: the cosine of the damper adds the spring's own integral, turned by 90 degrees.
-
-    Integrals over one cycle of the torque over the stiffness, for ``delta = edge + inside + a sin(phi)``; `inside` has
-    both sides of the gap along its first axis.
-    """
-    theta = angle(np.clip(a + inside, 0, 2 * a), np.clip(a - inside, 0, 2 * a))
-    mean = np.where(inside >= a, 2 * np.pi * inside, np.where(inside > -a, 2 * a * lever(theta), 0.0))
-    return np.where(np.isnan(q + a), np.nan, mean), 2 * squared_sine(theta) * (1 + 1j * q)
-
-
-def _push(a: Array, inside: Array, q: Array) -> Answer:
-    """Unilateral contact on one side; arguments and results as in `_hold`.
-
-    With ``depth = 1 + inside/a``, the greatest penetration over the amplitude, the torque ``sin + q cos - (1 - depth)``
-    falls through zero at the angle `end` behind the peak and rises through it at `begin` before the peak (which counts
-    only where the gap is not reached, depth >= 2); the half-angle tangents are roots of a quadratic.
-    """
-    touches, always = inside > -a, inside >= a * np.hypot(1.0, q)
-    passes = touches & ~always
-    d = np.where(passes, a + inside, 1.0) / np.where(passes, a, 1.0)
-    root = np.sqrt(np.maximum(q * q + d * (2 - d), 0))
-    edge = d <= 2
-    at_edge = angle(np.minimum(d, 2), np.maximum(2 - d, 0))
-    begin = at_edge if edge.all() else np.where(edge, at_edge, 2 * (np.pi - np.arctan2(d, q - root)))
-    both = np.stack([begin, 2 * np.arctan2(d, q + root)])
-    sin_begin, sin_end = np.sin(both)
-    held = squared_sine(both).sum(0)
-    begin_square, end_square = sin_begin**2, sin_end**2
-    real = held + q / 2 * (end_square + np.where(edge, begin_square, -begin_square))
-    imaginary = q * (held + q / 2 * (end_square - np.where(edge, 0.0, begin_square)))
-    damper = q * sin_end * (both[1] + q) + np.where(edge, 0.0, q * sin_begin * (q - begin))
-    mean = a * (lever(both).sum(0) + damper)
-    mean = np.where(always, 2 * np.pi * inside, np.where(touches, mean, 0.0))
-    gain = np.where(always, np.pi * (1 + 1j * q), np.where(touches, real + 1j * imaginary, 0.0))
-    undefined = np.isnan(a + inside + q)
-    return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ does not change: the gain is 0 there and the mean is the one that each class doc
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
@@ -423,47 +424,24 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         ModelError
             If an amplitude is negative.
         """
+        from eppanalysis.kernels.closed_forms import stiction_pulley
+
         a, b = amplitude_and_bias(amplitude, bias, omega)
-        top, bottom = b + a, np.maximum(b - a, 0.0)
+        mean, gain = np.empty((a.size, 2)), np.empty((a.size, 2), complex)
+        points = (np.ascontiguousarray(v).ravel() for v in (a, b))
+        springs = float(self.forearm_stiffness), float(self.harness_stiffness)
+        stiction_pulley(*springs, self._of_loop, *points, mean, gain)
+        return mean.reshape(*a.shape, 2), gain.reshape(*a.shape, 2)
+
+    @cached_property
+    def _of_loop(self) -> Array:
+        """What its closed form is made of, shape (9,), as the kernel says."""
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
-        reach = bottom * (self.share_difference(-kinetic, static) / self.share(static))
-        slides = (top > 0) & (top - bottom > reach)
-        mean_u, gain_u = self._loop(a, b, np.where(slides, reach, 0.0))
-        slack = angle(top - bottom, np.where(b >= a, 0.0, a - b))
-        taut_mean, taut_gain = (top * slack - 4 * a * squared_sine(slack / 2)) / np.pi, 2 / np.pi * squared_sine(slack)
-        stuck = np.clip(self.share(0.0) * b, self.share(static) * top, self.share(-static) * bottom)
-        mean_u, gain_u = np.where(slides, mean_u, stuck), np.where(slides, gain_u, 0.0)
-        mean_u, taut_mean = (np.where(top > 0, v, 0.0) for v in (mean_u, taut_mean))
-        gain_u, taut_gain = (np.where(top > 0, v, 0.0) for v in (gain_u, taut_gain))
-        mean = [self.forearm_stiffness * mean_u, self.harness_stiffness * (taut_mean - mean_u)]
-        gain = [self.forearm_stiffness * gain_u, self.harness_stiffness * (taut_gain - gain_u)]
-        a, b = a[..., None], b[..., None]
-        return with_nan(a, b, np.stack(mean, axis=-1), np.stack(gain, axis=-1))
-
-    def _loop(self, a: Array, b: Array, reach: Array) -> tuple[Array, Array]:
-        """Mean and gain of u on the closed loop; `reach` is how far s rises before it breaks away upward."""
-        static, kinetic = self.friction, self.kinetic_ratio * self.friction
-        rise, fall = self.share(kinetic), self.share(-kinetic)
-        top, bottom = np.maximum(b + a, 0.0), np.maximum(b - a, 0.0)
-        under = bottom - (b - a)
-        drop = top * (self.share_difference(-static, kinetic) / self.share(-static))
-        # Angles from the peak at which it breaks away up, breaks away down and comes to the least taut stretch.
-        up = angle(top - bottom - reach, under + reach)
-        down, end = angle(drop, 2 * a - drop), angle(top - bottom, under)
-        jump_up = self.share_difference(kinetic, static) * (bottom + reach) / a
-        jump_down = self.share_difference(-static, -kinetic) * (top - drop) / a
-        sine, cosine = np.sin, np.cos
-        real = rise * squared_sine(up) + jump_up * sine(up)
-        real = real + fall * (squared_sine(end) - squared_sine(down)) + jump_down * sine(down)
-        lag = rise * sine(up) ** 2 / 2 + jump_up * cosine(up)
-        lag = lag + fall * (sine(down) ** 2 - sine(end) ** 2) / 2 - jump_down * cosine(down)
-
-        def area(theta: Array) -> Array:
-            """Integral of s from the peak to `theta`."""
-            return top * theta - 4 * a * squared_sine(theta / 2)
-
-        mean = fall * bottom * (np.pi - up) + rise * (area(up) + top * down) + fall * (area(end) - area(down))
-        return mean / (2 * np.pi), (real - 1j * lag) / np.pi
+        shares = [self.share(ratio) for ratio in (0.0, static, -static, kinetic, -kinetic)]
+        reach = self.share_difference(-kinetic, static) / self.share(static)
+        drop = self.share_difference(-static, kinetic) / self.share(-static)
+        jumps = [self.share_difference(kinetic, static), self.share_difference(-static, -kinetic)]
+        return np.array([*shares, reach, drop, *jumps])
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Amplitudes about the mean stretch `bias` at which the loop closes and at which the cable goes slack."""

@@ -143,14 +143,6 @@ def squared_sine(theta: Array) -> Array:
     return np.where(np.abs(theta) < 0.25, series, (theta - np.sin(theta) * np.cos(theta)) / 2)
 
 
-def lever(theta: Array) -> Array:
-    """``integral of t sin(t) from 0 to theta = sin theta - theta cos theta``, accurate down to theta = 0."""
-    q = theta * theta
-    tail = 1 / 3991680 - q / 518918400
-    series = theta * q * (1 / 3 + q * (-1 / 30 + q * (1 / 840 + q * (-1 / 45360 + q * tail))))
-    return np.where(np.abs(theta) < 0.25, series, np.sin(theta) - theta * np.cos(theta))
-
-
 def layers(a: Array, b: Array) -> tuple[Array, Array]:
     """Phases and weights, shapes (..., nodes), of a mean over the rising half period of ``b + a sin(phi)``.
 

@@ -134,7 +134,7 @@ def by_quadrature(element, c: np.ndarray, omega: float) -> np.ndarray:
 def test_coefficients_equal_quadrature_of_the_map_in_time(name, seed, n):
     element, mean, size = ELEMENTS[name]
     Z = series(n, mean, size, seed)
-    found = respond(PeriodicElement(element, roles(element)), Z, 3.0, slopes=False).coefficients
+    found = respond(PeriodicElement(element, roles(element)), Z, 3.0).coefficients
     expected = by_quadrature(element, Z[0], 3.0)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
@@ -162,7 +162,7 @@ def test_derivatives_equal_central_differences(name):
     def at(unknowns):
         c = unknowns[: n + 1].astype(complex)
         c[1:] += 1j * unknowns[n + 1 : -1]
-        return respond(prepared, c[None], float(unknowns[-1]), slopes=False).coefficients
+        return respond(prepared, c[None], float(unknowns[-1])).coefficients
 
     slopes = respond(prepared, Z, omega).slopes
     for i, unit in enumerate(np.eye(x.size)):
