@@ -37,6 +37,14 @@ def test_command_line_imports_nothing_that_computes():
     assert run_python(code) == "[]"
 
 
+@pytest.mark.slow
+def test_predictions_and_searches_load_no_splines_and_no_optimisers():
+    """Of scipy they took more time to load than a loop of one element takes to be searched."""
+    heavy = ("control", "matplotlib", "scipy.fft", "scipy.interpolate", "scipy.optimize", "scipy.spatial")
+    modules = "eppanalysis.methods.describing.predict, eppanalysis.methods.search.find, eppanalysis.cases"
+    assert run_python(f"import sys, {modules}; print([m for m in {heavy!r} if m in sys.modules])") == "[]"
+
+
 @pytest.mark.parametrize("name", dir(eppanalysis))
 def test_every_public_name_resolves(name):
     assert getattr(eppanalysis, name) is not None

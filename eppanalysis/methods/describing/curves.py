@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton
 
@@ -42,6 +41,8 @@ def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float =
     >>> [round(r, 9) for r in roots_along(lambda t: t * t - 1e-6, x, x * x - 1e-6)]
     [-0.001, 0.001]
     """
+    from scipy.optimize import minimize_scalar
+
     brackets = [(x[i], x[i + 1]) for i in np.flatnonzero(_changes(y))]
     for i in _dips(y):
         sign = np.sign(y[i])
@@ -117,6 +118,8 @@ def between(f: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Arr
 
 
 def _bracketed(f: Callable[[float], float], low: float, high: float) -> float | None:
+    from scipy.optimize import brentq
+
     try:
         return float(brentq(f, low, high, xtol=1e-300, rtol=8.9e-16, maxiter=200))
     except (ValueError, RuntimeError):

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linear
 from eppanalysis.models.systems.linear import zeros
@@ -105,6 +104,8 @@ class Response:
 
     def nearest_to_minus_one(self) -> tuple[float, float]:
         """Least ``2 |1 + L|/|1 - L|`` over all frequencies, and the frequency of it."""
+        from scipy.optimize import minimize_scalar
+
         with np.errstate(all="ignore"):
             size = _disk(self.value)
         size = np.where(np.isnan(size), np.inf, size)
@@ -167,6 +168,8 @@ class Response:
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
     """Root between two frequencies; one of them where it lies within rounding of it, on which side is not sure."""
+    from scipy.optimize import brentq
+
     at_low, at_high = function(low), function(high)
     if np.signbit(at_low) == np.signbit(at_high):
         return low if abs(at_low) < abs(at_high) else high

@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+
+# Only a measured loop pays for loading splines.
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -54,7 +58,7 @@ class Curve:
         x = np.log(omega)
         y = np.column_stack([np.log(np.abs(value)), np.unwrap(np.angle(value))])
         if deviation is None:
-            return cls(x, y, None, make_interp_spline(x, y, k=3))
+            return cls(x, y, None, _through(x, y))
         return cls(x, y, deviation, _fitted(x, y, deviation))
 
     def at(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -82,8 +86,9 @@ class Curve:
         if self.deviation is None:
             return 0.0
         t, k = self.spline.t, self.spline.k
-        B = BSpline.design_matrix(self.log_omega, t, k).toarray() / self.deviation[:, None]
-        here = BSpline.design_matrix(np.array([np.log(omega)]), t, k).toarray()[0]
+        design_matrix = type(self.spline).design_matrix
+        B = design_matrix(self.log_omega, t, k).toarray() / self.deviation[:, None]
+        here = design_matrix(np.array([np.log(omega)]), t, k).toarray()[0]
         root = np.linalg.solve(np.asarray(np.linalg.qr(B, mode="r")).T, here)
         return float(np.linalg.norm(root)) * max(self.scatter, 1.0)
 
@@ -108,10 +113,16 @@ class Curve:
             left = np.setdiff1d(np.arange(len(out)), kept)
             if len(kept) < 4:
                 continue
-            off = make_interp_spline(self.log_omega[kept], self.points[kept], k=3)(self.log_omega[left])
+            off = _through(self.log_omega[kept], self.points[kept])(self.log_omega[left])
             off -= self.points[left]
             out[left] = off[:, 0] + 1j * off[:, 1]
         return out
+
+
+def _through(x: Array, y: Array) -> BSpline:
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(x, y, k=3)
 
 
 def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
@@ -131,6 +142,8 @@ def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
 
 def _with_spans(x: Array, y: Array, deviation: Array, spans: int) -> BSpline:
     """Least-squares cubic spline with as many spans, each with as many points as the others."""
+    from scipy.interpolate import make_lsq_spline
+
     inner = np.interp(np.linspace(0.0, len(x) - 1.0, spans + 1)[1:-1], np.arange(len(x)), x)
     t = np.concatenate([np.full(4, x[0]), inner, np.full(4, x[-1])])
     return make_lsq_spline(x, y, t, k=3, w=1.0 / deviation)
