@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -218,3 +218,24 @@ def test_a_diagram_that_no_file_has_a_place_for_becomes_a_case_of_its_loop():
     drawn = epp.Diagram(parts=parts, connect=wires, signals={"y": "plant"}, ports_as_signals=False)
     case = epp.Case.from_system(drawn)
     assert case.kind == "loop" and np.array_equal(case.to_system().A, drawn.to_system().A)
+
+
+DRAWABLE = ("A", "B", "C", "D", "B_input", "D_input", "constant_state", "constant_input", "x0", "v0", "delays")
+
+
+@pytest.mark.parametrize("name", [n for n in epp.shipped_cases() if epp.case(n).kind == "loop"])
+def test_every_shipped_loop_is_the_same_as_the_file_of_a_diagram(name: str) -> None:
+    """Equal numbers, elements and starts are equal results: a diagram's loop is analysed as any other."""
+    loop = epp.case(name).to_system()
+    drawing = replace(epp.Diagram.of(loop), ports_as_signals=True, principal="")
+    case = epp.case_from_text(epp.Case.from_system(drawing).to_toml(), name)
+    assert case.kind == "diagram"
+    found = case.to_system()
+    for array in DRAWABLE:
+        assert np.array_equal(getattr(found, array), getattr(loop, array)), array
+    assert bits(found.elements) == bits(loop.elements)
+    assert (found.element_names, found.memory, found.time_step) == (loop.element_names, loop.memory, loop.time_step)
+    for i, signal in enumerate(loop.signals.names):
+        j = found.signals.names.index(signal)
+        for array in ("C", "D", "D_input", "constant"):
+            assert np.array_equal(getattr(found.signals, array)[j], getattr(loop.signals, array)[i]), (signal, array)
