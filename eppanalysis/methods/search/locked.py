@@ -62,6 +62,7 @@ class _Search:
     predicted: Sequence[LimitCycle]
     rounds: list[Round] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
+    extents: list[Array] = field(default_factory=list)
     ends: Counter[End] = field(default_factory=Counter)
     lengths: set[int] = field(default_factory=set)
     rest: Array = field(default_factory=lambda: np.zeros(0))
@@ -139,13 +140,23 @@ class _Search:
                 return End.UNDECIDED
             self._add(orbit)
             return End.CYCLE
+        # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
+        extent = self._extent(run, found)
+        if any(np.abs(extent[0] - known[0]) + np.abs(extent - known)[1:].max() < _ALIKE for known in self.extents):
+            return End.OF_RUNS
         facts = Provenance("event-exact simulation", {"system": self.system.name})
         cycle = cycle_of_run(self.system, start, run, found, facts)
         if cycle is None:
             return End.UNDECIDED
+        self.extents.append(extent)
         if not any(away(cycle, known) < _ALIKE for known in self.others):
             self.others.append(cycle)
         return End.OF_RUNS
+
+    def _extent(self, run: Run, found: Array) -> Array:
+        """Logarithms of the period of a run's cycle and of how far each state moves in it, shape (1 + compared,)."""
+        moved = np.ptp(run.state[run.order[-int(found[0]) - 1 :]][:, self.hybrid.compared], axis=0)
+        return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
 
     def _add(self, orbit: Round) -> None:
         if not any(same_round(known, orbit) for known in self.rounds):

@@ -15,7 +15,7 @@ from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
 from eppanalysis.methods.search.locked import _Search
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import trigger
-from eppanalysis.methods.simulation.simulate import run_hybrid
+from eppanalysis.methods.simulation.simulate import cycle_of_run, run_hybrid
 from eppanalysis.models.systems.sampled.strobe import Strobe
 from tests.sampled_relay import sampled_relay
 
@@ -108,3 +108,22 @@ def test_runs_that_use_up_their_events_are_told_from_those_that_cannot_be_judged
     assert found.status is epp.Status.UNDECIDED
     assert f"{found.n_runs} runs had used up all events before anything settled or repeated itself" in str(found)
     assert "neither settled" not in str(found)
+
+
+def test_what_comes_round_to_a_known_cycle_is_not_analysed_again(monkeypatch) -> None:
+    """A slow cycle has thousands of samples, and its harmonics took most of the time of a search."""
+    servo = epp.Diagram(
+        parts={
+            "law": epp.blocks.PI(kp=40.0, ti=0.4, sample_time=5e-3),
+            "plant": epp.blocks.TransferFunction(num=[1.25], den=[0.1, 3.125, 0.0]),
+            "play": epp.Play(gap=0.0035),
+        },
+        connect=["-play -> law", "law -> plant", "plant -> play"],
+    ).to_system()
+    analysed = []
+    monkeypatch.setattr(locked, "cycle_of_run", lambda *given: analysed.append(cycle_of_run(*given)) or analysed[-1])
+    hybrid = steady_hybrid(servo)
+    search = _Search(servo, hybrid, Strobe.of(hybrid), epp.predict_limit_cycles(servo).cycles)
+    ends = [search._end_of(start) for start in search._starts()[9:13]]
+    assert ends.count("cycle as runs have it") >= 3
+    assert len(analysed) == len(search.others) == 1
