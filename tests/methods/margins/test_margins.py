@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import control
@@ -36,7 +37,11 @@ def control_margins(opened: control.StateSpace, found: epp.Margins) -> dict[str,
 
 def agree(found: epp.Margins, opened: control.StateSpace) -> None:
     """Every number to 1e-9, and no frequency of a fine grid nearer to -1."""
-    for name, value in control_margins(opened, found).items():
+    expected = control_margins(opened, found)
+    if expected["gain_margin"] > 1e12:  # python-control's rounding of a response that comes near zero from one side
+        assert found.gain_margin == np.inf
+        del expected["gain_margin"], expected["phase_crossover"]
+    for name, value in expected.items():
         assert getattr(found, name) == pytest.approx(value, rel=1e-9, abs=1e-9), name
     fine = np.geomspace(0.2, 5.0, 4001) * found.gain_crossover
     assert float(np.asarray(control.disk_margins(opened, fine)[0])) >= found.disk_margin * (1.0 - 1e-9)
@@ -285,3 +290,66 @@ def test_long_dead_times_are_found_stable_or_not() -> None:
     omega = found.phase_crossover
     assert 50.0 * omega + np.arctan(omega) == pytest.approx(np.pi, rel=1e-9)
     assert not epp.margins(saturation(([1.5], [1.0, 1.0]), delay=50.0)).stable
+
+
+# The same servo drawn, cut at every port ------------------------------------------------------------------------------
+PARTS = {
+    "controller": (control.ss([[0.0]], [[1.0]], [[100.0]], [[40.0]]), ["in"], ["out"]),
+    "motor": (
+        control.ss([[0.0, 1.0], [0.0, -62.5]], [[0.0, 0.0], [25.0, 20.0]], np.eye(2), np.zeros((2, 2))),
+        ["voltage", "torque"],
+        ["angle", "speed"],
+    ),
+    "load": (
+        control.ss([[0.0, 1.0], [0.0, -2.0]], [[0.0], [20.0]], np.eye(2), np.zeros((2, 1))),
+        ["torque"],
+        ["angle", "speed"],
+    ),
+    "gear": (control.ss([], [], [], [[800.0, 1.5]]), ["twist", "rate"], ["out"]),
+    "encoder": (control.ss([], [], [], [[1.0]]), ["in"], ["out"]),
+}
+WIRES = {
+    "controller.in": {"encoder.out": -1.0},
+    "motor.voltage": {"controller.out": 1.0},
+    "gear.twist": {"motor.angle": 1.0, "load.angle": -1.0},
+    "gear.rate": {"motor.speed": 1.0, "load.speed": -1.0},
+    "motor.torque": {"gear.out": -1.0},
+    "load.torque": {"gear.out": 1.0},
+    "encoder.in": {"load.angle": 1.0},
+}
+
+
+def opened_by_control(place: str) -> control.StateSpace:
+    """Minus what comes back to a port of the servo from where it was cut, by python-control."""
+    whole = control.append(*(part for part, _, _ in PARTS.values()))
+    inputs = [f"{name}.{port}" for name, (_, ports, _) in PARTS.items() for port in ports]
+    outputs = [f"{name}.{port}" for name, (_, _, ports) in PARTS.items() for port in ports]
+    W = np.array([[WIRES[target].get(source, 0.0) for source in outputs] for target in inputs])
+    if place in outputs:
+        k = outputs.index(place)
+        given, seen = W[:, [k]].copy(), np.eye(len(outputs))[[k]]
+        W[:, k] = 0.0
+    else:
+        i = inputs.index(place)
+        given, seen = np.eye(len(inputs))[:, [i]], W[[i]].copy()
+        W[i] = 0.0
+    before, around, behind = (control.ss([], [], [], D) for D in (given, W, -seen))
+    return control.series(before, control.feedback(whole, around, sign=1), behind)
+
+
+def drawn_servo(rng: np.random.Generator) -> epp.Case:
+    """The servo that ships, without samples, its parts and connections in any order."""
+    tables = tomllib.loads(epp.case("azimuth_servo").to_toml())
+    del tables["blocks"]["controller"]["sample_time"]
+    for section in ("blocks", "elements"):
+        tables[section] = {name: tables[section][name] for name in rng.permutation(list(tables[section])).tolist()}
+    tables["connect"] = rng.permutation(tables["connect"]).tolist()
+    return epp.Case.from_tables(tables, name="servo")
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("place", [*WIRES, "controller.out", "motor.angle", "gear.out", "load.angle", "encoder.out"])
+def test_margins_of_a_drawn_servo_are_python_controls_at_every_port_in_any_order(place: str, seed: int) -> None:
+    found = epp.margins(drawn_servo(np.random.default_rng(seed)), place)
+    assert found.at == place
+    agree(found, opened_by_control(place))
