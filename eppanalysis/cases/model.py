@@ -20,6 +20,7 @@ from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
 from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
+from eppanalysis.cases.values.expressions import is_expression_of
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.errors import CaseError
@@ -386,6 +387,10 @@ class Case:
         known = self._known()
         if name in known:
             return
+        held = self._raw.typed(".".join(map(str, self._path(name))))
+        if not name.endswith(".kind") and is_expression_of(held, self.parameters):
+            expected = "a quantity, which can be varied; vary what it is made of, or set it to a quantity first"
+            raise CaseError(source, name, held, expected)
         close = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.endswith(f".{name}")][:1]
         hint = f"did you mean {close[0]!r}?" if close else f"one of {', '.join(known)}"
         raise CaseError(source, name, "not known" if shown is None else shown, f"a known field: {hint}")

@@ -324,6 +324,15 @@ def test_an_expression_is_shown_in_the_unit_that_its_parameter_was_typed_in(type
     assert str(case.parameters["w"]) == typed and str(case.parameters["fast"]) == twice
 
 
+def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
+    servo = epp.case("azimuth_servo")
+    with pytest.raises(epp.CaseError, match=r"encoder.step is '2\*pi/2\^12'; .* vary what it is made of"):
+        epp.sweep(servo, {"encoder.step": [1e-3, 2e-3]})
+    assert servo.with_values({"encoder.step": 1e-3}).value("encoder.step") == 1e-3
+    with pytest.raises(epp.CaseError, match="controller.kind is 'not known'"):
+        servo.value("controller.kind")
+
+
 def test_a_part_is_set_as_a_whole():
     case = epp.case_from_text(TWO_INERTIAS)
     smooth = case.with_values({"speed": {"kind": "pi", "kp": 0.4, "ti": "20 ms"}})

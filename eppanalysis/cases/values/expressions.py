@@ -13,7 +13,7 @@ import ast
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -289,6 +289,20 @@ def is_expression(given: object) -> bool:
     except QuantityError:
         return True
     return False
+
+
+def is_expression_of(given: object, known: Container[str]) -> bool:
+    """Whether a field's value is an expression that uses no other names than these.
+
+    Examples
+    --------
+    >>> [is_expression_of(given, {"Kp": 2.0}) for given in ("2*Kp", "tustin", "2*pi", "1 s", "a.csv")]
+    [True, False, True, False, False]
+    """
+    try:
+        return is_expression(given) and all(name in known for name in parse(str(given)).names)
+    except QuantityError:
+        return False
 
 
 @lru_cache(maxsize=4096)
