@@ -20,7 +20,7 @@ from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
 from eppanalysis.cases.schema import INPUTS, find_quantity, validate
 from eppanalysis.cases.values.dimensions import remarks
-from eppanalysis.cases.values.expressions import is_expression_of
+from eppanalysis.cases.values.expressions import is_expression_of, same_unit
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.toml import write_toml
 from eppanalysis.errors import CaseError
@@ -357,7 +357,13 @@ class Case:
             _set(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
-        return load(replace(self._raw, data=data, origins=origins))
+        made = load(replace(self._raw, data=data, origins=origins))
+        for name, value in values.items():
+            old, new = (case.parameters.get(name) for case in (self, made))
+            # A plain number is in SI units; what a field with a unit of its own refuses has been refused before.
+            if old and new and old.unit and new.unit and not same_unit(old.unit, new.unit):
+                raise CaseError(source, name, _plain(value), f"a quantity in {old.unit}, as it is in the case")
+        return made
 
     def to_toml(self) -> str:
         """The whole case as TOML text, without a base."""

@@ -333,6 +333,32 @@ def test_a_field_that_is_an_expression_says_so_where_it_is_asked_to_vary():
         servo.value("controller.kind")
 
 
+@pytest.mark.parametrize(
+    ("case", "name", "other", "unit"),
+    [
+        ("azimuth_servo", "Kp", "80 m", "V/rad"),
+        ("azimuth_servo", "gap", "1 mm", "rad"),
+        ("azimuth_servo", "motor_friction.coulomb", "1 N", r"N\*m"),
+        ("x15_flare", "bandwidth", "25 Hz", "rad/s"),
+        ("wheelchair", "play.gap", "1 N", "m"),
+    ],
+)
+def test_a_value_of_another_dimension_is_refused_where_no_field_asks_for_one(case, name, other, unit):
+    """A gain, or the gap of a loop of any kind, has the unit that its file gives it; 25 Hz were taken for 25 rad/s."""
+    with pytest.raises(
+        epp.CaseError, match=f"{name} is '{other}'; expected a quantity in {unit}, as it is in the case"
+    ):
+        epp.case(case).with_values({name: other})
+
+
+def test_radians_may_be_left_out_plain_numbers_are_in_si_units_and_expressions_have_units():
+    servo = epp.case("azimuth_servo")
+    for given in ("80 V", "80 V/rad", 80.0):
+        assert servo.with_values({"Kp": given}).value("Kp") == 80.0
+    with pytest.raises(epp.CaseError, match="expected a quantity in V/rad"):
+        servo.with_values({"Kp": "200*Ti"})
+
+
 def test_a_part_is_set_as_a_whole():
     case = epp.case_from_text(TWO_INERTIAS)
     smooth = case.with_values({"speed": {"kind": "pi", "kp": 0.4, "ti": "20 ms"}})

@@ -551,7 +551,7 @@ def test_values_of_a_loop_are_shown_as_people_write_them() -> None:
     chair = case("wheelchair")
     assert str(chair.parameters["play.gap"]) == "12 mm" and chair.text("play.gap", 0.0069992) == "6.9992 mm"
     assert chair.value("play.gap") == 0.012 and chair.unit("play.gap") == ("m", "mm")
-    turned = chair.with_values({"play.gap": "1 deg"})
+    turned = case("backlash_servo").with_values({"play.gap": "1 deg"})
     assert str(turned.parameters["play.gap"]) == "1 deg" and turned.readable("play.gap")[0] == "deg"
 
 

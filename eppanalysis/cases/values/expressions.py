@@ -19,7 +19,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from eppanalysis.errors import UnknownName
-from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, parse_any, unit_of
+from eppanalysis.units import SPELLINGS, QuantityError, UnknownUnit, dimensions, parse_any, unit_of
 
 LONGEST = 200
 DEEPEST = 100
@@ -88,6 +88,18 @@ def alike(first: Unit, second: Unit) -> bool:
     (True, False)
     """
     return not any(power for name, power in _times(first, second, -1).items() if name != "radian")
+
+
+def same_unit(first: str, second: str) -> bool:
+    """Whether a quantity may stand in the place of another: radians may be left out, turns per second are no rad/s.
+
+    Examples
+    --------
+    >>> same_unit("V/rad", "V"), same_unit("rad/s", "1/s"), same_unit("rad/s", "Hz"), same_unit("rad", "m")
+    (True, True, False, False)
+    """
+    turns = "Hz" in (first, second)
+    return first == second or (not turns and alike(dimensions(first), dimensions(second)))
 
 
 def _radians(unit: Unit) -> tuple[float, float]:
