@@ -186,7 +186,16 @@ def _no_rest(balance: Balance) -> Iterator[str]:
                 )
             continue
         for on_bias, on_mean, prescribed in _balances_of_one(balance, i):
-            jump = _jumped_over(e, on_bias, on_mean, prescribed)
+            left, right = _excess(e, on_bias, on_mean, prescribed)
+            only = _rests_on_an_edge(e, on_bias, on_mean, left, right)
+            if only is not None and not _slides(balance, i, float(e.jumps[only])):
+                yield (
+                    f"The loop can rest only on an edge of {system.element_names[i]}, which jumps where its input "
+                    f"passes {float(e.breakpoints[only]):.4g}: it may hunt across it, in a motion that is not "
+                    "predicted here."
+                )
+                break
+            jump = _jumped_over(e, on_bias, on_mean, left, right)
             if jump is None or _slides(balance, i, float(e.jumps[jump])):
                 continue
             edge = float(e.breakpoints[jump])
@@ -213,8 +222,8 @@ def _balances_of_one(balance: Balance, element: int) -> Iterator[tuple[float, fl
             yield on_bias, on_mean, float(k @ balance.prescribed)
 
 
-def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> int | None:
-    """Number of the jump across which a static balance changes sign, if it holds on no piece of the element."""
+def _excess(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> tuple[Array, Array]:
+    """Sign of what a static balance has too much on either side of each edge of an element, shape (k,) both."""
     edges = e.breakpoints
     excess = [
         on_bias * edges + on_mean * (slope * edges + offset) - prescribed
@@ -222,14 +231,35 @@ def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: fl
     ]
     size = np.abs(on_bias * edges) + abs(prescribed) + np.abs(on_mean) * np.abs(e.output(edges)[0])
     left, right = (np.where(np.abs(x) <= _BALANCED * size, 0.0, np.sign(x)) for x in excess)
+    return left, right
+
+
+def _ends(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> tuple[Array, Array]:
+    """Signs of the excess at both ends of every piece: from minus infinity, between edges, and from the last one on."""
     turns = on_bias + on_mean * e.slopes
-    # From minus infinity to the first edge, between edges, and from the last one on.
-    ends = [-np.sign(turns[:1]) if turns[0] else left[:1], right]
-    begins, stops = np.concatenate(ends), np.append(left, np.sign(turns[-1]) if turns[-1] else right[-1])
+    first = -np.sign(turns[:1]) if turns[0] else left[:1]
+    return np.concatenate([first, right]), np.append(left, np.sign(turns[-1]) if turns[-1] else right[-1])
+
+
+def _jumped_over(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> int | None:
+    """Number of the jump across which a static balance changes sign, if it holds on no piece of the element."""
+    begins, stops = _ends(e, on_bias, on_mean, left, right)
     if np.any(begins * stops <= 0):
         return None
     across = np.flatnonzero(left * right < 0)
     return int(across[0]) if across.size else None
+
+
+def _rests_on_an_edge(e: Nonlinearity, on_bias: float, on_mean: float, left: Array, right: Array) -> int | None:
+    """Number of the jump on one side of which alone a static balance holds, if it holds nowhere else."""
+    begins, stops = _ends(e, on_bias, on_mean, left, right)
+    within = (begins * stops < 0) | ((begins == 0) & (stops == 0))
+    on_edge = (left == 0) | (right == 0)
+    one_sided = on_edge & (left != right) & (e.jumps != 0)
+    if np.any(within) or np.any(on_edge & ~one_sided):
+        return None
+    found = np.flatnonzero(one_sided)
+    return int(found[0]) if found.size else None
 
 
 def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescribed: float) -> bool:
@@ -254,7 +284,7 @@ def _leaves_every_mode(e: Nonlinearity, on_bias: float, on_mean: float, prescrib
 def _slides(balance: Balance, element: int, jump: float) -> bool:
     """Whether the loop pulls an element back at once on either side of a jump, so that it rests there."""
     system = balance.system
-    if system.time_step or np.any(system.delays):
-        return False
     out = system.output_slices[element]
+    if system.time_step or np.any(system.delays[out]):
+        return False
     return float(np.sum(system.C[balance.rows[element]] @ system.B[:, out])) * jump < 0

@@ -183,19 +183,26 @@ def _pivot_nodes(balance: Balance) -> Array:
 
 
 def _foreign_scales(balance: Balance) -> Array:
-    """Amplitudes for a pivot without thresholds: where its gain brings the thresholds of the others into play."""
+    """Amplitudes for a pivot without thresholds: where its gain brings the thresholds of the others into play.
+
+    What a relay or dry friction gives does not depend on the amplitude, and brings nothing into play by it: then those
+    that the outputs make of its own input, and those at which inputs that move with it reach their thresholds.
+    """
     middle = _middle(balance)
     response = np.abs(balance.linear(middle)[0])
     own = balance.owner == balance.pivot
     a, every = _gains(balance, middle)
     gains = every[:, own].max(-1)
-    out = []
+    out, beside = [], []
     for i in balance.others:
         reach = response[i, own].max()
         for threshold in np.abs(np.asarray(balance.system.elements[i].thresholds(), float)).ravel():
             if threshold > 0 and reach > 0:
-                out.append(a[int(np.argmin(np.abs(np.log(gains * a * reach / threshold))))])
-    return np.unique(out) if out else usual_amplitudes(balance)[[balance.pivot]]
+                off = np.log(gains * a * reach / threshold)
+                if np.nanmin(off) <= 0.0 <= np.nanmax(off):
+                    out.append(a[int(np.argmin(np.abs(off)))])
+                beside.append(threshold * response[balance.pivot].max() / response[i].max())
+    return np.unique(out) if out else np.append(usual_amplitudes(balance)[[balance.pivot]], beside)
 
 
 def _middle(balance: Balance) -> Array:
@@ -275,7 +282,8 @@ def _sheets(balance: Balance, amplitude: Array, omega: Array, L: ComplexArray) -
     """Solutions of everything but the pivot on the grid, from several starts; each different one a sheet of its own."""
     sheets: list[tuple[Array, ComplexArray]] = []
     for number, start in enumerate(_starts(balance)):
-        if number and not _differs(balance, amplitude, omega, L, start, sheets):
+        # That of elements which read one signal is a solution in a narrow band alone, about where all is balanced.
+        if number and np.isfinite(start[1]) and not _differs(balance, amplitude, omega, L, start, sheets):
             continue
         X, loop, ok = _solve_grid(balance, amplitude, omega, L, start, 2)
         loop = np.where(ok & _new(X, sheets), loop, np.nan)
@@ -326,13 +334,28 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
         starts.append((balance.operating_bias, 1e-3))
     if np.any(balance.operating_bias):
         starts.append((zero, 1.0))
+    if np.any(_beside(balance)):
+        starts.append((balance.operating_bias, np.inf))
     return starts
 
 
+def _beside(balance: Balance) -> NDArray[np.bool_]:
+    """Elements that read the very signal that the pivot reads, shape (m,)."""
+    s, p = balance.system, balance.pivot
+    rows = np.hstack([s.C, s.D])[balance.rows]
+    beside: NDArray[np.bool_] = np.all(rows == rows[p], axis=1)
+    beside[p] = False
+    return beside
+
+
 def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, level: float) -> Array:
-    """Amplitudes and phases of the others for given biases, by repeated linear solution."""
+    """Amplitudes and phases of the others for given biases, by repeated linear solution.
+
+    They begin at a level, over the amplitudes that go with the loop. With an infinite one, elements that read what the
+    pivot reads have its amplitude and phase, as they have where all is balanced.
+    """
     m, p, o, n = balance.m, balance.pivot, balance.others, len(grid)
-    a: Array = np.tile(level * usual_amplitudes(balance), (n, 1))
+    a: Array = np.tile((level if np.isfinite(level) else 1.0) * usual_amplitudes(balance), (n, 1))
     a[:, p] = np.exp(grid[:, 0])
     b = np.broadcast_to(bias, (n, m))
     Z = a.astype(complex)
@@ -347,6 +370,9 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
         right = G[:, o, p] * a[:, [p]]
         Z[:, o] = _complex_solve(matrix, right)
         a[:, o] = np.maximum(np.abs(Z[:, o]), 1e-300)
+    if np.isinf(level):
+        a[:, _beside(balance)] = a[:, [p]]
+        Z[:, _beside(balance)] = a[:, [p]]
     return balance.pack(a, np.angle(Z), b, omega, np.ones(n))
 
 

@@ -143,7 +143,8 @@ class PeriodicElement:
         if self.n_free > 1:
             raise ModelError(
                 f"{self.name}: a harmonic balance does not cover an element that reads a state of the loop beside its "
-                "input; use LockPin for a shaft with a gap, the exact orbit for others."
+                "input",
+                expected="one that reads its input alone, or a search, a run or the exact orbit",
             )
         a = self.automaton
         if np.any(a.smooth_on_smooth):

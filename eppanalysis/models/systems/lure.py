@@ -391,8 +391,10 @@ def _require_room_for_own_states(system: LureSystem, outputs: Sequence[slice]) -
     for element, label, place in zip(system.elements, system.element_names, outputs, strict=True):
         late = np.any(system.delays[place]) and not passes_outputs(element)
         if element.own_states is not None and (system.time_step or late):
-            what = "discrete time" if system.time_step else "a dead time behind it"
-            raise ModelError(f"{system.name}: {label} has states of its own; expected none with {what}.")
+            what = "in discrete time"
+            if not system.time_step:
+                what = "straight before a dead time, or a dead_time block behind it in a diagram"
+            raise ModelError(f"{system.name}: {label} has states of its own", expected=f"none {what}")
 
 
 def with_own_states(system: LureSystem) -> LureSystem:

@@ -32,13 +32,19 @@ def _inputs_inside(element: Nonlinearity) -> int:
 
 
 def passes_outputs(element: Nonlinearity) -> bool:
-    """Whether the loop's signals behind an element are the outputs of its automaton."""
+    """Whether the loop's signals behind an element are the outputs of its automaton, and nothing else has them.
+
+    Only then may they be late: what own states or inputs take from an output, as a controller with anti-windup does,
+    they take at once.
+    """
     own = element.own_states
     if own is None:
         return True
-    behind = np.hstack([own.C, own.D])[_inputs_inside(element) :]
+    inside = _inputs_inside(element)
+    behind = np.hstack([own.C, own.D])[inside:]
     outputs = np.eye(element.n_outputs, own.n_before + len(own.A) + element.n_outputs, len(own.A) + own.n_before)
-    return behind.shape == outputs.shape and bool(np.all(behind == outputs))
+    taken = np.vstack([own.B, own.D[:inside]])[:, own.n_before :]
+    return behind.shape == outputs.shape and bool(np.all(behind == outputs)) and not np.any(taken)
 
 
 def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:

@@ -136,3 +136,27 @@ def test_a_pair_of_cycles_between_the_levels_of_a_quantiser():
     loop = random_loop(24)
     prediction = predict_limit_cycles(loop)
     assert len(prediction) == 0 and len(find_limit_cycles(loop)) == 2 and len(prediction.warnings) == 1
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_a_quantiser_that_rounds_down_is_said_to_hunt_where_zero_is_an_edge(shift):
+    """About zero it rests on one side of a jump alone, and behind three lags there is a cycle; beside it it rests."""
+    A = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-0.45, -1.2, -1.5]]
+    floor = epp.FloorQuantiser(step=1.0, levels=1)
+    loop = LureSystem.build(
+        A, [[0.0], [0.0], [1.0]], [[-1.08, 0.0, 0.0]], [floor], constant_input=[shift], x0=[0.3, 0.0, 0.0]
+    )
+    run = epp.simulate(loop, t_end=100.0)
+    assert (run.status is Status.LIMIT_CYCLE) == (shift == 0.0)
+    prediction = predict_limit_cycles(loop)
+    assert len(prediction) == 0 or shift
+    assert any("can rest only on an edge" in w for w in prediction.warnings) == (shift == 0.0)
+
+
+def test_a_rate_limiter_before_a_dead_time_has_a_state_of_rest():
+    diagram = epp.Diagram(
+        parts={"limiter": epp.RateLimiter(rate=1.0), "late": epp.blocks.DeadTime(delay=0.1),
+               "plant": epp.blocks.TransferFunction(num=[0.5], den=[1.0, 1.0])},
+        connect=["-plant -> limiter", "limiter -> late", "late -> plant"],
+    )  # fmt: skip
+    assert not any("no state of rest" in w for w in predict_limit_cycles(diagram.to_system()).warnings)

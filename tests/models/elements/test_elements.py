@@ -313,7 +313,7 @@ def test_a_rate_limiter_of_own_states_follows_no_faster_than_its_limit() -> None
 def test_own_states_that_do_not_fit_are_refused() -> None:
     with pytest.raises(epp.ModelError, match=r"OwnStates: B has shape .*; expected"):
         epp.OwnStates([[0.0]], [[0.0, 1.0], [1.0, 0.0]], [[1.0]], [[0.0, 1.0]])
-    with pytest.raises(epp.ModelError, match="states of its own; expected none with a dead time"):
+    with pytest.raises(epp.ModelError, match="states of its own; expected none straight before a dead time"):
         epp.LureSystem.from_tf(([1.0], [1.0, 1.0]), lag_behind(epp.Relay(), 1.0), delay=0.1)
     with pytest.raises(epp.ModelError, match="target of the guard 'far' is 5; expected the number of a mode"):
         build = epp.AutomatonBuilder()

@@ -118,23 +118,51 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
     def describing_function(
         self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0
     ) -> tuple[Array, ComplexArray]:
-        """Mean and gain of both outputs, shape (..., 2), for ``v = bias + amplitude * sin(omega t)``; closed forms.
+        """Mean and gain of both outputs, shape (..., 2), for ``v = bias + amplitude * sin(omega t)``.
+
+        Closed forms without a derivative; with one the map of a period is closed and its fixed point is found by
+        Newton's method, to about 1e-12. Where none is found (a derivative many times the integral action, which
+        need not come to repeat itself) they are no numbers.
 
         A v that is beyond a limit throughout holds the integrator at that limit.
 
         Raises
         ------
         ModelError
-            If an amplitude or a frequency is negative, or there is a derivative: then e is not known from v alone.
+            If an amplitude or a frequency is negative, or `kd` has not the sign of kp: then the error that belongs to a
+            v grows without bound.
         """
-        if self.kd:
-            expected = "kd of zero, or the exact orbit and the run"
-            raise ModelError("ClampedPID: it has no describing function with a derivative", expected=expected)
+        if self.kd * self.kp < 0:
+            expected = "one of the sign of kp, or the exact orbit and the run"
+            raise ModelError(f"ClampedPID: with kd {self.kd!r} it has no describing function", expected=expected)
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
-        mean, gain = self._integrator(a, b, w)
+        mean, gain = self._with_derivative(a, b, w) if self.kd else self._integrator(a, b, w)
         of_u = Saturation(self.lower, self.upper).describing_function(a, b, w)
         return np.stack([POLE * mean, of_u[0]], -1), np.stack([(1j * w + POLE) * gain, of_u[1]], -1)
+
+    def _with_derivative(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
+        """The same where the error follows from v by the filter of the derivative, too (see the kernel)."""
+        from eppanalysis.kernels.clamped import describe
+
+        ahead = self.kd / self.filter_time
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            low, high = (self.lower - b) / a, (self.upper - b) / a
+            kappa, tau = np.abs(self.ki / (self.kp + ahead)) / w, 1.0 / (self.filter_time * w)
+        moves = (low < 1) & (high > -1) & (w > 0) & np.isfinite(kappa + tau)
+        whole, wave = np.zeros(a.shape), np.zeros(a.shape, complex)
+        some, them = np.empty(int(moves.sum())), np.empty(int(moves.sum()), complex)
+        eta = np.full(some.size, ahead / (self.kp + ahead))
+        describe(low[moves], high[moves], kappa[moves], eta, tau[moves], some, them)
+        whole[moves], wave[moves] = some, them
+        # Beyond a limit throughout it stands there; so slow a motion it follows.
+        level = np.clip(b, self.lower, self.upper)
+        follows = (low < 1) & (high > -1) & ~moves
+        slow = Saturation(self.lower, self.upper).describing_function(a, b)
+        mean = np.where(moves, b + a * whole, np.where(follows, slow[0], level))
+        gain = np.where(moves, wave, np.where(follows, slow[1], 0.0))
+        undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
+        return np.where(undefined, np.nan, mean), np.where(undefined, np.nan, gain)
 
     def _integrator(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
         """Mean of the integrator's state, and its fundamental over the amplitude.

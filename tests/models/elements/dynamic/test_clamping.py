@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
 from scipy.integrate import quad, solve_ivp
+from scipy.optimize import fsolve
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
@@ -63,6 +64,84 @@ def test_mean_and_gain_match_quadrature(amplitude: float, bias: float, omega: fl
     expected = by_integration(c, amplitude, bias, omega)
     assert abs(float(mean[0]) - expected[0]) < 1e-9
     assert abs(complex(gain[0]) / (1 + 1j * omega) - expected[1]) < 1e-9
+
+
+class WithDerivative:
+    """Integrator and filter of a clamped PID behind ``v = b + a sin(w t)``, integrated with every switch located."""
+
+    def __init__(self, c: Any, a: float, b: float, w: float) -> None:
+        self.c, self.a, self.b, self.w, self.ahead = c, a, b, w, c.kd / c.filter_time
+        levels = np.array([c.lower - b, c.upper - b]) / a
+        rises = np.arcsin(levels[np.abs(levels) < 1])
+        self.edges = np.array(sorted([-np.pi / 2, *rises, *(np.pi - rises), 1.5 * np.pi])) / w
+
+    def error(self, t: float, x: Any) -> float:
+        v = self.b + self.a * np.sin(self.w * t)
+        return float((v - x[0] + self.ahead * x[1]) / (self.c.kp + self.ahead))
+
+    def rates(self, t: float, x: Any, held: bool) -> list[float]:
+        e = self.error(t, x)
+        drive = 0.0 if held else self.c.ki * e
+        return [drive, (e - x[1]) / self.c.filter_time, x[0], x[0] * np.sin(self.w * t), x[0] * np.cos(self.w * t)]
+
+    def period(self, start: Any) -> np.ndarray:
+        x, turned = np.array([*start, 0.0, 0.0, 0.0]), lambda t, x, held: self.error(t, x)
+        turned.terminal = True  # type: ignore[attr-defined]
+        for begin, end in zip(self.edges[:-1], self.edges[1:], strict=True):
+            v = self.b + self.a * np.sin(self.w * (begin + end) / 2)
+            side, t = float(v > self.c.upper) - float(v < self.c.lower), begin
+            held = side * self.c.ki * self.error(begin, x) > 0
+            while t < end:
+                part = solve_ivp(
+                    self.rates, (t, end), x, "DOP853", args=(held,), events=turned if side else None, rtol=1e-12,
+                    atol=1e-13, max_step=(end - begin) / 20,
+                )  # fmt: skip
+                t, x, held = part.t[-1], part.y[:, -1], not held
+        return x
+
+    def answer(self) -> tuple[float, complex]:
+        start = fsolve(lambda x: self.period(x)[:2] - x, [np.clip(self.b, self.c.lower, self.c.upper), 0.0], xtol=1e-13)
+        s, sine, cosine = self.period(start)[2:] * self.w / (2 * np.pi)
+        return s, 2 * complex(sine, cosine) / self.a
+
+
+@pytest.mark.parametrize(("fields", "amplitude", "bias", "omega"), [
+    ((1.0, 2.0, -1.0, 1.0, 0.4, 0.1), 3.0, 0.3, 1.5),
+    ((1.5, 0.6, -0.4, 1.2, 1.0, 0.3), 2.0, -0.9, 0.4),
+    ((-0.7, -1.3, -0.5, 0.5, -0.5, 0.02), 4.0, 0.0, 6.0),
+    ((0.5, 2.0, -1.0, 0.7, 0.3, 0.5), 0.6, 0.6, 2.0),
+])  # fmt: skip
+def test_with_a_derivative_it_matches_integration(fields: Any, amplitude: float, bias: float, omega: float) -> None:
+    c = epp.ClampedPID(*fields)
+    mean, gain = c.describing_function(amplitude, bias, omega)
+    of_u = epp.Saturation(c.lower, c.upper).describing_function(amplitude, bias)
+    assert (mean[1], gain[1]) == (of_u.mean, of_u.gain)
+    expected = WithDerivative(c, amplitude, bias, omega).answer()
+    assert abs(float(mean[0]) - expected[0]) < 1e-9
+    assert abs(complex(gain[0]) / (1 + 1j * omega) - expected[1]) < 1e-9
+
+
+def test_with_hardly_any_derivative_it_is_the_one_without() -> None:
+    amplitude, bias, omega = np.geomspace(0.1, 30.0, 60), np.linspace(-1.5, 1.5, 60), np.geomspace(1e-3, 1e3, 60)
+    one = epp.ClampedPID(1.0, 2.0).describing_function(amplitude, bias, omega)
+    other = epp.ClampedPID(1.0, 2.0, kd=1e-9, filter_time=1.0).describing_function(amplitude, bias, omega)
+    np.testing.assert_allclose(other.mean, one.mean, atol=1e-8)
+    np.testing.assert_allclose(other.gain, one.gain, atol=1e-8)
+
+
+def test_a_cycle_with_a_derivative() -> None:
+    """Three lags behind the controller: first order, exact orbit and run."""
+    c = epp.ClampedPID(2.0, 1.5, kd=0.4, filter_time=0.05)
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -3.0, -3.0]], [[0.0], [0.0], [8.0]], [[-1.0, 0.0, 0.0]], [c],
+        x0=[1.0, 0.0, 0.0],
+    )  # fmt: skip
+    (predicted,) = epp.predict_limit_cycles(loop)
+    run = epp.simulate(loop, t_end=200.0)
+    assert run.limit_cycle is not None
+    orbit = epp.exact_orbit(loop, run.limit_cycle)
+    assert orbit.stable and orbit.residual < 1e-10
+    assert predicted.stable and predicted.period == pytest.approx(orbit.period, rel=0.05)
 
 
 def test_limits_of_the_describing_function() -> None:
@@ -237,5 +316,44 @@ def test_values() -> None:
     y = c.output((np.array([0.5, 2.0, 2.0, -2.0]), np.array([0.5, 0.5, -0.5, -0.5]), 3.0))[0]
     assert y.tolist() == [[4.0, 3.0, 2.0, 3.0], [0.5, 1.0, 1.0, -1.0]]
     assert c.slope_bounds() == (-np.inf, np.inf) and c.thresholds(0.4).tolist() == [0.6, 1.4]
-    with pytest.raises(ModelError, match="has no describing function with a derivative; expected kd of zero"):
-        epp.ClampedPID(1.0, 2.0, kd=1.0, filter_time=0.1).describing_function(1.0)
+    with pytest.raises(ModelError, match="with kd -0.5 it has no describing function; expected one of the sign of kp"):
+        epp.ClampedPID(1.0, 2.0, kd=-0.5, filter_time=0.1).describing_function(1.0)
+
+
+@pytest.mark.parametrize("controller", [
+    epp.ClampedPID(1.0, 1.5), epp.ClampedPID(1.0, 1.5, kd=0.4, filter_time=0.1), epp.AntiWindupPID(1.0, 1.5, 0.3)
+])  # fmt: skip
+def test_a_dead_time_straight_behind_is_that_of_the_plant_alone(controller: Any) -> None:
+    """What an anti-windup does inside the controller does not wait for what its output is on the way to."""
+    delay, step, end = 0.4, 2e-4, 8.0
+    diagram = epp.Diagram(
+        parts={"pid": controller, "late": epp.blocks.DeadTime(delay=delay),
+               "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 1.0, 0.0])},
+        connect=["r - plant -> pid", "pid -> late", "late -> plant"], inputs={"r": 5.0}, signals={"x": "plant"},
+    )  # fmt: skip
+    times = np.linspace(0.0, end, 41)
+    found = epp.simulate(diagram.to_system(), t_end=end, t_eval=times).signals["x"]
+    x = speed = s = d = 0.0
+    wait, seen = [0.0] * round(delay / step), []
+    ahead = controller.kd / controller.filter_time if controller.kd else 0.0
+    for i in range(round(end / step) + 1):
+        e = 5.0 - x
+        v = controller.kp * e + s + ahead * (e - d)
+        u, drive = float(np.clip(v, -1.0, 1.0)), controller.ki * e
+        if isinstance(controller, epp.AntiWindupPID):
+            drive += (u - v) / controller.tracking_time
+        elif v != u and (v > u) == (drive > 0):
+            drive = 0.0
+        if i % round(times[1] / step) == 0:
+            seen.append(x)
+        wait.append(u)
+        x, speed = x + step * speed, speed + step * (wait.pop(0) - speed)
+        s, d = s + step * drive, d + step * (e - d) / controller.filter_time if controller.kd else 0.0
+    np.testing.assert_allclose(found, seen, atol=3e-3)
+
+
+def test_an_anti_windup_straight_before_a_dead_time_of_a_bare_loop_is_refused() -> None:
+    with pytest.raises(ModelError, match="pid has states of its own; expected none straight before a dead time"):
+        epp.LureSystem.build(
+            [[-1.0]], [[1.0]], [[-1.0]], [epp.AntiWindupPID(1.0, 1.5, 0.3)], delays=[0.4], element_names=["pid"]
+        )
