@@ -1,4 +1,4 @@
-"""``python -m tests.stress --runs 2000 --searches 1000 -o FILE``: a row a loop in a file, a summary on the console.
+"""``python -m tests.stress --runs 2000 --searches 1000 --proofs 400 -o FILE``: a row a loop in a file, a summary.
 
 Rows are appended to the file as they come (JSON, one a line): a second start goes on where the first was stopped. The
 exit code is 1 where something speaks against the package: then the rows say which loop (family and seed) it was.
@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from tests.stress.families import FAMILIES
+from tests.stress.proofs import PROVABLE, proof
 from tests.stress.runs import compare
 from tests.stress.searches import search
-from tests.stress.summary import against, markdown
+from tests.stress.summary import against, in_words, markdown
 from tests.stress.workers import Job, answers
 
 
@@ -60,26 +61,37 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.stress", description=__doc__)
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--searches", type=int, default=1000)
+    parser.add_argument("--proofs", type=int, default=400)
     parser.add_argument("--first", type=int, default=0, help="first seed of each family")
-    parser.add_argument("--family", action="append", choices=sorted(FAMILIES), help="only this family (repeatable)")
+    parser.add_argument(
+        "--family", action="append", choices=sorted({*FAMILIES, *PROVABLE}), help="only this family (repeatable)"
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--limit", type=float, default=120.0, help="seconds of the processor a job may take")
     parser.add_argument("--table", help="file for the table of the documentation (Markdown)")
     parser.add_argument("-o", "--output", help="file that all rows are appended to (JSON, one a line)")
     options = parser.parse_args()
-    families = options.family or sorted(FAMILIES)
+    asked = options.family or sorted({*FAMILIES, *PROVABLE})
+    families, provable = ([name for name in asked if name in known] for known in (FAMILIES, PROVABLE))
     # A search is of a loop left to itself: steps of an input are for runs.
     still = [name for name in families if "step of the input" not in name]
     rows = {
-        "runs": _do("runs", compare, _jobs(options.runs, options.first, families), options),
-        "searches": _do("searches", search, _jobs(options.searches, options.first, still), options) if still else [],
+        what: _do(what, work, _jobs(count, options.first, names), options) if names else []
+        for what, work, count, names in (
+            ("runs", compare, options.runs, families),
+            ("searches", search, options.searches, still),
+            ("proofs", proof, options.proofs, provable),
+        )
     }
+    proofs = in_words(rows["proofs"])
+    print(proofs)
     if options.table:
         title = (
             f"{time.strftime('%Y-%m-%d')}, {options.runs} runs and {options.searches} searches, "
             f"seeds of each family from {options.first} on."
         )
-        Path(options.table).write_text(markdown(rows["runs"], rows["searches"], title), encoding="utf-8")
+        text = "\n".join([markdown(rows["runs"], rows["searches"], title), *([proofs, ""] if proofs else [])])
+        Path(options.table).write_text(text, encoding="utf-8")
     return int(any(against(row) for part in rows.values() for row in part))
 
 

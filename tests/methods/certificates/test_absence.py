@@ -16,6 +16,7 @@ from eppanalysis.methods.certificates import check_absence
 from eppanalysis.methods.certificates.check_absence import Refused, criterion, positive, sector, times
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
+from tests.stress.proofs import PROVABLE, proof
 
 #: Third order without an integrator, and with one, each with the gain at which the linear loop oscillates.
 TEXTBOOK = (([1.0, 2.0, 2.0, 1.0], 3.0), ([1.0, 3.0, 2.0, 0.0], 6.0))
@@ -182,6 +183,16 @@ def test_no_relay_with_an_exact_cycle_is_certified() -> None:
         found += 1
         assert not epp.certify(epp.LureSystem.from_tf(([1.0], den), epp.Relay()), "absence").proved
     assert found >= 50
+
+
+@pytest.mark.parametrize(
+    "family", ["saturation", *(pytest.param(f, marks=pytest.mark.slow) for f in PROVABLE if f != "saturation")]
+)
+def test_no_random_loop_near_the_birth_of_an_exact_orbit_is_certified(family: str) -> None:
+    """The sample of what ``python -m tests.stress --proofs`` does; far below that gain most are."""
+    row = proof(family, 1001)
+    assert row["outcome"] == "not proved" and row["residual"] < 1e-9
+    assert row["covered"] and (row["far_below"] or family == "saturation, unstable pole")
 
 
 def test_a_relay_that_cannot_oscillate_is_certified_for_all_gains() -> None:
