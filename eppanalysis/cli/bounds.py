@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,8 +12,10 @@ from eppanalysis.cli.common import (
     NOTHING,
     Allow,
     CaseName,
+    Certificates,
     Json,
     Output,
+    Prove,
     Settings,
     answer,
     check_output,
@@ -58,18 +59,8 @@ def bounds(
     margin: Annotated[float, typer.Option("--margin", help="Distance of the tests, relative to the bound.")] = 0.01,
     starts: Annotated[int, typer.Option("--starts", help="Runs of each test.")] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the runs.")] = 20050901,
-    prove: Annotated[
-        bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
-    ] = False,
-    certificates: Annotated[
-        Path | None,
-        typer.Option(
-            "--certificates",
-            metavar="FOLDER",
-            help="Also write the certificates (--prove is understood).",
-            show_default=False,
-        ),
-    ] = None,
+    prove: Prove = False,
+    certificates: Certificates = None,
     workers: Workers = None,
     as_json: Json = False,
     output: Output = None,

@@ -46,6 +46,18 @@ Settings = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON in SI units instead of tables.")]
 Output = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf) or a table (.csv, .nc).")]
 Picture = Annotated[Path | None, file_option("Write a picture (.png, .svg, .pdf).")]
+Prove = Annotated[
+    bool, typer.Option("--prove", help="Prove what can be proved on both sides of every bound; seconds each.")
+]
+Certificates = Annotated[
+    Path | None,
+    typer.Option(
+        "--certificates",
+        metavar="FOLDER",
+        help="Also write the certificates (--prove is understood).",
+        show_default=False,
+    ),
+]
 Allow = Annotated[
     str | None,
     typer.Option(

@@ -12,7 +12,9 @@ from eppanalysis.cli.common import (
     NO_FILES,
     NOTHING,
     CaseName,
+    Certificates,
     Json,
+    Prove,
     Settings,
     answer,
     check_output,
@@ -77,6 +79,8 @@ def guide(
     workers: Annotated[
         int | None, typer.Option("--workers", help="Processes. [one a core]", show_default=False)
     ] = None,
+    prove: Prove = False,
+    certificates: Certificates = None,
     as_json: Json = False,
     manual: Manual = None,
     step: Step = None,
@@ -117,11 +121,14 @@ def guide(
             starts=starts,
             workers=cores() if workers is None else workers,
             seed=seed,
+            prove=prove or certificates is not None,
             progress=advance,
         )
     answer("guide", found, settings, as_json, result.to_dict, lambda: _show(result), title(result))
     for path in outputs:
         result.write(path)
+    if certificates is not None:
+        result.write_certificates(certificates)
     write_manual(result, manual, rounding)
 
 

@@ -54,6 +54,7 @@ class Run(StrEnum):
     PREDICT = "predict"
     CYCLES = "cycles"
     TRIGGER = "trigger"
+    CERTIFY = "certify"
     ALL = "all"
 
 

@@ -18,6 +18,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.result import GAIN, LIMIT, Guide, GuideRow
 from eppanalysis.methods.bounds.design import Settings, bound_of_branch, design_bounds, range_within
 from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question, value_of
+from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.searched import is_by_search
@@ -51,6 +52,7 @@ def design_guide(
     workers: int = 1,
     seed: int = 20050901,
     branch: Branch | None = None,
+    prove: bool = False,
     progress: Progress | None = None,
 ) -> Guide:
     """Guidelines: how far one parameter may go at each value of another, for all combinations of further parameters.
@@ -86,6 +88,8 @@ def design_guide(
         then put to the test in place of a bound that harmonic balance finds, in a fraction of the time and without the
         value of first order. Where the branch has no end, the bound is sought as without it. For the case's own gain
         only.
+    prove : bool
+        Prove what can be proved on both sides of every bound, as :func:`design_bounds` does; needs the extra "proof".
     progress : callable, optional
         Told the number of rows done, of all rows, and nothing in words.
 
@@ -122,7 +126,7 @@ def design_guide(
     clash = next((name for name in names if name in (over, limit)), None)
     if clash is not None:
         raise EppError(f"guide: {clash} makes variants and is {over} or {limit} as well; expected another parameter.")
-    work = _Work(over, limit, ranges, given, tolerances, within, samples, starts, workers, seed, branch)
+    work = _Work(over, limit, ranges, given, tolerances, within, samples, starts, workers, seed, branch, prove)
     for combination in combinations:
         work.check(case.with_values(combination) if combination else case)
     rows: list[GuideRow] = []
@@ -214,6 +218,7 @@ class _Work:
     workers: int
     seed: int
     branch: Branch | None
+    prove: bool
 
     def check(self, case: Case) -> None:
         """Refuse tolerances that one variant cannot have, before anything is computed."""
@@ -244,6 +249,7 @@ class _Work:
             starts=self.starts,
             seed=self.seed,
             workers=self.workers,
+            prove=self.prove,
             progress=advance,
         )
         sweep = HarmonicSweep(Question(case, self.limit, *bounds.within, self.over))
@@ -260,7 +266,9 @@ class _Work:
         question = self._question(case)
         settings = Settings(starts=self.starts, seed=self.seed)
         cell = bound_of_branch(question, self.ranges[0], self.branch, settings)
-        return None if cell is None else (question, cell)
+        if cell is None:
+            return None
+        return question, with_proofs(question, cell) if self.prove else cell
 
     def _row(
         self,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case
-from eppanalysis.methods.bounds.result import BoundCell
+from eppanalysis.methods.bounds.result import BoundCell, write_proofs
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, reasons, with_unit, words
 from eppanalysis.results import PlainData, Result
@@ -192,6 +192,10 @@ class Guide(Result):
                 name = f"{100 * q.probability:g} %"
                 shown |= {name: q.value, f"{name} from": q.low, f"{name} to": q.high}
             line |= {with_unit(name, unit): factor * self.less_margin(value) for name, value in shown.items()}
+        if row.cell.proved is not None:
+            line[with_unit("proved free at", unit)] = factor * row.cell.proved.free
+            line[with_unit("proved to oscillate at", unit)] = factor * row.cell.proved.cycle
+            line["these apart [%]"] = 100.0 * row.cell.proved.gap
         if self._applied:
             line["margins taken off"] = ", ".join(self._applied)
         begins = "oscillates from rest" if self.of_backlash else "own run oscillates"
@@ -209,6 +213,21 @@ class Guide(Result):
             "remark": " ".join(t for t in (row.cell.message, missing) if t),
         }
         return line
+
+    def write_certificates(self, folder: str | Path) -> list[Path]:
+        """Write all proofs into a folder, of absence and of cycles, one a file, as `check_certificate` reads them.
+
+        Raises
+        ------
+        EppError
+            If there are none, or the folder cannot be written.
+        """
+        named = [
+            (",".join(f"{name}={value:.6g}" for name, value in row.values.items()), row.cell.proved)
+            for row in self.rows
+            if row.cell.proved is not None
+        ]
+        return write_proofs(folder, named, "")
 
     def less_margin(self, bound: float) -> float:
         """A bound on the limited parameter with the margin on it taken off, in its SI unit."""

@@ -66,7 +66,13 @@ try:
     run, cycles = ladder.run, ladder.search
 except epp.EppError:
     run = epp.simulate(case)
-{search}{branch}epp.first_page(case, run, ladder, cycles, branch)"""
+{search}{branch}proof = None
+try:
+    cycle = run.limit_cycle or next(iter(cycles or ()), None)
+    proof = epp.certify(case, "absence") if cycle is None else epp.certify_orbit(case, cycle)
+except epp.EppError:
+    pass
+epp.first_page(case, run, ladder, cycles, branch, proof)"""
 
 _SEARCH = """\
 if cycles is None:

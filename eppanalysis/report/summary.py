@@ -11,6 +11,8 @@ import numpy as np
 
 from eppanalysis.cases import Case
 from eppanalysis.errors import EppError
+from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
+from eppanalysis.methods.certificates.result import Certificate
 from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
@@ -80,6 +82,7 @@ def first_page(
     ladder: Ladder | None = None,
     cycles: CycleSearch | None = None,
     branch: Branch | None = None,
+    proof: Certificate | CertifiedOrbit | None = None,
 ) -> FirstPage:
     """The first page of a report, from what has been computed for it.
 
@@ -94,6 +97,8 @@ def first_page(
         All exact cycles that were found.
     branch : Branch, optional
         Of the cycle over a parameter.
+    proof : Certificate or CertifiedOrbit, optional
+        What was tried to be proved: where it succeeds, its sentence is a theorem, and the page says that no other is.
 
     Returns
     -------
@@ -113,8 +118,8 @@ def first_page(
     return FirstPage(
         verdict=_verdict(run, cycles, largest, signal),
         numbers=tuple(_numbers(case, run, largest, branch, end, signal))[:3],
-        advice=_advice(case, run, cycles, branch, end),
-        known=tuple(_known(run, ladder, cycles)),
+        advice=_advice(case, run, cycles, branch, end, proof),
+        known=tuple(_known(run, ladder, cycles, proof)),
         picture=_picture(run, ladder, signal),
     )
 
@@ -184,13 +189,18 @@ def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:
 
 
 def _advice(
-    case: Case, run: Trajectory, cycles: CycleSearch | None, branch: Branch | None, end: SpecialPoint | None
+    case: Case,
+    run: Trajectory,
+    cycles: CycleSearch | None,
+    branch: Branch | None,
+    end: SpecialPoint | None,
+    proof: Certificate | CertifiedOrbit | None,
 ) -> str:
     there = run.limit_cycle is not None or bool(cycles)
     if not there:
         searched = (
             ""
-            if cycles is None
+            if cycles is None or (proof is not None and proof.proved)
             else " The search is thorough and no proof: eppanalysis certify --statement absence asks for one."
         )
         longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
@@ -219,13 +229,26 @@ def _advice(
     )
 
 
-def _known(run: Trajectory, ladder: Ladder | None, cycles: CycleSearch | None) -> Iterator[tuple[str, str]]:
+def _known(
+    run: Trajectory,
+    ladder: Ladder | None,
+    cycles: CycleSearch | None,
+    proof: Certificate | CertifiedOrbit | None,
+) -> Iterator[tuple[str, str]]:
     if ladder is not None:
         yield "Predicted", str(ladder.agreement.value)
     if cycles is not None:
         yield "Exact", str(cycles)
     yield "Simulated", str(run)
-    yield "Proved", "Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do."
+    if proof is None:
+        yield "Proved", "Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do."
+    elif proof.proved:
+        yield (
+            "Proved",
+            f"{str(proof).removeprefix('Proved: ')} This sentence is a theorem, all others here are computed.",
+        )
+    else:
+        yield "Proved", f"Nothing: no sentence here is a theorem. {proof}"
 
 
 def _picture(run: Trajectory, ladder: Ladder | None, signal: str) -> bytes:

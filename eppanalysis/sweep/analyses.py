@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.cases import Case
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, require_packages
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axes
 
@@ -29,6 +29,7 @@ class Analysis(StrEnum):
     PREDICT = "predict"
     CYCLES = "cycles"
     TRIGGER = "trigger"
+    CERTIFY = "certify"
 
 
 class Code(IntEnum):
@@ -63,8 +64,14 @@ class TriggerOutcome(Code):
     UNKNOWN, NO_CYCLE, STARTS, HOLDS, NO_REST = range(5)
 
 
+class Proved(Code):
+    """What is proved of a cell: that nothing in it is periodic but rest, or that a limit cycle exists."""
+
+    UNDECIDED, PROVED_FREE, PROVED_TO_OSCILLATE = range(3)
+
+
 ANALYSES = tuple(Analysis)
-#: Words that stand for every analysis, or for every signal.
+#: Words that stand for every analysis that needs no further package, or for every signal.
 ALL = "all"
 #: Prefix of an analysis's variables; the run in time has the plain names.
 PREFIX = {Analysis.SIMULATE: "", Analysis.PREDICT: "predicted_", Analysis.CYCLES: "exact_"}
@@ -159,11 +166,12 @@ class Task:
         units = dict(zip(system.signals.names, system.signals.units or ("",) * len(system.signals.names), strict=True))
         found: dict[str, Variable] = {}
         for analysis in self.analyses:
-            found |= (
-                self._trigger_variables()
-                if analysis is Analysis.TRIGGER
-                else _analysis_variables(analysis, self.signals, units)
-            )
+            if analysis is Analysis.TRIGGER:
+                found |= self._trigger_variables()
+            elif analysis is Analysis.CERTIFY:
+                found["proved"] = Variable("i1", "", "what is proved of the loop", Proved.words())
+            else:
+                found |= _analysis_variables(analysis, self.signals, units)
         if self.judge is not None:
             whom = "run" if self.judge is Analysis.SIMULATE else "exact cycle"
             for name in ("amplitude", "frequency"):
@@ -180,15 +188,18 @@ def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | S
     Raises
     ------
     EppError
-        If there is no such analysis or signal.
+        If there is no such analysis or signal, or what it needs is not installed.
     """
-    named = ANALYSES if run == ALL else (run,) if isinstance(run, str) else tuple(run)
+    of_all = tuple(analysis for analysis in Analysis if analysis is not Analysis.CERTIFY)
+    named = of_all if run == ALL else (run,) if isinstance(run, str) else tuple(run)
     for analysis in named:
         if analysis not in ANALYSES:
             raise EppError(f"sweep: run is {analysis!r}; expected one or several of {', '.join(ANALYSES)}.")
     analyses = [Analysis(analysis) for analysis in named]
     if not analyses:
         raise EppError(f"sweep: run names no analysis; expected one or several of {', '.join(ANALYSES)}.")
+    if Analysis.CERTIFY in analyses:
+        require_packages("sweep", "proof", "flint")
     known = case.to_system().signals.names
     main = case.expected.signal or known[0]
     chosen = (main,) if signals is None else known if signals == ALL else signals

@@ -38,6 +38,12 @@ if TYPE_CHECKING:
 
 #: Colours of unknown, settles, oscillates, diverges: apart in brightness as well as in hue.
 OUTCOME_COLOURS = ("#BDBDBD", "#DCEBF5", ORANGE, VERMILLION)
+#: Dashed lines round cells that oscillate, by what says so.
+_BORDERS = {
+    "outcome": ("runs oscillate", ORANGE),
+    "exact_outcome": ("exact orbits exist", GREEN),
+    "predicted_outcome": ("describing function", BLUE),
+}
 _LINE_COLOURS = ("#000000", BLUE, GREEN, SKY, GREY)
 _LINES = ("-", "--", "-.", ":")
 #: Curves of fewer points show each of them.
@@ -64,8 +70,8 @@ def plot_design_map(
 ) -> Figure:
     """Where a design settles and where it oscillates, over two axes of a sweep.
 
-    Shaded regions are outcomes, thin lines the amplitude of the cycle. Where the sweep has predictions, the
-    describing function's boundary is dashed; curves from elsewhere, such as exact folds, are drawn on top.
+    Shaded regions are outcomes, or what is proved, thin lines the amplitude of the cycle. Where the sweep has
+    predictions, the describing function's boundary is dashed; curves from elsewhere are drawn on top.
 
     Parameters
     ----------
@@ -98,7 +104,7 @@ def plot_design_map(
     'bands range [lbf]'
     """
     x, y = _axes_of(dataset, x, y)
-    names = [n for n in ("outcome", "exact_outcome", "predicted_outcome") if n in dataset]
+    names = [n for n in ("proved", *_BORDERS) if n in dataset]
     if not names:
         raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")
     others = {d: int((at or {}).get(d, 0)) for d in map(str, dataset[names[0]].dims) if d not in (x, y)}
@@ -111,12 +117,10 @@ def plot_design_map(
         figure = ax.figure
     (across, x_label), (up, y_label) = (_readable(plane, name) for name in (x, y))
     handles = _regions(ax, across, up, plane[names[0]])
-    if amplitude and names[0] == "outcome" and "amplitude" in plane:
+    if amplitude and "amplitude" in plane:
         handles += _contours(ax, across, up, plane["amplitude"])
     for name in names[1:]:
-        colour = GREEN if name == "exact_outcome" else BLUE
-        label = "exact orbits exist" if name == "exact_outcome" else "describing function"
-        handles += _boundary(ax, across, up, plane[name], label, colour)
+        handles += _boundary(ax, across, up, plane[name], *_BORDERS[name])
     handles += _curves(ax, plane, x, y, curves)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
@@ -190,7 +194,7 @@ def _place(dataset: xarray.Dataset, name: str, i: int) -> str:
 
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
-    words = str(outcome.attrs["flag_meanings"]).split()
+    words = [word.replace("_", " ") for word in str(outcome.attrs["flag_meanings"]).split()]
     colours = ListedColormap(OUTCOME_COLOURS[: len(words)])
     norm = BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words))
     ax.pcolormesh(_edges(x), _edges(y), outcome.values, cmap=colours, norm=norm, rasterized=True)

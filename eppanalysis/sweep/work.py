@@ -22,6 +22,7 @@ from eppanalysis.sweep.analyses import (
     Columns,
     IntArray,
     Outcome,
+    Proved,
     Stability,
     Task,
     TriggerOutcome,
@@ -224,6 +225,19 @@ class _Cell:
                 kind = TriggerOutcome.NO_REST
         self.put("trigger_outcome", kind)
         self.end(self.search.status)
+
+    def certify(self) -> None:
+        """Absence of cycles, or where that is not proved one of those that exist."""
+        from eppanalysis.methods.certificates.certify import certify
+        from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
+
+        kind, found = Proved.UNDECIDED, certify(self.case, "absence")
+        if found.proved:
+            kind = Proved.PROVED_FREE
+        elif any(proof_of_orbit(self.case, cycle)[0] is not None for cycle in self.search):
+            kind = Proved.PROVED_TO_OSCILLATE
+        self.put("proved", kind)
+        self.end(Status.INCOMPLETE if kind is Proved.UNDECIDED else Status.CONVERGED)
 
     def _cycles(self, analysis: Analysis, cycles: Sequence[LimitCycle]) -> LimitCycle | None:
         """Counts, and the largest stable cycle, which is returned."""

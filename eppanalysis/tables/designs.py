@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from eppanalysis.methods.bounds.result import Finding, Turn
-from eppanalysis.readable import signed_percent, with_unit
+from eppanalysis.readable import percent, signed_percent, with_unit
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
@@ -35,9 +35,12 @@ def bounds_table(bounds: DesignBounds) -> Table:
         "frequency [Hz]",
         "verified",
         *([with_unit(f"proved {side}", y_unit) for side in ("free", "cycle")] if proofs else []),
+        *(["apart"] if proofs else []),
     )
     for c in bounds:
-        proved = [cell(y * v) for v in (c.proved.free, c.proved.cycle)] if c.proved is not None else ["-"] * 2 * proofs
+        proved = ["-"] * 3 * proofs
+        if c.proved is not None:
+            proved = [*(cell(y * v) for v in (c.proved.free, c.proved.cycle)), percent(c.proved.gap)]
         if c.finding is not Finding.BOUND:
             table.add_row(cell(x * c.value), *["-"] * 6, "-", c.finding, *proved)
             continue

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import eppanalysis as epp
 from tests.made_bounds import GAIN, wheelchair
 
@@ -24,3 +26,19 @@ def test_a_loop_that_rests_is_told_what_was_not_looked_at():
     page = epp.first_page(case, epp.simulate(case))
     assert page.verdict == "Comes to rest from its own start; other starts were not looked at."
     assert page.advice == "Nothing, at these values." and page.numbers[0][0] == "at rest from"
+
+
+@pytest.mark.parametrize(
+    ("gain", "words"), [(0.5, "no periodic motion but rest"), (0.84, "Nothing: no sentence here"), (1.0, "exists")]
+)
+def test_the_page_says_which_sentence_is_a_theorem(gain, words):
+    pytest.importorskip("flint")
+    case = wheelchair().with_values({"loop.gain": gain})
+    run = epp.simulate(case)
+    loop = epp.LureSystem.from_tf(([gain], [1.0, 2.0, 2.0, 1.0]), epp.Saturation(), name="limited")
+    proof = epp.certify_orbit(case, run.limit_cycle) if run.limit_cycle else epp.certify(loop, "absence")
+    if words.startswith("Nothing"):
+        proof = epp.certify(case, "absence")
+    said = dict(epp.first_page(case, run, proof=proof).known)["Proved"]
+    assert words in said
+    assert said.endswith("This sentence is a theorem, all others here are computed.") == proof.proved

@@ -158,6 +158,23 @@ def test_every_analysis_says_what_its_own_call_says(relays) -> None:
         assert np.isnan(relays[name].values[1]), name
 
 
+def test_what_is_proved_of_cells_is_a_map_of_three_colours(monkeypatch) -> None:
+    """The servo's cycles begin at a gain of 2.0776, whatever the gap, and its frequency criterion ends at 0.83."""
+    pytest.importorskip("flint")
+    loop = epp.LureSystem.from_tf(([1.0], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=1.0))
+    axes = {"loop.gain": [0.5, 2.0776, 2.5], "play.gap": [1.0, 2.0]}
+    sectors = "eppanalysis.methods.certificates.play.find.find"
+    monkeypatch.setattr(sectors, lambda *_: "no function was sought.")
+    found = sweep(epp.Case.from_system(loop, name="servo"), axes, run="certify", progress=False)
+    assert found["proved"].values.tolist() == [[1, 1], [0, 0], [2, 2]]
+    statuses = found["status"].attrs["flag_meanings"].split()
+    assert [statuses[i] for i in found["status"].values[:, 0]] == ["converged", "incomplete", "converged"]
+    shown = epp.plot_design_map(found).axes[0]
+    words = [text.get_text() for text in shown.get_legend().get_texts()]
+    assert words == ["undecided", "proved free", "proved to oscillate"]
+    assert len({patch.get_facecolor() for patch in shown.get_legend().get_patches()}) == 3
+
+
 def test_a_trigger_of_the_size_found_starts_the_cycle_and_a_smaller_one_does_not(relays) -> None:
     assert relays["trigger_outcome"].values.tolist() == [2, 1]
     trigger = float(relays["trigger"].values[0])

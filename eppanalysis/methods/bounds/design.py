@@ -24,7 +24,7 @@ from eppanalysis.methods.bounds.elasticity import elasticities, exact_elasticiti
 from eppanalysis.methods.bounds.exact import ExactBound, correct, farthest_turn, searched, turn_of
 from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
-from eppanalysis.methods.bounds.proved import proved_sides
+from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.result import UNTESTED, BoundCell, DesignBounds, Finding, Turn
 from eppanalysis.methods.bounds.searched import Asking, is_by_search, searched_cell
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
@@ -184,7 +184,7 @@ def design_bounds(
     else:
         cells = _cells(question, values, settings, workers, progress)
     if prove:
-        cells = [_with_proofs(question.at(c.value), c) for c in cells]
+        cells = [with_proofs(question.at(c.value), c) for c in cells]
     facts = {"over": over, "limit": limit, "within": (low, high), "margin": margin, "starts": starts, "seed": seed}
     facts |= {} if allowed is None else {"allowed": allowed.to_dict()}
     known = {name: value_of(case, name) for name in (over, limit)}
@@ -203,12 +203,6 @@ def design_bounds(
         provenance=Provenance("design bounds", facts, case=facts_of(case)),
         operating_point=case.operating_point,
     )
-
-
-def _with_proofs(question: Question, cell: BoundCell) -> BoundCell:
-    if cell.finding is not Finding.BOUND:
-        return cell
-    return replace(cell, proved=proved_sides(question, cell.exact, cell.sign, cell.other_value, cell.other_orbit))
 
 
 def _values(case: CaseLike, over: str, start: object, stop: object, points: int) -> list[float]:

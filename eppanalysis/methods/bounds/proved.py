@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.result import ProvedSides
+from eppanalysis.methods.bounds.result import BoundCell, Finding, ProvedSides
 from eppanalysis.methods.certificates.certify import certify
-from eppanalysis.methods.certificates.orbits.certify import certify_orbit
+from eppanalysis.methods.certificates.orbits.certify import proof_of_orbit
 from eppanalysis.methods.search.find import find_limit_cycles
 
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.harmonic import Question
     from eppanalysis.methods.certificates.orbits.result import CertifiedOrbit
     from eppanalysis.methods.certificates.result import Certificate
-    from eppanalysis.models.systems.subject import CaseLike
     from eppanalysis.results import LimitCycle
 
 T = TypeVar("T")
@@ -29,7 +28,14 @@ _NAN = float("nan")
 _DISTANCES = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 
 
-def proved_sides(question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
+def with_proofs(question: Question, cell: BoundCell) -> BoundCell:
+    """The cell with what can be proved on both sides of its bound, at one value of the parameter that runs."""
+    if cell.finding is not Finding.BOUND:
+        return cell
+    return replace(cell, proved=_sides(question, cell.exact, cell.sign, cell.other_value, cell.other_orbit))
+
+
+def _sides(question: Question, bound: float, sign: float, tested: float, near: LimitCycle | None) -> ProvedSides:
     """Prove what can be proved on both sides of a bound, as near to it as can be.
 
     Parameters
@@ -90,16 +96,7 @@ def _orbits(
         case = question.case_at(value)
         proof, why = None, "The search finds no cycle."
         for cycle in [near] if value == tested else find_limit_cycles(case).cycles:
-            proof, why = _proof(case, cycle)
+            proof, why = proof_of_orbit(case, cycle)
             if proof is not None:
                 break
         yield value, proof, why
-
-
-def _proof(case: CaseLike, cycle: LimitCycle) -> tuple[CertifiedOrbit | None, str]:
-    """The proof of a cycle, or why there is none."""
-    try:
-        found = certify_orbit(case, cycle)
-    except EppError as error:
-        return None, str(error)
-    return found if found.status.ok else None, found.message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -138,6 +139,16 @@ class ProvedSides(Brief):
     message: str = ""
 
     in_json = "free cycle gap message"
+
+
+def write_proofs(folder: str | Path, named: Sequence[tuple[str, ProvedSides]], why: str) -> list[Path]:
+    """Write proofs into a folder that is made for them, each under a name; `why` says why there are none."""
+    sides = [pair for name, s in named for pair in ((name, s.absence), (f"{name}-cycle", s.orbit))]
+    place, proofs = Path(folder), {name: proof for name, proof in sides if proof is not None}
+    if not proofs:
+        raise EppError(f"{folder}: there is no certificate to write. {why}".rstrip())
+    place.mkdir(parents=True, exist_ok=True)
+    return [proof.write(place / f"{name}.json") for name, proof in proofs.items()]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -421,19 +432,15 @@ class DesignBounds(Listing[BoundCell]):
 
     @checked
     def write_certificates(self, folder: str | Path) -> list[Path]:
-        """Write the certificates of absence into a folder, one a file, as `check_certificate` reads them.
+        """Write all proofs into a folder, of absence and of cycles, one a file, as `check_certificate` reads them.
 
         Raises
         ------
         EppError
             If there are none, or the folder cannot be written.
         """
-        given = [(c.value, c.proved.absence) for c in self.cells if c.proved is not None and c.proved.absence]
-        if not given:
-            raise EppError(f"{folder}: there is no certificate to write. {self.in_theorems}".rstrip())
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        return [proof.write(place / f"{self.over}={value:.6g}.json") for value, proof in given]
+        named = [(f"{self.over}={c.value:.6g}", c.proved) for c in self.cells if c.proved is not None]
+        return write_proofs(folder, named, self.in_theorems)
 
     def _span(self, name: str, values: list[float]) -> str:
         """From where to where values of a parameter run, in the unit that people use for it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -39,8 +40,11 @@ def test_the_bound_lies_between_what_is_proved(bounds) -> None:
 
 
 def test_the_files_hold_for_the_values_they_name(bounds, valve, tmp_path) -> None:
-    (path,) = bounds.write_certificates(tmp_path / "proofs")
-    assert epp.check_certificate(path).accepted
+    paths = bounds.write_certificates(tmp_path / "proofs")
+    assert [path.name for path in paths] == [f"{THRESHOLD}=1.json", f"{THRESHOLD}=1-cycle.json"]
+    said = [epp.check_certificate(path) for path in paths]
+    assert all(check.accepted for check in said)
+    assert "no periodic motion but rest" in str(said[0]) and "has a limit cycle" in str(said[1])
     assert epp.certify(valve.with_values({GAIN: bounds[0].proved.free}), "absence").proved
     assert not epp.certify(valve.with_values({GAIN: bounds[0].exact}), "absence").proved
 
@@ -50,21 +54,33 @@ def test_the_picture_shows_both(bounds) -> None:
     assert {"proved free of limit cycles", "cycle proved"} <= set(labels)
 
 
-def test_what_cannot_be_proved_is_said(monkeypatch, valve) -> None:
+def test_what_cannot_be_proved_is_said(monkeypatch, valve, tmp_path) -> None:
     from eppanalysis.methods.bounds import proved
 
     monkeypatch.setattr(proved, "_DISTANCES", (0.01,))  # nearer than the criteria reach
     (cell,) = found = epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), starts=20, prove=True)
     assert math.isnan(cell.proved.free) and math.isfinite(cell.proved.cycle)
     assert "0 of 1 bound proved on both sides" in str(found) and "Absence of cycles is not proved." in str(found)
+    assert [path.name for path in found.write_certificates(tmp_path)] == [f"{THRESHOLD}=1-cycle.json"]
     with pytest.raises(epp.EppError, match="no certificate to write"):
-        found.write_certificates("nowhere")
+        replace(found, cells=(replace(cell, proved=None),)).write_certificates("nowhere")
 
 
 def test_bounds_that_are_not_of_any_cycle_are_refused(valve) -> None:
     for other in ({"allow": "x 0.5"}, {"exact": False}, {"verify": False}):
         with pytest.raises(epp.EppError, match="prove is True; expected"):
             epp.design_bounds(valve, THRESHOLD, GAIN, at=[1.0], within=(1.0, 8.0), prove=True, **other)
+
+
+def test_a_guide_tells_what_is_proved_and_writes_the_same_files(bounds, valve, tmp_path, monkeypatch) -> None:
+    asked = {}
+    monkeypatch.setattr("eppanalysis.guides.guideline.design_bounds", lambda *_, **how: asked.update(how) or bounds)
+    guide = epp.design_guide(valve, [1.0], over=THRESHOLD, limit=GAIN, within=(1.0, 8.0), starts=20, prove=True)
+    row = guide.to_frame().iloc[0]
+    assert asked["prove"] and row["proved free at"] == bounds[0].proved.free
+    assert row["proved to oscillate at"] == bounds[0].proved.cycle
+    assert row["these apart [%]"] == pytest.approx(100.0 * bounds[0].proved.gap)
+    assert [p.name for p in guide.write_certificates(tmp_path)] == [f"{THRESHOLD}=1.json", f"{THRESHOLD}=1-cycle.json"]
 
 
 def test_command(bounds, valve, tmp_path, monkeypatch) -> None:
@@ -83,4 +99,5 @@ def test_command(bounds, valve, tmp_path, monkeypatch) -> None:
     )
     assert said.exit_code == 0, said.output
     assert asked["prove"] and asked["starts"] == 20
-    assert "proved free" in said.output and [p.suffix for p in (tmp_path / "proofs").iterdir()] == [".json"]
+    assert "proved free" in said.output and "apart" in said.output
+    assert [p.suffix for p in (tmp_path / "proofs").iterdir()] == [".json"] * 2

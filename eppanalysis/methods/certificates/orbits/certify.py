@@ -109,6 +109,15 @@ def certify_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> Certified
     return replace(certified(orbit, loop.name), operating_point=at, provenance=_provenance(loop, facts))
 
 
+def proof_of_orbit(system: LureSystem | CaseLike, cycle: LimitCycle) -> tuple[CertifiedOrbit | None, str]:
+    """The proof of a cycle, or None and why there is none."""
+    try:
+        found = certify_orbit(system, cycle)
+    except EppError as error:
+        return None, str(error)
+    return found if found.proved else None, found.message
+
+
 def _closed(hybrid: HybridSystem, cycle: LimitCycle) -> Iterator[Orbit]:
     """Orbits from the state of a cycle: as the engine closes them, then those that it closes but for its rounding.
 
