@@ -133,17 +133,17 @@ def plot_design_map(
 
 
 def _put_verdict(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
-    """In how many of the designs that are drawn the loop oscillates, settles or does something else."""
-    name = next((n for n in ("outcome", "exact_outcome", "predicted_outcome") if n in cells), None)
-    verdict = ""
-    if name is not None:
-        values, words = cells[name].values.ravel(), str(cells[name].attrs["flag_meanings"]).split()
-        numbers = {words[code]: int(np.sum(values == code)) for code in np.unique(values)}
-        ordered = sorted(numbers, key=lambda word: (word != words[Outcome.OSCILLATES], -numbers[word]))
-        parts = [f"{word} in {numbers[word]}" for word in ordered]
-        parts[0] += f" of {values.size} designs"
-        verdict = ", ".join(parts).capitalize()
+    """In how many of the designs that are drawn the loop does what, or what is proved of it, the most first."""
+    name = next((n for n in ("proved", *_BORDERS) if n in cells), None)
+    values, counts = np.unique(cells[name].values if name else [], return_counts=True)
+    parts = [f"{_meanings(cells[name])[int(values[k])]} in {counts[k]}" for k in np.argsort(-counts, kind="stable")]
+    verdict = ", ".join([f"{parts[0]} of {counts.sum()} designs", *parts[1:]]).capitalize() if parts else ""
     put_verdict(figure, verdict, details, str(cells.attrs.get("case", "")))
+
+
+def _meanings(outcome: xarray.DataArray) -> list[str]:
+    """What each number of an outcome means."""
+    return [words(word) for word in str(outcome.attrs["flag_meanings"]).split()]
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -194,12 +194,12 @@ def _place(dataset: xarray.Dataset, name: str, i: int) -> str:
 
 
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
-    words = [word.replace("_", " ") for word in str(outcome.attrs["flag_meanings"]).split()]
-    colours = ListedColormap(OUTCOME_COLOURS[: len(words)])
-    norm = BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words))
+    meanings = _meanings(outcome)
+    colours = ListedColormap(OUTCOME_COLOURS[: len(meanings)])
+    norm = BoundaryNorm(np.arange(len(meanings) + 1) - 0.5, len(meanings))
     ax.pcolormesh(_edges(x), _edges(y), outcome.values, cmap=colours, norm=norm, rasterized=True)
     there = np.unique(outcome.values)
-    return [Patch(facecolor=OUTCOME_COLOURS[int(c)], edgecolor=GREY, label=words[int(c)]) for c in there]
+    return [Patch(facecolor=OUTCOME_COLOURS[int(c)], edgecolor=GREY, label=meanings[int(c)]) for c in there]
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:
@@ -391,7 +391,7 @@ def plot_parallel(
     2
     """
     check_counts("plot_parallel", {"most": (most, 1)})
-    outcome = next((n for n in ("outcome", "exact_outcome", "predicted_outcome") if n in dataset), None)
+    outcome = next((n for n in _BORDERS if n in dataset), None)
     if outcome is None:
         raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")
     missing = [name for name in variables if name not in dataset]
@@ -403,7 +403,7 @@ def plot_parallel(
         shares = np.where(high > low, (columns - low) / np.where(high > low, high - low, 1.0), 0.5)
     figure = Figure(figsize=(1.2 + 1.35 * columns.shape[1], 4.2), layout="constrained")
     ax = figure.add_subplot()
-    words = str(dataset[outcome].attrs["flag_meanings"]).split()
+    meanings = _meanings(dataset[outcome])
     handles = []
     for code in sorted(np.unique(cells).tolist(), key=lambda c: c == Outcome.OSCILLATES):
         rows = shares[cells == code]
@@ -411,7 +411,7 @@ def plot_parallel(
         colour, dashes = _PARALLEL_COLOURS[code], _PARALLEL_LINES[code]
         opacity = min(1.0, 0.25 + 20.0 / len(lines))
         ax.add_collection(LineCollection(lines, colors=colour, linewidths=0.8, linestyles=dashes, alpha=opacity))
-        text = f"{words[code]} ({len(rows)})"
+        text = f"{meanings[code]} ({len(rows)})"
         handles.append(Line2D([], [], color=colour, linewidth=1.8, linestyle=dashes, label=text))
     _parallel_axes(ax, low, high, labels)
     ax.legend(handles=handles, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
@@ -451,17 +451,10 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
     """An upright line for every parameter and result, with its least and largest value at its ends."""
     for i, (a, b) in enumerate(zip(low, high, strict=True)):
         ax.plot([i, i], [0.0, 1.0], color=GREY, linewidth=0.8, zorder=3)
-        for share, value, side in ((0.0, a, "top"), (1.0, b, "bottom")):
-            shift = (0, -3 if side == "top" else 3)
-            ax.annotate(
-                f"{value:.4g}" if np.isfinite(value) else "none",
-                (i, share),
-                shift,
-                textcoords="offset points",
-                ha="center",
-                va=side,
-                fontsize=8,
-            )
+        for share, value, side, shift in ((0.0, a, "top", -3), (1.0, b, "bottom", 3)):
+            text = f"{value:.4g}" if np.isfinite(value) else "none"
+            place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": side, "fontsize": 8}
+            ax.annotate(text, (i, share), (0, shift), **place)
     ax.set_xlim(-0.3, len(labels) - 0.7)
     ax.set_ylim(-0.09, 1.09)
     ax.set_xticks(range(len(labels)), labels, fontsize=8)

@@ -131,7 +131,7 @@ def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
     modes = [step[2] for step in sequence.steps] or [sequence.mode]
     try:
         mode_guards = [element.guard_of(before, number) for before, number, _, _ in sequence.steps]
-        on_free, on_rate = element.from_input(modes)
+        on_free, on_rate = element.table.w_free[modes], element.table.w_rate[modes]
     except IndexError:
         raise ModelError(f"{element.name}: its modes change with the parameter.") from None
     n_memory = a.n_memory
@@ -143,7 +143,7 @@ def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
             reset[i, h] = [*_pair(row), t.guard.memory_constant[h], *t.guard.memory_from_memory[h]]
     smooth = [[*_pair(row), s.constant, s.scale] for s, row in element.smooth]
     return ElementNumbers(
-        on_free[..., 0],
+        on_free,
         on_rate,
         a.mode_columns["from_memory"][modes],
         a.mode_columns["constant"][modes],
