@@ -82,7 +82,7 @@ def _convolved(S, n, k, z, factor):
 
 
 @njit(**_COMPILED)
-def coefficients(table, pieces, z, omega, W, S, R):
+def coefficients(table, pieces, z, omega, wave, W, S, R):
     """Coefficients of the outputs, and of the functions that their input and its rate are multiplied with.
 
     Parameters
@@ -94,14 +94,12 @@ def coefficients(table, pieces, z, omega, W, S, R):
         The input.
     omega : float
         [rad/s].
+    wave : complex array, shape (2 n + 1,)
+        For work.
     W, S, R : complex array, shapes (w, n + 1), (w, 2 n + 1), (w, 2 n + 1)
-        Are filled.
+        Zeros, to which they are added.
     """
     n, n_w = z.size - 1, W.shape[0]
-    wave = np.empty(2 * n + 1, np.complex128)
-    W[:, :] = 0.0
-    S[:, :] = 0.0
-    R[:, :] = 0.0
     for p in range(pieces.modes.size):
         mode = pieces.modes[p]
         _means(pieces, p, n, wave)
@@ -143,7 +141,7 @@ def _read(free, rate, clock, z, omega, phi, by_x):
         by_x[k] = free * cosine - omega * rate * k * sine
         if k:
             by_x[n + k] = -free * sine - omega * rate * k * cosine
-    by_x[2 * n + 1] = rate * slope - clock * phi / omega**2
+    by_x[2 * n + 1] = rate * slope - clock * phi / (omega * omega)
     return free * slope + omega * rate * curve + clock / omega
 
 
@@ -183,9 +181,8 @@ def _reset(table, g, h, z, omega, phi, by_x):
 
 
 @njit(**_INNER)
-def _pass_on(table, pieces, z, omega, i, here, moved, memory):
+def _pass_on(table, pieces, z, omega, i, here, moved, memory, by_x):
     """Derivatives of the memory values behind a switch, `memory` (h, x), from those before it, `here`."""
-    by_x = np.empty(moved.shape[1])
     g = pieces.fired[i]
     for h in range(here.shape[0]):
         by_phase = _reset(table, g, h, z, omega, pieces.edges[i + 1], by_x)
@@ -197,7 +194,7 @@ def _pass_on(table, pieces, z, omega, i, here, moved, memory):
 
 
 @njit(**_INNER)
-def _move(table, pieces, z, omega, here, moved, memory):
+def _move(table, pieces, z, omega, here, moved, memory, by_x):
     """Derivatives of the switching phases, (s, x), and of the memory values on each piece, (s + 1, h, x).
 
     `here` (h, x) holds the latter at the beginning, and afterwards at the end.
@@ -220,12 +217,12 @@ def _move(table, pieces, z, omega, here, moved, memory):
                 for h in range(here.shape[0]):
                     moved[i, x] += table.on_memory[g, h] * memory[i, h, x]
                 moved[i, x] = -moved[i, x] / speed
-        _pass_on(table, pieces, z, omega, i, memory[i], moved, memory[i + 1])
+        _pass_on(table, pieces, z, omega, i, memory[i], moved, memory[i + 1], by_x)
     for h in range(here.shape[0]):
         for x in range(moved.shape[1]):
             here[h, x] = memory[pieces.fired.size, h, x]
         if clocked:
-            here[h, moved.shape[1] - 1] += TURN / omega**2
+            here[h, moved.shape[1] - 1] += TURN / (omega * omega)
 
 
 @njit(**_INNER)
@@ -242,10 +239,9 @@ def _add_moved(table, pieces, jump, moved, dW):
 
 
 @njit(**_INNER)
-def _add_memory(table, pieces, memory, dW):
+def _add_memory(table, pieces, memory, wave, dW):
     """What memory values contribute where they act."""
     n = dW.shape[1] - 1
-    wave = np.empty(2 * n + 1, np.complex128)
     for p in range(pieces.modes.size):
         _means(pieces, p, n, wave)
         for o in range(dW.shape[0]):
@@ -259,7 +255,7 @@ def _add_memory(table, pieces, memory, dW):
 
 
 @njit(**_COMPILED)
-def slopes(table, pieces, z, omega, S, R, jump, rest, dW):
+def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
     """Derivatives of the coefficients of the outputs by the unknowns.
 
     Parameters
@@ -270,8 +266,12 @@ def slopes(table, pieces, z, omega, S, R, jump, rest, dW):
         Functions that small changes of the input and of its rate are multiplied with.
     jump : array, shape (s, w)
         Of smooth functions at the switches; those of the outputs are added.
-    rest : array, shape (h,)
-        Derivatives of the memory values by the mean where nothing switches.
+    moved : array, shape (s, 2 n + 2)
+        Zeros; is filled with the derivatives of the switching phases.
+    memory : array, shape (s + 1, h, 2 n + 2)
+        Derivatives of the memory values on each piece: given where nothing switches, else filled.
+    wave, work : arrays, shapes (2 n + 1,) complex, (h + 1, 2 n + 2)
+        For work; `work` is zeros.
     dW : complex array, shape (w, n + 1, 2 n + 2)
         Is filled.
     """
@@ -287,15 +287,10 @@ def slopes(table, pieces, z, omega, S, R, jump, rest, dW):
                     dW[o, k, n + m] = by_imaginary - omega * m * rate_real
             dW[o, k, n_x - 1] = _convolved(R[o], n, k, z, True)
     n_switches, n_memory = pieces.fired.size, pieces.memory.shape[1]
-    memory, here = np.zeros((n_switches + 1, n_memory, n_x)), np.zeros((n_memory, n_x))
-    for h in range(n_memory):
-        memory[0, h, 0] = rest[h]
-    if n_switches:
-        moved = np.zeros((n_switches, n_x))
-        # Where the output is continuous a moving switch changes nothing to first order.
-        if _jumps(table, pieces, z, omega, jump) or n_memory:
-            for _ in range(2 if n_memory else 1):
-                _move(table, pieces, z, omega, here, moved, memory)
-            _add_moved(table, pieces, jump, moved, dW)
+    # Where the output is continuous a moving switch changes nothing to first order.
+    if n_switches and (_jumps(table, pieces, z, omega, jump) or n_memory):
+        for _ in range(2 if n_memory else 1):
+            _move(table, pieces, z, omega, work[1:], moved, memory, work[0])
+        _add_moved(table, pieces, jump, moved, dW)
     if n_memory:
-        _add_memory(table, pieces, memory, dW)
+        _add_memory(table, pieces, memory, wave, dW)

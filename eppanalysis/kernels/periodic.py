@@ -179,7 +179,7 @@ def find_extrema(c, phase, value):
     return count
 
 
-@njit(**_COMPILED)
+@njit(**_INNER)
 def next_rise(c, phase, value, count, phi, here, level, sign):
     """Phase, not before `phi`, at which ``sign * series`` next exceeds ``sign * level``; infinite if it never does.
 
@@ -196,7 +196,9 @@ def next_rise(c, phase, value, count, phi, here, level, sign):
     if sign * here > goal + slack:
         return phi
     turns = math.floor(phi / TURN)
-    start = np.searchsorted(phase[:count], phi - turns * TURN, side="right")
+    start = 0
+    while start < count and phase[start] <= phi - turns * TURN:
+        start += 1
     for i in range(start, start + count):
         top = sign * value[i % count]
         if not top > goal + slack:
@@ -246,7 +248,7 @@ def _due(table, mode_guard, offset, phi, omega):
 
 
 @njit(**_INNER)
-def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memory, at, fired, holds):
+def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memory, work, here, at, fired, holds):
     """Run an automaton over phases, from `phi` to before `end` (over what is due at once if both are the same).
 
     Parameters
@@ -261,6 +263,8 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
         [rad/s].
     memory : array, shape (h,)
         Memory values; left as they are at the end.
+    work, here : array, shapes (h,), (S,)
+        For work.
     at, fired, holds : array, shapes (most,), (most,), (most, h)
         Are filled with phase, mode guard, and memory values behind each switch.
 
@@ -271,8 +275,6 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
     """
     only_now = end == phi
     n_memory = memory.size
-    before = np.empty(n_memory)
-    here = np.empty(series.shape[0])
     number = 0
     while True:
         for s in range(series.shape[0]):
@@ -298,7 +300,7 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
             return -1, mode
         phi, mode = when, table.target[best]
         level, slope = series_at(z, phi)
-        fill(before, memory)
+        fill(work, memory)
         for h in range(n_memory):
             new = table.memory_constant[best, h]
             for i in range(table.roles.size):
@@ -306,7 +308,7 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
                 part = level if role == 0 else omega * slope if role == 1 else phi / omega
                 new += table.from_input[best, h, i] * part
             for k in range(n_memory):
-                new += table.from_memory[best, h, k] * before[k]
+                new += table.from_memory[best, h, k] * work[k]
             memory[h] = new
             holds[number, h] = new
         at[number], fired[number] = phi, best
@@ -315,14 +317,17 @@ def _advance(table, series, phase, value, counts, z, omega, phi, end, mode, memo
 
 @njit(**_INNER)
 def _repeat(
-    table, series, phase, value, counts, z, omega, start, mode, memory, least, clocked, begun, at, fired, holds
+    table, series, extrema, counts, z, omega, start, mode, memory, least, clocked, begun, work, here, at, fired, holds
 ):
     """Run at least `least` periods from a phase, until one ends as it began; returns as :func:`settle`."""
     size = 0.0
     for k in range(z.size):
         size += abs(z[k])
     turn = TURN / omega
-    count, mode = _advance(table, series, phase, value, counts, z, omega, start, start, mode, memory, at, fired, holds)
+    phase, value = extrema[0], extrema[1]
+    count, mode = _advance(
+        table, series, phase, value, counts, z, omega, start, start, mode, memory, work, here, at, fired, holds
+    )
     if count < 0:
         return ENDLESS, mode, start
     for period in range(_MOST_PERIODS):
@@ -330,7 +335,7 @@ def _repeat(
         fill(begun, memory)
         end = begin + TURN
         count, mode = _advance(
-            table, series, phase, value, counts, z, omega, begin, end, mode, memory, at, fired, holds
+            table, series, phase, value, counts, z, omega, begin, end, mode, memory, work, here, at, fired, holds
         )
         if count < 0:
             return ENDLESS, mode, begin
@@ -345,7 +350,10 @@ def _repeat(
 
 
 @njit(**_COMPILED)
-def settle(table, on_free, on_rate, z, omega, mode, clocked, rest, begun, at, fired, holds):
+def settle(
+    table, on_free, on_rate, z, omega, mode, clocked, rest, begun,
+    memory, series, extrema, counts, here, at, fired, holds,
+):  # fmt: skip
     """Run an automaton over whole periods until mode and memory values come back.
 
     An element that holds values comes from a larger motion, so that it joins its loop even where it could also rest;
@@ -368,6 +376,11 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest, begun, at, fi
         Memory values at rest.
     begun : array, shape (h,)
         Is filled with the memory values at the beginning.
+    memory : array, shape (2, h)
+        For work, as the next four.
+    series : complex array, shape (2, S + 1, n + 1)
+    extrema : array, shape (3, S + 1, workspace)
+    counts, here : int array and array, shape (S + 1,)
     at, fired, holds : array, shapes (most,), (most,), (most, h)
         Are filled with phase, mode guard, and memory values behind each switch of a period.
 
@@ -378,46 +391,45 @@ def settle(table, on_free, on_rate, z, omega, mode, clocked, rest, begun, at, fi
         phase at the beginning.
     """
     n, n_series = z.size - 1, on_free.shape[0]
+    own, larger = series[0], series[1]
     # The last row is the input itself.
-    series = np.empty((n_series + 1, n + 1), np.complex128)
     for k in range(n + 1):
         for s in range(n_series):
             free, rate = on_free[s, 0], on_rate[s, 0] * (omega * k)
-            series[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
-        series[n_series, k] = z[k]
-    phase, value = np.empty((n_series + 1, 8 * n + 32)), np.empty((n_series + 1, 8 * n + 32))
-    counts = np.empty(n_series + 1, np.int64)
+            own[s, k] = complex(free * z[k].real - rate * z[k].imag, free * z[k].imag + rate * z[k].real)
+        own[n_series, k] = z[k]
+    phase, value, wide = extrema[0], extrema[1], extrema[2]
     for s in range(n_series + 1):
-        counts[s] = find_extrema(series[s], phase[s], value[s])
-    memory = np.empty(rest.size)
-    fill(memory, rest)
-    if memory.size == 0 or clocked:
+        counts[s] = find_extrema(own[s], phase[s], value[s])
+    held, work = memory[0], memory[1]
+    fill(held, rest)
+    if held.size == 0 or clocked:
         least = 2 if clocked else 1
         return _repeat(
-            table, series, phase, value, counts, z, omega, 0.0, mode, memory, least, clocked, begun, at, fired, holds
+            table, own, extrema, counts, z, omega, 0.0, mode, held, least, clocked, begun, work, here, at, fired, holds
         )
     best, start = -math.inf, 0.0
     for i in range(counts[n_series]):
         if value[n_series, i] > best:
             best, start = value[n_series, i], phase[n_series, i]
-    larger, wide = series.copy(), value.copy()
     for s in range(n_series + 1):
+        larger[s, 0] = own[s, 0]
         for k in range(1, n + 1):
-            larger[s, k] *= _EXCURSION
+            larger[s, k] = _EXCURSION * own[s, k]
         for i in range(counts[s]):
-            wide[s, i] = series[s, 0].real + _EXCURSION * (value[s, i] - series[s, 0].real)
-    before, own = start - TURN, larger[n_series]
+            wide[s, i] = own[s, 0].real + _EXCURSION * (value[s, i] - own[s, 0].real)
+    moving, before = larger[n_series], start - TURN
     count, there = _advance(
-        table, larger, phase, wide, counts, own, omega, before, start, mode, memory, at, fired, holds
+        table, larger, phase, wide, counts, moving, omega, before, start, mode, held, work, here, at, fired, holds
     )
     if count < 0:
         return ENDLESS, mode, start
     count, there, begin = _repeat(
-        table, series, phase, value, counts, z, omega, start, there, memory, 2, clocked, begun, at, fired, holds
+        table, own, extrema, counts, z, omega, start, there, held, 2, clocked, begun, work, here, at, fired, holds
     )
     if count != 0:
         return count, there, begin
-    fill(memory, rest)
+    fill(held, rest)
     return _repeat(
-        table, series, phase, value, counts, z, omega, 0.0, mode, memory, 1, clocked, begun, at, fired, holds
+        table, own, extrema, counts, z, omega, 0.0, mode, held, 1, clocked, begun, work, here, at, fired, holds
     )

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.periodic import next_rise
 from eppanalysis.methods.harmonic.series import extrema
 from tests.fourier import series, turning_points, value
+
+
+@njit()
+def rise(c, phase, level, count, start, here, goal):
+    return next_rise(c, phase, level, count, start, here, goal, 1.0)
 
 
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 12))
@@ -25,7 +31,7 @@ def test_next_rise_through_a_level(seed, share, start):
     phase, level = extrema(c)[0]
     goal = level.min() + share * np.ptp(level)
     here = value(c[0], start)
-    found = next_rise(c[0], phase, level, len(phase), start, here, goal, 1.0)
+    found = rise(c[0], phase, level, len(phase), start, here, goal)
     grid = np.linspace(start, found, 400)[1:-1]
     if here > goal:
         assert found == start

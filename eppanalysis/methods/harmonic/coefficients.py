@@ -84,9 +84,13 @@ class Answer:
             S = S + self._smooth[1]
             if np.any(self._smooth[2]):
                 raise ModelError(f"{self.owner.name}: a smooth function of a rate is not supported.")
-        dW = np.empty((len(S), self.n + 1, 2 * self.n + 2), complex)
-        found = self._smooth_jumps(), self._rest_slopes()
-        answers.slopes(self.owner.table, self._pieces, self.Z[0], self.omega, S, R, *found, dW)
+        n_x, n_pieces, n_memory = 2 * self.n + 2, self.modes.size, self.regime.memory.size
+        moved, work, wave = np.zeros((n_pieces - 1, n_x)), np.zeros((n_memory + 1, n_x)), np.empty(n_x - 1, complex)
+        memory = np.zeros((n_pieces, n_memory, n_x))
+        memory[0, :, 0] = self._rest_slopes()
+        dW = np.empty((len(S), self.n + 1, n_x), complex)
+        given = self.owner.table, self._pieces, self.Z[0], self.omega, S, R
+        answers.slopes(*given, self._smooth_jumps(), moved, memory, wave, work, dW)
         return dW
 
     @cached_property
@@ -95,8 +99,9 @@ class Answer:
         from eppanalysis.kernels import answers
 
         n_w = self.owner.automaton.n_outputs
-        W, S, R = (np.empty((n_w, size + 1), complex) for size in (self.n, 2 * self.n, 2 * self.n))
-        answers.coefficients(self.owner.table, self._pieces, self.Z[0], self.omega, W, S, R)
+        W, S, R = (np.zeros((n_w, size + 1), complex) for size in (self.n, 2 * self.n, 2 * self.n))
+        wave = np.empty(2 * self.n + 1, complex)
+        answers.coefficients(self.owner.table, self._pieces, self.Z[0], self.omega, wave, W, S, R)
         return (W if self._smooth is None else W + self._smooth[0]), S, R
 
     @cached_property

@@ -269,21 +269,12 @@ class PeriodicElement:
         most = 200 + 2 * Z.shape[1] * max(20, len(self.guards))
         at, fired = np.empty(most), np.empty(most, np.int64)
         rest, begun = self._rest(Z, omega), np.empty(self.automaton.n_memory)
-        holds = np.empty((most, begun.size))
-        count, mode, start = settle(
-            self.table,
-            self.on_free,
-            self.on_rate,
-            Z[0],
-            omega,
-            self.start_mode,
-            self.clocked,
-            rest,
-            begun,
-            at,
-            fired,
-            holds,
-        )
+        holds, memory = np.empty((most, begun.size)), np.empty((2, begun.size))
+        rows, n = len(self.on_free) + 1, Z.shape[1] - 1
+        series, extrema = np.empty((2, rows, n + 1), complex), np.empty((3, rows, 8 * n + 32))
+        work = memory, series, extrema, np.empty(rows, np.int64), np.empty(rows)
+        given = self.table, self.on_free, self.on_rate, Z[0], omega, self.start_mode, self.clocked, rest, begun
+        count, mode, start = settle(*given, *work, at, fired, holds)
         if count == ENDLESS:
             raise Unsettled(f"{self.name} switches without end.")
         if count == UNSETTLED:
