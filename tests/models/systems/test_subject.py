@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -32,6 +33,23 @@ def test_analyses_say_what_they_want() -> None:
     }
     for analysis, call in analyses.items():
         with pytest.raises(epp.EppError, match=f"^{analysis}: the first argument is a Saturation; expected a Case"):
+            call()
+
+
+def test_analyses_of_continuous_time_say_so() -> None:
+    loop = epp.LureSystem.build(
+        [[0.5]], [[1.0]], [[-1.0]], [epp.Relay()], B_input=[[1.0]], input_names=["u"], time_step=0.1, name="digital"
+    )
+    time = np.linspace(0.0, 20.0, 2001)
+    record = {"time": time, loop.signals.names[0]: np.sin(5.0 * time)}
+    analyses = {
+        "dither": lambda: epp.dither(loop, frequency=1.0),
+        "forced_response": lambda: epp.forced_response(loop, amplitude=1.0, frequency=1.0),
+        "frequency_response": lambda: epp.frequency_response(loop, amplitude=1.0, frequencies=(1.0, 2.0)),
+        "diagnose": lambda: epp.diagnose(loop, record),
+    }
+    for analysis, call in analyses.items():
+        with pytest.raises(epp.EppError, match=f"^{analysis}: digital is a loop in discrete time; expected one in"):
             call()
 
 
