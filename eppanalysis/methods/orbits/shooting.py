@@ -33,6 +33,8 @@ _MORE_ARCS = 40
 _NO_MOTION = 1e-9
 #: Speed at which a guard is crossed, relative to how far the orbit moves across it in a period, that is rounding.
 _TOUCHES = 1e-10
+#: Roundings that the value of a guard may be off, and the share of what a period changes that it must be beneath.
+_ROUNDINGS, _TOLD = 4.0 * 2.0**-52, 1e-3
 _NO_SAMPLES = np.zeros(0)
 
 
@@ -122,9 +124,31 @@ def moves(orbit: Orbit) -> bool:
     seen = both[:, :n], both[:, orbit.arcs.memory], orbit.scale[:n]
     if is_rounding(orbit.hybrid, *seen) or (may_be_lost(orbit.hybrid, *seen, orbit.period) and _is_lost(orbit)):
         return False
+    if orbit.motion is None and _closes_by_rounding(orbit):
+        return False
     both = both[:, :n][:, compared]
     span, size = np.ptp(both, axis=0), np.abs(both).max(axis=0)
     return orbit.period > 1e-6 * orbit.hybrid.time_scale and bool(np.any(span > _NO_MOTION * size))
+
+
+def _closes_by_rounding(orbit: Orbit) -> bool:
+    """Whether an orbit misses its guards by what it changes in a period.
+
+    Motions that are far faster than the loop all close nearly: what one of them changes in a period is the period over
+    the loop's time scale. Where a guard moves little beside its terms (of a relay behind two poles more than zeros, in
+    turned states) that passes for rounding of these, and motions of every size for cycles.
+    """
+    arcs, n = orbit.arcs, orbit.arcs.n_state + orbit.arcs.n_timers
+    share = min(orbit.period / orbit.hybrid.time_scale, 1.0)
+    kind = arcs.event_sequence.at_once
+    met = ((kind == 0) | (kind == 2)) & (arcs.event_sequence.guards >= 0)
+    # Where an arc begins on the guard that ends it, it is the mean rate that has to vanish.
+    time = np.where(kind == 2, orbit.tau, 1.0)
+    rates = [np.einsum("pi,pij,pj->p", arcs.g[:, :n], arcs.F, y) for y in (orbit.starts[:-1], orbit.ends)]
+    moved = np.abs(rates).max(axis=0) * orbit.tau / time
+    terms = np.abs(arcs.g[:, :n]) @ orbit.scale[:n] / time
+    missed = np.abs(orbit.r[-orbit.tau.size :]) + _ROUNDINGS * terms
+    return bool(np.any(met & (moved > 0.0) & (missed > _TOLD * share * moved)))
 
 
 def _is_lost(orbit: Orbit) -> bool:

@@ -20,6 +20,7 @@ from eppanalysis.results import Status
 from tests.reference.elbow_reference import ROWS, row
 from tests.reference.turns import closed_turn
 from tests.shared import cycles_of, predicted
+from tests.stress.families import problem
 
 
 def run_of(name):
@@ -181,3 +182,27 @@ def test_an_orbit_has_all_the_switches_of_its_motion():
     for orbit in found:
         run = run_from(orbit, 0.999 * orbit.period, 100, orbit.y)
         assert run.n_kept == orbit.tau.size - 1
+
+
+@pytest.mark.parametrize("seed", [306, 320])
+def test_motions_far_faster_than_the_loop_are_no_cycles_because_they_nearly_close(seed):
+    """A relay behind two poles more than zeros, in turned states: its input moves by h**2 beside terms of h, so that
+    motions of every size close to rounding of these. Tsypkin's locus says that there is none, by numbers of 60 digits.
+    """
+    loop = problem("relay on lags", seed).system
+    n, hybrid, flint = loop.A.shape[0], steady_hybrid(loop), pytest.importorskip("flint")
+    A, B, C = (flint.arb_mat(m.tolist()) for m in (loop.A, loop.B, loop.C))
+    one = flint.arb_mat(np.eye(n).tolist())
+    # The product that is zero but for rounding; what it is would decide at the smallest sizes alone.
+    assert abs(loop.C @ loop.B)[0, 0] < 1e-15 * np.linalg.norm(loop.C) * np.linalg.norm(loop.B)
+    misses = []
+    for h in (2.5e-7, 1e-6, 5e-6):
+        with flint.ctx.workdps(60):
+            E = (A * h).exp()
+            start = (one + E).solve(-1 * A.solve((E - one) * B))
+            misses.append(float((C * start)[0, 0] / (C * (A * start + B))[0, 0]) / h)
+        x = np.array([float(start[i, 0]) for i in range(n)])
+        for sense in (1.0, -1.0):
+            assert not list(orbits_near(hybrid, sense * x, hybrid.H0, 2.0 * h))
+    # Where such a motion would switch it is late by a share of h that grows with h, of one sign: it closes nowhere.
+    assert len(set(np.sign(misses))) == 1 and np.all(np.abs(np.diff(np.log(np.abs(misses)))) > 0.5)

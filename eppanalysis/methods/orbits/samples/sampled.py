@@ -324,7 +324,7 @@ def search_sampled(system: LureSystem, at: OperatingPoint, predicted: Sequence[L
     step = _ready(system, at)
     starts = _starts(system, predicted)
     turns = [c.period / float(system.time_step or 1.0) for c in predicted]
-    slowest = max(turns, default=10.0)
+    slowest = max(turns) if turns else _slowest(system)
     samples = int(np.clip(320 * slowest, 400, max(_MOST_SAMPLES, min(_TURNS * slowest, _LONGEST))))
     paths, marks = _runs(step, starts, system.memory, samples)
     scale = _scale(paths)
@@ -350,6 +350,13 @@ def search_sampled(system: LureSystem, at: OperatingPoint, predicted: Sequence[L
         search=_sentence(len(starts), samples, sorted(set(sought) - set(left)), undecided, len(on)),
         runs=len(starts),
     )
+
+
+def _slowest(system: LureSystem) -> float:
+    """Samples in which the slowest motion of the linear part goes one radian, or decays to a third; ten at least."""
+    poles = np.linalg.eigvals(system.A).astype(complex)
+    rates = np.abs(np.log(poles[np.abs(poles) > _STILL]))
+    return max(10.0, 1.0 / float(rates[rates > _STILL].min(initial=1.0)))
 
 
 def _lengths(ends: Sequence[int], turns: Sequence[float]) -> list[int]:

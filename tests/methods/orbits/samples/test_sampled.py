@@ -12,6 +12,7 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.methods.search import find
 from eppanalysis.results import Status
+from tests.stress.families import problem
 
 
 @cache
@@ -134,3 +135,14 @@ def test_a_search_ends_with_its_work_and_says_what_it_left(monkeypatch):
     assert [c.period for c in cut] == [c.period for c in again]
     assert {c.period for c in cut} <= {c.period for c in whole}
     assert cut.provenance.statistics["work"] < 1.1 * find._MOST_WORK
+
+
+def test_runs_are_as_long_as_a_slow_loop_takes_to_rest():
+    """Nothing is predicted; the affine map of the saturation's one piece decays by 0.99 a sample to its fixed point."""
+    system = problem("saturation, sampled", 326).system
+    found = epp.find_limit_cycles(system)
+    assert found.status is Status.CONVERGED and found.settles and not len(found)
+    element, x = system.elements[0], found.rest_state
+    z = float(system.C[0] @ x) + system.constant_input[0]
+    w = float(np.clip(element.slope * z, element.lower, element.upper))
+    np.testing.assert_allclose(system.A @ x + system.B[:, 0] * w + system.constant_state, x, rtol=0, atol=1e-8)
