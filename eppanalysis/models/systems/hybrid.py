@@ -315,6 +315,9 @@ class _Packer:
             K[n + at, self.i_slope + i] = 1.0
             x0[n + at] = system.v0[i]
             for time, value, slope in zip(*input_signal.breakpoints(), strict=True):
+                # An input that only goes on is no jump behind which what is late has another past.
+                if system.delays.any() and time <= 0.0 == value == slope:
+                    continue
                 rows.append((time, n + at, system.v0[i] + value, self.i_slope + i, slope))
             at += 1
         A[:n, :n] = system.A

@@ -689,3 +689,12 @@ def test_a_smooth_loop_with_dead_time_is_on_its_cycle_however_long_it_runs():
     up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
     through = t[up] - x[up] * (t[up + 1] - t[up]) / (x[up + 1] - x[up])
     assert float(np.diff(through).mean()) == pytest.approx(periods[0], rel=1e-4)
+
+
+def test_what_a_limit_has_put_out_before_the_start_is_within_the_limit():
+    """A dead time hands on what its element has put out for ever, with the input that was there: not what it would be."""
+    held = epp.LureSystem.build(
+        [[0.0]], [[1.0]], [[-1.0]], [epp.Saturation()], D_input=[[1.0]], input_names=["r"], v0=[5.0], delays=[0.4]
+    )
+    run = epp.simulate(held, t_end=0.4, t_eval=[0.0, 0.2, 0.4])
+    np.testing.assert_allclose(run.signals["saturation_input"], [5.0, 4.8, 4.6], rtol=1e-12)
