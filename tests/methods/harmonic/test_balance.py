@@ -176,8 +176,10 @@ def test_derivatives_equal_central_differences(name):
 WITHOUT = {
     "azimuth_servo", "backlash_servo_unseen", "belt_leine", "fig6b_ball_bearing", "fig6b_three_steps",
     "fig8b_reduced_backlash", "fig8b_three_steps", "pid_hunting", "soft_cable", "stiction_deadband_none", "upright",
-    "virtual_spring", "two_mass_damped_shaft", "actuator_both_limits", "clegg_loop", "rate_limited_aircraft",
+    "two_mass_damped_shaft", "actuator_both_limits", "clegg_loop", "rate_limited_aircraft",
 }  # fmt: skip
+#: Sampled loops with steps behind steps: the balance takes a step or two more until its last one is rounding.
+SAMPLED = {"buck_converter", "virtual_spring"}
 #: Elbows like those that are left: with another pulley, with none, and with a clock.
 ALIKE = {
     "elbow", "elbow_cycle_not_there", "fig6a_three_steps", "fig8a_three_steps", "gain_brings_it_back", "light_forearm",
@@ -194,7 +196,7 @@ def test_order_one_is_the_describing_function(name):
     for guess in guesses:
         cycle = harmonic_balance(case, guess, order=1)
         assert cycle.status.ok
-        assert cycle.provenance.statistics["iterations"] <= 2
+        assert cycle.provenance.statistics["iterations"] <= (4 if name in SAMPLED else 2)
         assert cycle.period == pytest.approx(guess.period, rel=1e-10)
         for signal, c in guess.harmonics.items():
             size = abs(c[1])

@@ -692,7 +692,7 @@ def test_a_smooth_loop_with_dead_time_is_on_its_cycle_however_long_it_runs():
 
 
 def test_what_a_limit_has_put_out_before_the_start_is_within_the_limit():
-    """A dead time hands on what its element has put out for ever, with the input that was there: not what it would be."""
+    """A dead time hands on what its element has put out for ever, with the input that was there."""
     held = epp.LureSystem.build(
         [[0.0]], [[1.0]], [[-1.0]], [epp.Saturation()], D_input=[[1.0]], input_names=["r"], v0=[5.0], delays=[0.4]
     )
