@@ -114,7 +114,9 @@ class SectorSearch:
 
     def candidate(self) -> dict[str, Any] | None:
         """What a certificate holds besides the loop, rationals that nothing has checked yet; None if there is none."""
+        # In a time of which the rate is one: the solver's margins know no units.
         A, b = contact_form(self.num, self.den, self.poles, self.unit)
+        A, b = [[x / self.unit for x in row] for row in A], [x / self.unit for x in b]
         n, rays = len(A), rays_of(self.count)
         sectors = sectors_of(rays, n)
         unknowns = _Unknowns(n, len(sectors), self.poles[0] == 0, _kept(A), rays)
@@ -130,13 +132,17 @@ class SectorSearch:
             "poles": self.poles,
             "unit": self.unit,
             "rays": rays,
-            "decrease": margin / 2,
+            "decrease": self.unit * margin / 2,
             "stuck": Q.tolist(),
             "moving": [form.tolist() for form in P],
-            "moving_multipliers": moving.tolist(),
+            "moving_multipliers": (self.unit * moving).tolist(),
             "release_multipliers": release,
-            **({"signs": signs} if signs else {}),
+            **({"signs": self._per_second(signs)} if signs else {}),
         }
+
+    def _per_second(self, signs: dict[str, Any]) -> dict[str, Any]:
+        """The barrier of signs in the unit of time of the loop."""
+        return signs | {"rate": self.unit * signs["rate"], "multipliers": [self.unit * x for x in signs["multipliers"]]}
 
 
 def _kept(A: Matrix) -> Vector:

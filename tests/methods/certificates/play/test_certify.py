@@ -130,6 +130,16 @@ def test_the_gap_does_not_matter_but_must_be_there(gap: float) -> None:
     assert not none.proved and "a play without a gap" in str(none)
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize(("num", "sectors"), [([2.07], 24), ([0.9, 3.0], 6)])
+def test_the_unit_of_time_does_not_matter(num: Coefficients, sectors: int, scale: float) -> None:
+    """Each power of s by a power of the scale; the onset is at 2.0776 without a zero."""
+    den = [c * scale ** (3 - k) for k, c in enumerate(THIRD)]
+    slower = [c * scale ** (len(num) - 1 - k) for k, c in enumerate(num)]
+    assert epp.certify(servo(slower, den), "absence", sectors=sectors).proved
+    assert not epp.certify(servo([2.08], den), "absence", sectors=6).proved
+
+
 def test_coordinates_of_the_state_do_not_matter() -> None:
     loop = servo([1.9], THIRD)
     turned = in_coordinates(loop, orthogonal(3, 5))
