@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from importlib import util
 
 import numpy as np
@@ -199,3 +200,25 @@ def test_plain_data_and_pictures() -> None:
         found = epp.certify(servo([gain], THIRD), "absence", sectors=6)
         assert found.to_dict()["proved"] is True and found.provenance.subject == "loop"
         assert words in said_above(found.plot().figure)[0]
+
+
+@pytest.mark.parametrize("factor", [[1.0, 0.0, 4.0], [1.0, 0.0, 0.0], [1.0, -1.0], [1.0, 1.0], [1.0, 0.0]], ids=str)
+def test_factors_of_both_polynomials_hide_no_cycle(factor: Coefficients) -> None:
+    """A hidden mode is in the loop, too: one that swings by itself is a motion that repeats itself."""
+    for gain in (2.3, 0.5):
+        hidden = servo(list(np.polymul(factor, [gain])), list(np.polymul(factor, THIRD)))
+        swings = factor == [1.0, 0.0, 4.0]
+        assert epp.certify(hidden, "absence", sectors=6).proved == (gain < 1.0 and not swings)
+
+
+def test_signs_orders_and_bias_hide_no_cycle() -> None:
+    loop, turn = servo([2.3], THIRD), np.eye(3)[[2, 0, 1]]
+    for same in (
+        replace(loop, B=-loop.B, C=-loop.C),
+        loop.in_coordinates(turn, turn.T),
+        replace(loop, constant_input=np.full(1, 0.4)),
+        replace(loop, constant_state=np.array([0.3, 0.0, 0.0])),
+        servo([float("2.3000000000000003")], THIRD, 1e-6),
+        servo([float("2.0776238526840614")], THIRD, 1e6),
+    ):
+        assert not epp.certify(same, "absence", sectors=6).proved
