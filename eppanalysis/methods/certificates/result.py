@@ -174,7 +174,8 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["statement"] == STATEMENTS["orbit"].text:
         period = float(sum(map(Fraction, claim["period"])) / 2)
         alone = f"within {float(Fraction(claim['box'])):.1g} of its size it is the only one with these"
-        return f"Proved: {name} has a limit cycle of {period:.4g} s with {claim['events']} events, and {alone}."
+        cycle = f"a limit cycle of {period:.4g} s with {claim['events']} events"
+        return f"Proved of the arcs in the file: {name} has {cycle}, and {alone}."
     return f"Proved of {name}: {document['statement']}; {claim}."
 
 

@@ -194,6 +194,17 @@ def test_elbow(name: str) -> None:
     assert np.sum(np.abs(orbit.multipliers) > 1.0) == np.sum(np.abs(found.multipliers) > 1.0)
 
 
+@pytest.mark.slow
+def test_a_cycle_beside_a_run_that_comes_to_rest_is_proved() -> None:
+    """Row 1 at a range of 3.6 lbf: its own run, a step of the harness, settles."""
+    case = epp.case("fig8a_original").with_values({"bands.range": "3.6 lbf", "lock_pin.backlash": "2.5 deg"})
+    assert epp.simulate(case).status is Status.SETTLED
+    state = [1.0460649052, -0.742574316394, 1.03975349964, 0.0, 0.3, 0.728620907665, 0.200844123652]
+    found = epp.certify_orbit(case, near(0.1574948802659, state, *(None,) * 4))
+    assert_proved(found, OrbitStability.STABLE)
+    assert found.period == pytest.approx(0.1574948802659, rel=1e-11)
+
+
 def closes(orbit) -> bool:
     """Whether the shooting equations of a sequence have exactly one solution near, by Krawczyk's test alone."""
     axes = OwnAxes.states(ExactPath.of(orbit), orbit)
