@@ -96,6 +96,7 @@ from eppanalysis.models.elements import (
     LookupTable as LookupTable,
     LuGreFriction as LuGreFriction,
     MidRiseQuantiser as MidRiseQuantiser,
+    MonotoneTable as MonotoneTable,
     Nonlinearity as Nonlinearity,
     NordinShaft as NordinShaft,
     OwnStates as OwnStates,

@@ -152,6 +152,7 @@ def _elements() -> Iterator[Door]:
         "bilinear_spring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
         "five_band_law": {"slack": 5.0, "low": 10.0, "high": 11.0, "max": 16.0, "supply_voltage": 16.0},
         "lookup_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
+        "monotone_table": {"inputs": [-1.0, 0.0, 1.0], "outputs": [-2.0, 0.0, 1.0], "beyond": "hold"},
         "piecewise_linear": {"breakpoints": [-1.0, 1.0], "slopes": [0.0, 1.0, 0.0], "intercepts": [-1.0, 0.0, 1.0]},
         "stiction_pulley": {
             "harness_stiffness": 10.0, "forearm_stiffness": 20.0, "friction": 0.1, "kinetic_ratio": 0.8,

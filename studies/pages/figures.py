@@ -54,6 +54,10 @@ class Drawing:
     names: tuple[str, str] = ("input x", "output y")
 
 
+#: Points of a valve's curve.
+_VALVE = ([-1.0, -0.4, -0.1, 0.1, 0.4, 1.0], [-1.0, -0.7, 0.0, 0.0, 0.7, 1.0])
+
+
 def drawings() -> dict[str, Drawing]:
     """All pictures of elements, by file name."""
     lbf, degree = 4.4482216152605, np.pi / 180.0
@@ -69,6 +73,14 @@ def drawings() -> dict[str, Drawing]:
         ),
         "relay_dead_zone": Drawing({"threshold 1": epp.RelayDeadZone(threshold=1.0)}, 2.0, 6.0),
         "quantiser": Drawing({"step 1": epp.Quantiser(step=1.0, levels=20)}, 3.2, 6.0),
+        "monotone_table": Drawing(
+            {
+                "monotone cubics": epp.MonotoneTable(*_VALVE, "hold"),
+                "straight lines": epp.LookupTable(*_VALVE, "hold"),
+            },
+            1.6,
+            3.0,
+        ),
         "five_band_law": Drawing(
             {
                 "symmetric": epp.FiveBandLaw(**bands),

@@ -2,6 +2,7 @@
 
 from eppanalysis.models.elements.base import ELEMENTS, Nonlinearity, OwnStates
 from eppanalysis.models.elements.contact import LockPin, NordinShaft
+from eppanalysis.models.elements.curves.monotone import MonotoneTable
 from eppanalysis.models.elements.curves.pieces import BilinearSpring, FloorQuantiser, MidRiseQuantiser
 from eppanalysis.models.elements.curves.sliding import StribeckFriction, ViscousCoulomb
 from eppanalysis.models.elements.curves.smooth import Arctan, Cube, Drag, Polynomial, Tanh
@@ -59,6 +60,7 @@ __all__ = [
     "JumpAndFollow",
     "LockPin",
     "LookupTable",
+    "MonotoneTable",
     "LuGreFriction",
     "MidRiseQuantiser",
     "Nonlinearity",

@@ -52,6 +52,7 @@ SHIPPED: dict[str, Any] = {
     "tanh": epp.Tanh(1.2, 2.0),
     "arctan": epp.Arctan(1.2, 2.0),
     "table": epp.LookupTable([-2.0, -1.0, 0.5, 0.5, 1.5], [-1.0, -2.0, 0.5, 1.0, 1.5], "hold"),
+    "monotone table": epp.MonotoneTable([-2.0, -1.0, 0.5, 1.5], [-1.0, -0.8, 0.5, 1.5], "hold"),
     "friction": epp.Friction(1.0),
     "falling friction": epp.Friction(0.0, 1.5, 2.0),
     "piecewise": epp.PiecewiseLinear([-1.0, 0.5], [0.2, -1.0, 2.0], [0.0, -1.2, -2.7]),

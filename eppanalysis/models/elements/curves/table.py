@@ -52,9 +52,7 @@ class LookupTable(PiecewiseLinear, kind="lookup_table"):
 
     def __init__(self, inputs: ArrayLike, outputs: ArrayLike, beyond: Literal["line", "hold"] = "line") -> None:
         x, y = floats(inputs, "LookupTable: inputs", ndmin=1), floats(outputs, "LookupTable: outputs", ndmin=1)
-        _check(x, y)
-        if not isinstance(beyond, str) or beyond not in ("line", "hold"):
-            raise ModelError("LookupTable", beyond, "'line' or 'hold'", field="beyond")
+        check_points("LookupTable", x, y, beyond)
         for name, values in (("inputs", x), ("outputs", y)):
             kept = np.array(values)
             kept.flags.writeable = False
@@ -71,36 +69,55 @@ class LookupTable(PiecewiseLinear, kind="lookup_table"):
         ModelError
             If the file cannot be read, or a line has no two numbers; and as the table itself.
         """
+        return cls(*points_of_file("LookupTable", file), beyond)
+
+
+def points_of_file(who: str, file: str | Path) -> tuple[Array, Array]:
+    """Inputs and outputs in the first two columns of a file with commas.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, or a line behind the heading has no two numbers.
+    """
+    try:
+        with Path(file).open(newline="", encoding="utf-8-sig") as stream:
+            rows = [(number, row) for number, row in enumerate(csv.reader(stream), start=1) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ModelError(f"{who}: {file} cannot be read: {error}.") from None
+    points = []
+    for number, row in rows:
         try:
-            with Path(file).open(newline="", encoding="utf-8-sig") as stream:
-                rows = [(number, row) for number, row in enumerate(csv.reader(stream), start=1) if any(row)]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise ModelError(f"LookupTable: {file} cannot be read: {error}.") from None
-        points = []
-        for number, row in rows:
-            try:
-                points.append((float(row[0]), float(row[1])))
-            except (ValueError, IndexError):
-                if (number, row) != rows[0]:
-                    shown = ",".join(row)[:60]
-                    raise ModelError(f"LookupTable: line {number} of {file}", shown, "two numbers") from None
-        table = np.array(points, float).reshape(-1, 2)
-        return cls(table[:, 0], table[:, 1], beyond)
+            points.append((float(row[0]), float(row[1])))
+        except (ValueError, IndexError):
+            if (number, row) != rows[0]:
+                shown = ",".join(row)[:60]
+                raise ModelError(f"{who}: line {number} of {file}", shown, "two numbers") from None
+    table = np.array(points, float).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
 
 
-def _check(x: Array, y: Array) -> None:
+def check_points(who: str, x: Array, y: Array, beyond: object) -> None:
+    """Refuse what is no table.
+
+    Raises
+    ------
+    ModelError
+        If there are fewer than two points, numbers are not finite, inputs do not ascend, or three are the same.
+    """
     if x.ndim != 1 or x.size < 2:
-        raise ModelError("LookupTable", x.tolist(), "two numbers or more", field="inputs")
+        raise ModelError(who, x.tolist(), "two numbers or more", field="inputs")
     if y.shape != x.shape:
-        raise ModelError(f"LookupTable: outputs has shape {y.shape}", expected=f"shape {x.shape}", field="outputs")
+        raise ModelError(f"{who}: outputs has shape {y.shape}", expected=f"shape {x.shape}", field="outputs")
     for name, values in (("inputs", x), ("outputs", y)):
         if not np.all(np.isfinite(values)):
-            raise ModelError("LookupTable", values.tolist(), "finite numbers", field=name)
+            raise ModelError(who, values.tolist(), "finite numbers", field=name)
     steps = np.diff(x)
     thrice = np.any((steps[1:] == 0) & (steps[:-1] == 0))
     if np.any(steps < 0) or thrice or steps[0] == 0 or steps[-1] == 0:
-        expected = "ascending numbers, two the same for a jump within"
-        raise ModelError("LookupTable", x.tolist(), expected, field="inputs")
+        raise ModelError(who, x.tolist(), "ascending numbers, two the same for a jump within", field="inputs")
+    if not isinstance(beyond, str) or beyond not in ("line", "hold"):
+        raise ModelError(who, beyond, "'line' or 'hold'", field="beyond")
 
 
 def _pieces(x: Array, y: Array, hold: bool) -> tuple[Array, Array, Array]:
