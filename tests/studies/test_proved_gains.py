@@ -45,7 +45,7 @@ def test_both_gains_of_second_order_are_proved_from_files(tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+@pytest.mark.parametrize("row", ROWS[::4], ids=lambda row: row[0])
 def test_the_study_finds_the_gains_of_the_table_again(row: list[str]) -> None:
     pytest.importorskip("clarabel")
     made = table((proved_gains(row[0]),)).splitlines()[-1]
