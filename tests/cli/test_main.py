@@ -451,7 +451,7 @@ def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) ->
     [
         ("identify", "columns", "t", ["time=", "torque="]),
         ("sweep", "scheduler", "p", ["processes", "pbs"]),
-        ("sweep", "run", "c", ["cycles"]),
+        ("sweep", "run", "c", ["cycles", "certify"]),
     ],
 )
 def test_a_shell_completes_the_words_of_an_option(command: str, name: str, begin: str, words: list[str]) -> None:

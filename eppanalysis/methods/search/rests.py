@@ -55,8 +55,9 @@ def towards_rests(hybrid: HybridSystem, met: Met) -> Iterator[tuple[Array, Array
             continue
         # At rest what comes out of a dead time is what goes in, which is constant where there are arcs.
         delayed = arcs.W[0, model.smooth_w[late], arcs.memory.stop - 1]
-        towards = _towards(arcs.F[0], arcs.g, hybrid.compared, np.concatenate([x, H, delayed]))
-        yield from ((start, H) for start in towards)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all range is no start
+            towards = [*_towards(arcs.F[0], arcs.g, hybrid.compared, np.concatenate([x, H, delayed]))]
+        yield from ((start, H) for start in towards if np.all(np.isfinite(start)))
 
 
 def _arcs(hybrid: HybridSystem, modes: IntArray) -> Arcs | None:
@@ -80,7 +81,8 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
     values, vectors = np.linalg.eig(A)
     size = float(np.abs(values).max(initial=0.0))
     passing = np.abs(values) > _NEUTRAL * size
-    still = int(np.sum(np.linalg.svd(A, compute_uv=False) <= _ROUNDING * np.linalg.norm(A)))
+    gains = np.linalg.svd(A, compute_uv=False)
+    still = int(np.sum(gains <= _ROUNDING * gains.max(initial=0.0)))
     if not passing.any() or np.any(values[passing].real >= 0.0) or still != int(np.sum(~passing)):
         return
     y = y.copy()

@@ -110,7 +110,8 @@ def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cycles are looked for at four values of a range, where there is nothing to see between them."""
-    monkeypatch.setattr("eppanalysis.methods.design.programme._N_SCAN", 4)
+    for module in ("programme", "design", "search", "frontier"):
+        monkeypatch.setattr(f"eppanalysis.methods.design.{module}.N_SCAN", 4, raising=False)
 
 
 @pytest.mark.slow
@@ -140,7 +141,7 @@ def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, f
 
 def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
     assert "7.518" in str(epp.table(found))
-    assert said_above(found.plot().figure)[0].startswith("Largest k")
+    assert said_above(found.plot().figure)[0].startswith("The largest k")
     front = replace(found, front_over="play.gap", front=((1.0, found.optimum), (2.0, Optimum({}, message="none"))))
     front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)})
     assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))

@@ -196,7 +196,7 @@ def test_without_the_solver_one_sentence_says_what_to_install(monkeypatch: pytes
 
 
 def test_plain_data_and_pictures() -> None:
-    for gain, words in ((1.9, "sectors"), (0.5, "circle")):
+    for gain, words in ((1.9, "sectors"), (0.5, "Re G")):
         found = epp.certify(servo([gain], THIRD), "absence", sectors=6)
         assert found.to_dict()["proved"] is True and found.provenance.subject == "loop"
         assert words in said_above(found.plot().figure)[0]
