@@ -53,7 +53,7 @@ class MonotoneTable(Nonlinearity, kind="monotone_table"):
     >>> from eppanalysis.models.elements import MonotoneTable
     >>> valve = MonotoneTable([0.0, 0.2, 1.0], [0.0, 0.0, 5.0], beyond="hold")
     >>> valve.output([-1.0, 0.1, 0.6, 2.0])[0].round(4).tolist()
-    [0.0, 0.0, 1.4732, 5.0]
+    [0.0, 0.0, 1.375, 5.0]
     """
 
     units = MappingProxyType({"inputs": IN, "outputs": OUT})
