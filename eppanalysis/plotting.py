@@ -55,13 +55,8 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     The figure grows by the height of what is written, so that its panels keep theirs.
     """
     name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
-    bold, small = (
-        textwrap.wrap(text.replace("$", r"\$"), int(letters * figure.get_figwidth()))  # a dollar would begin a formula
-        for text, letters in (
-            (verdict, _BOLD_IN_AN_INCH),
-            (f"{name}: {details}" if name and details else name or details, _SMALL_IN_AN_INCH),
-        )
-    )
+    bold = _lines(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
+    small = _lines(": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH * figure.get_figwidth())
     heights = _LINE * _BOLD, _LINE * _SMALL
     room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
@@ -73,6 +68,11 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     engine = figure.get_layout_engine()
     if engine is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
         engine.execute(figure)  # its two rounds at drawing do not suffice where a title takes room from a fixed shape
+
+
+def _lines(text: str, letters: float) -> list[str]:
+    """A text in lines of so many letters; a dollar would begin a formula."""
+    return textwrap.wrap(text.replace("$", r"\$"), int(letters))
 
 
 def show_constant(ax: Axes, *curves: Array) -> None:
@@ -205,11 +205,17 @@ def label_of(
     return with_unit(words(name), unit), factor
 
 
+def each_once(ax: Axes) -> dict[str, Any]:
+    """What a legend names, by its text: marks that share one stand there once."""
+    handles, texts = ax.get_legend_handles_labels()
+    return dict(zip(texts, handles, strict=True))
+
+
 def legend_below(figure: Figure, ax: Axes) -> None:
     """What the marks and shades of all panels mean, once."""
-    handles, texts = ax.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, texts, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+    marks = each_once(ax)
+    if marks:
+        figure.legend(marks.values(), marks, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
 
 
 def figure_of(picture: Axes | Figure) -> Figure:

@@ -39,8 +39,12 @@ DIGITS = 4
 ROUNDING = 1e-12
 
 
-def span(values: Iterable[float], unit: str, shown: tuple[str, float] | None = None) -> str:
+def span(
+    values: Iterable[float], unit: str, shown: tuple[str, float] | None = None, one: str = "at", several: str = "from"
+) -> str:
     """From where to where SI values run, as people read them: in the unit and by the factor `shown`, where given.
+
+    `one` stands before a single value, `several` before the first of two.
 
     Examples
     --------
@@ -52,7 +56,7 @@ def span(values: Iterable[float], unit: str, shown: tuple[str, float] | None = N
         return "nowhere"
     unit, factor = shown or readable(unit)
     low, high = (f"{number(factor * value)} {unit}".rstrip() for value in (min(known), max(known)))
-    return f"at {low}" if low == high else f"from {low} to {high}"
+    return f"{one} {low}" if low == high else f"{several} {low} to {high}"
 
 
 def number(value: float, digits: int = DIGITS) -> str:

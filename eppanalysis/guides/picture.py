@@ -15,7 +15,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, Side, in_words
 from eppanalysis.methods.bounds.result import Known
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, root_figure
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, each_once, root_figure
 from eppanalysis.readable import with_unit
 
 #: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
@@ -71,8 +71,7 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
         first = first or ax
         _draw_regions(ax, guide, rows)
         ax.set_title(guide.variant_in_words(variant), fontsize=8)
-        handles, texts = ax.get_legend_handles_labels()
-        named |= dict(zip(texts, handles, strict=True))
+        named |= each_once(ax)
     if above:
         _draw_grid(figure.add_subplot(places[0, :]), guide)
     figure.legend(named.values(), named, fontsize=8, loc="outside lower center", ncols=2, frameon=False)

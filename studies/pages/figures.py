@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, each_once
 from studies import GENERATED, STORED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
@@ -247,7 +247,7 @@ def draw_element(drawing: Drawing) -> Figure:
         ax.spines[["top", "right"]].set_visible(False)
     if len(drawing.elements) > 1:
         left.legend(fontsize=7)
-    kinds = dict(zip(*reversed(right.get_legend_handles_labels()), strict=True))
+    kinds = each_once(right)
     right.legend(kinds.values(), kinds.keys(), fontsize=7)
     return figure
 

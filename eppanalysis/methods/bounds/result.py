@@ -403,8 +403,7 @@ class DesignBounds(Listing[BoundCell]):
         if self.not_covered:
             free = "No limit cycle was found"
             orbits = f"a cycle was found just beyond {sum(c.verified for c in found)} of {count(len(found), 'bound')}"
-        limit = self._span(self.limit, [c.bound for c in found])
-        limit = f"of {limit.removeprefix('at ')}" if limit.startswith("at ") else f"that runs {limit}"
+        limit = self._span(self.limit, [c.bound for c in found], "of", "that runs from")
         return (
             f"{free} {side} a {words(self.limit)} {limit}, for {at}; {orbits}{none}. {self.not_covered}"
         ).rstrip() + f" {self.in_theorems}".rstrip()
@@ -442,9 +441,9 @@ class DesignBounds(Listing[BoundCell]):
         named = [(f"{self.over}={c.value:.6g}", c.proved) for c in self.cells if c.proved is not None]
         return write_proofs(folder, named, self.in_theorems)
 
-    def _span(self, name: str, values: list[float]) -> str:
+    def _span(self, name: str, values: list[float], *words: str) -> str:
         """From where to where values of a parameter run, in the unit that people use for it."""
-        return span(values, self.units[name], self.readable[name])
+        return span(values, self.units[name], self.readable[name], *words)
 
     def to_frame(self) -> pandas.DataFrame:
         """The bounds, one a row [SI]."""

@@ -12,7 +12,18 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.methods.comparison.ladder import Ladder
-from eppanalysis.plotting import BLUE, GREY, ORANGE, SKY, STABILITY, VERMILLION, label_of, label_time, root_figure
+from eppanalysis.plotting import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SKY,
+    STABILITY,
+    VERMILLION,
+    each_once,
+    label_of,
+    label_time,
+    root_figure,
+)
 from eppanalysis.results import LimitCycle, Prediction
 from eppanalysis.results.picture import one_period, plot_nyquist
 
@@ -61,7 +72,7 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         ax.xaxis.set_major_locator(MaxNLocator(5))
     for ax in (*runs, *close):
         ax.spines[["top", "right"]].set_visible(False)
-    handles = dict(zip(*close[0].get_legend_handles_labels()[::-1], strict=True))
+    handles = each_once(close[0])
     close[0].legend(
         handles.values(),
         handles,

@@ -21,6 +21,7 @@ from eppanalysis.plotting import (
     STABILITY,
     VERMILLION,
     chosen,
+    each_once,
     label_of,
     note_below,
     place_of,
@@ -79,7 +80,7 @@ def plot_branch(
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
-    handles = dict(zip(*panels[0].get_legend_handles_labels()[::-1], strict=True))
+    handles = each_once(panels[0])
     texts = [textwrap.fill(text, 36) for text in handles]
     above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.45, 1.0), "ncols": 2, "frameon": False}
     panels[0].legend(handles.values(), texts, fontsize=8, **(above if given is None else {}))

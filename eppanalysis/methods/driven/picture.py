@@ -19,6 +19,7 @@ from eppanalysis.plotting import (
     STABILITY,
     VERMILLION,
     chosen,
+    each_once,
     label_of,
     label_time,
     legend_below,
@@ -67,7 +68,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
         panel.margins(x=0.02)
         panel.grid(True, color="0.9", linewidth=0.6)
     upper.set_ylim(bottom=0.0)
-    handles = dict(zip(*upper.get_legend_handles_labels()[::-1], strict=True))
+    handles = each_once(upper)
     upper.legend(handles.values(), handles, fontsize=8, framealpha=0.9)
     return figure
 

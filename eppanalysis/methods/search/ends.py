@@ -209,8 +209,8 @@ class Ends:
                 return known
             # Each turn is three times as long; where many switches have told nothing by the fourth, and motions do not
             # become smaller, as they do for long beside a fold, no longer run is made.
-            told_nothing = run.count > _ENOUGH_EVENTS and not _dwindles(start, run)[0]
-            if turn >= 3 and told_nothing and status is not Status.LIMIT_CYCLE:
+            undecided = turn >= 3 and run.count > _ENOUGH_EVENTS and status is not Status.LIMIT_CYCLE
+            if undecided and not _dwindles(start, run)[0]:
                 break
             t *= 3.0
         return End.DIVERGENCE if self._has_gone(start, run, t) else End.UNDECIDED

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -13,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import Automaton, AutomatonBuilder, Smooth
-from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
-from eppanalysis.models.elements.curves.table import check_points, points_of_file
+from eppanalysis.models.elements.curves.table import Tabulated, check_points
 from eppanalysis.models.elements.phases import broadcast, distances, with_nan
 
 Array = NDArray[np.float64]
@@ -25,7 +21,7 @@ _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(28)
 _REAL = 1e-9
 
 
-class MonotoneTable(Nonlinearity, kind="monotone_table"):
+class MonotoneTable(Tabulated, kind="monotone_table"):
     """Monotone cubics through the points of a table: the curve and its slope are continuous, and it has no overshoot.
 
     Parameters
@@ -56,13 +52,6 @@ class MonotoneTable(Nonlinearity, kind="monotone_table"):
     [0.0, 0.0, 1.375, 5.0]
     """
 
-    units = MappingProxyType({"inputs": IN, "outputs": OUT})
-    columns = ("inputs", "outputs")
-
-    inputs: Array
-    outputs: Array
-    beyond: Literal["line", "hold"]
-
     def __init__(self, inputs: ArrayLike, outputs: ArrayLike, beyond: Literal["line", "hold"] = "line") -> None:
         x, y = (
             floats(v, f"MonotoneTable: {n}", ndmin=1, copy=True) for n, v in (("inputs", inputs), ("outputs", outputs))
@@ -72,18 +61,9 @@ class MonotoneTable(Nonlinearity, kind="monotone_table"):
             raise ModelError("MonotoneTable", x.tolist(), "ascending numbers", field="inputs")
         x.flags.writeable = y.flags.writeable = False
         self.inputs, self.outputs, self.beyond = x, y, beyond
-        self._cubics.flags.writeable = False
-
-    @classmethod
-    def from_csv(cls, file: str | Path, beyond: Literal["line", "hold"] = "line") -> MonotoneTable:
-        """The table in the first two columns of a file with commas; a first line that is no numbers is a heading.
-
-        Raises
-        ------
-        ModelError
-            If the file cannot be read, or a line has no two numbers; and as the table itself.
-        """
-        return cls(*points_of_file("MonotoneTable", file), beyond)
+        #: Powers are taken of distances from the middle of the table.
+        self._centre = float(0.5 * (x[0] + x[-1]))
+        self._cubics = _cubics(x, y, beyond == "hold", self._centre)
 
     def _key(self) -> tuple[Any, ...]:
         return tuple(self.inputs.tolist()), tuple(self.outputs.tolist()), self.beyond
@@ -96,31 +76,6 @@ class MonotoneTable(Nonlinearity, kind="monotone_table"):
 
     def __repr__(self) -> str:
         return f"MonotoneTable(inputs={self.inputs.tolist()}, outputs={self.outputs.tolist()}, beyond={self.beyond!r})"
-
-    @cached_property
-    def _centre(self) -> float:
-        """Powers are taken of distances from the middle of the table."""
-        return float(0.5 * (self.inputs[0] + self.inputs[-1]))
-
-    @cached_property
-    def _cubics(self) -> Array:
-        """Coefficients of each piece from the constant on, shape (k + 1, 4), first and last those beyond the table."""
-        from scipy.interpolate import PchipInterpolator
-
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            between = PchipInterpolator(self.inputs, self.outputs).c[::-1].T
-        if not np.all(np.isfinite(between)):
-            raise ModelError("MonotoneTable", self.outputs.tolist(), "outputs whose slopes are finite", field="outputs")
-        ends = np.zeros((2, 4))
-        ends[:, 0] = self.outputs[[0, -1]]
-        if self.beyond == "line":
-            h, last = self.inputs[-1] - self.inputs[-2], between[-1]
-            ends[:, 1] = between[0, 1], last[1] + h * (2 * last[2] + 3 * h * last[3])
-        local = np.concatenate([ends[:1], between, ends[1:]])
-        begin = self._centre - np.concatenate([self.inputs[:1], self.inputs])
-        shift = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
-        powers = np.maximum(np.arange(4) - np.arange(4)[:, None], 0)
-        return np.einsum("pn,mn,pmn->pm", local, shift, begin[:, None, None] ** powers)
 
     def _value(self, x: Array, derivative: int = 0) -> Array:
         """The curve, or its slope."""
@@ -214,3 +169,23 @@ class MonotoneTable(Nonlinearity, kind="monotone_table"):
             build.guard(f"up past {edge:.6g}", i, i + 1, on_input=1.0, constant=-edge)
             build.guard(f"down past {edge:.6g}", i + 1, i, on_input=-1.0, constant=edge)
         return build.build(int(np.searchsorted(self.inputs, 0.0, side="right")))
+
+
+def _cubics(x: Array, y: Array, hold: bool, centre: float) -> Array:
+    """Coefficients of each piece from the constant on, shape (k + 1, 4), first and last those beyond the table."""
+    from scipy.interpolate import PchipInterpolator
+
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        between = PchipInterpolator(x, y).c[::-1].T
+    if not np.all(np.isfinite(between)):
+        raise ModelError("MonotoneTable", y.tolist(), "outputs whose slopes are finite", field="outputs")
+    ends = np.zeros((2, 4))
+    ends[:, 0] = y[[0, -1]]
+    if not hold:
+        h, last = x[-1] - x[-2], between[-1]
+        ends[:, 1] = between[0, 1], last[1] + h * (2 * last[2] + 3 * h * last[3])
+    local = np.concatenate([ends[:1], between, ends[1:]])
+    begin = centre - np.concatenate([x[:1], x])
+    shift = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
+    powers = np.maximum(np.arange(4) - np.arange(4)[:, None], 0)
+    return np.einsum("pn,mn,pmn->pm", local, shift, begin[:, None, None] ** powers)

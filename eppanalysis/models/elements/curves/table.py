@@ -5,20 +5,42 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.base import IN, OUT
+from eppanalysis.models.elements.base import IN, OUT, Nonlinearity
 from eppanalysis.models.elements.piecewise import PiecewiseLinear
 
 Array = NDArray[np.float64]
 
 
-class LookupTable(PiecewiseLinear, kind="lookup_table"):
+class Tabulated(Nonlinearity):
+    """What the curves through the points of a table share: their fields, and how they are read from a file."""
+
+    units = MappingProxyType({"inputs": IN, "outputs": OUT})
+    columns = ("inputs", "outputs")
+
+    inputs: Array
+    outputs: Array
+    beyond: Literal["line", "hold"]
+
+    @classmethod
+    def from_csv(cls, file: str | Path, beyond: Literal["line", "hold"] = "line") -> Self:
+        """The table in the first two columns of a file with commas; a first line that is no numbers is a heading.
+
+        Raises
+        ------
+        ModelError
+            If the file cannot be read, or a line has no two numbers; and as the table itself.
+        """
+        return cls(*_points_of_file(cls.__name__, file), beyond)  # type: ignore[call-arg]  # each table has these fields
+
+
+class LookupTable(Tabulated, PiecewiseLinear, kind="lookup_table"):
     """Straight lines through the points of a table; its describing function is exact.
 
     Parameters
@@ -43,13 +65,6 @@ class LookupTable(PiecewiseLinear, kind="lookup_table"):
     [0.0, 0.0, 2.5, 5.0]
     """
 
-    units = MappingProxyType({"inputs": IN, "outputs": OUT})
-    columns = ("inputs", "outputs")
-
-    inputs: Array
-    outputs: Array
-    beyond: Literal["line", "hold"]
-
     def __init__(self, inputs: ArrayLike, outputs: ArrayLike, beyond: Literal["line", "hold"] = "line") -> None:
         x, y = floats(inputs, "LookupTable: inputs", ndmin=1), floats(outputs, "LookupTable: outputs", ndmin=1)
         check_points("LookupTable", x, y, beyond)
@@ -60,19 +75,8 @@ class LookupTable(PiecewiseLinear, kind="lookup_table"):
         object.__setattr__(self, "beyond", beyond)
         self._set_pieces(*_pieces(x, y, beyond == "hold"))
 
-    @classmethod
-    def from_csv(cls, file: str | Path, beyond: Literal["line", "hold"] = "line") -> LookupTable:
-        """The table in the first two columns of a file with commas; a first line that is no numbers is a heading.
 
-        Raises
-        ------
-        ModelError
-            If the file cannot be read, or a line has no two numbers; and as the table itself.
-        """
-        return cls(*points_of_file("LookupTable", file), beyond)
-
-
-def points_of_file(who: str, file: str | Path) -> tuple[Array, Array]:
+def _points_of_file(who: str, file: str | Path) -> tuple[Array, Array]:
     """Inputs and outputs in the first two columns of a file with commas.
 
     Raises
