@@ -25,6 +25,7 @@ from eppanalysis.cases.values.dimensions import check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
+from eppanalysis.cases.values.wires import check_wires
 from eppanalysis.cases.variation import LoopVariation
 from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
@@ -62,6 +63,7 @@ class DiagramKind(Kind):
             _require_driving(diagram, raw)
         except ModelError as error:
             raise _refused(error, raw) from None
+        check_wires(diagram, diagram.units, reader.with_units, raw)
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         return Parts(parameters, motions_of(file.run, system.input_names, units, raw), system)
@@ -158,16 +160,19 @@ class _Reader:
     raw : RawCase
     given : dict of str to Parameter
         Fields of parts that are quantities, filled while they are read.
+    with_units : dict of str to dict of str to Parameter
+        Of each part ("blocks.controller") the numbers that have a unit, filled while they are read.
     """
 
     named: Mapping[str, Named]
     raw: RawCase
     given: dict[str, Parameter]
+    with_units: dict[str, dict[str, Parameter]]
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], raw: RawCase) -> _Reader:
         """With the named parameters of a file."""
-        return cls(resolve(parameters, "parameters", raw), raw, {})
+        return cls(resolve(parameters, "parameters", raw), raw, {}, {})
 
     def level(self, name: str, value: Any) -> Parameter:
         """Where an external input is before the start."""
@@ -187,6 +192,7 @@ class _Reader:
             if key not in fields:
                 expected = f"a field of {kind}: {did_you_mean(key, fields)}"
                 raise CaseError(self.raw.origin(f"{place}.{key}"), f"{place}.{key}", value, expected)
+        self.with_units[place] = {}
         values = {key: self._field(name, key, value, fields[key]) for key, value in given.items()}
         for field in dataclasses.fields(made):
             if field.default is dataclasses.MISSING and field.name not in values:
@@ -213,6 +219,7 @@ class _Reader:
                 raise self._with_value(error, block) from None
             if block.memory is not None:
                 memory[name] = block.memory
+            self.with_units[place] = {k: p for k, p in block.parameters.items() if p.unit or p.friendly}
             self._keep(name, block)
         return elements, memory
 
@@ -258,6 +265,9 @@ class _Reader:
         if declared.form in (Form.NUMBERS, Form.MATRIX, Form.ROOTS):
             return self._numbers(value, field, declared.form.value)
         found = self._number(value, field, declared)
+        typed = self._number(value, field)
+        if typed.unit or typed.friendly:
+            self.with_units[f"blocks.{part}"][key] = typed
         if not is_expression(value):
             self.given[f"{part}.{key}"] = found
         return float(found.value)

@@ -74,7 +74,8 @@ def _chain(number: float, unit: Unit, *terms: tuple[float, Value]) -> Value:
     return Value(number, {name: power for name, power in unit.items() if power}, finite)
 
 
-def _times(first: Unit, second: Unit, power: int | Fraction = 1) -> Unit:
+def times(first: Unit, second: Unit, power: int | Fraction = 1) -> Unit:
+    """Exponents of a unit times a power of another one."""
     return {name: first.get(name, 0) + power * second.get(name, 0) for name in {**first, **second}}
 
 
@@ -87,7 +88,7 @@ def alike(first: Unit, second: Unit) -> bool:
     >>> alike(dimensions("N*m/rad"), dimensions("N*m")), alike(dimensions("N*m"), dimensions("N"))
     (True, False)
     """
-    return not any(power for name, power in _times(first, second, -1).items() if name != "radian")
+    return not any(power for name, power in times(first, second, -1).items() if name != "radian")
 
 
 def same_unit(first: str, second: str) -> bool:
@@ -195,12 +196,12 @@ class Expression:
             unit = self._common(node, "takes {1} from {0}", left, right)
             return _chain(a - b, unit, (1.0, left), (-1.0, right))
         if isinstance(node.op, ast.Mult):
-            return _chain(a * b, _times(left.unit, right.unit), (b, left), (a, right))
+            return _chain(a * b, times(left.unit, right.unit), (b, left), (a, right))
         if isinstance(node.op, ast.Pow):
             return self._power(node, left, right)
         if b == 0:
             raise QuantityError(f"a divisor that is not zero: {self._at(node.right)} is 0")
-        return _chain(a / b, _times(left.unit, right.unit, -1), (1.0 / b, left), (-(a / b) / b, right))
+        return _chain(a / b, times(left.unit, right.unit, -1), (1.0 / b, left), (-(a / b) / b, right))
 
     def _common(self, node: ast.expr, verb: str, *values: Value) -> Unit:
         """The unit of values that must have one, with its radians where some leave them out."""
@@ -226,7 +227,7 @@ class Expression:
         if abs(power - Fraction(b)) > 1e-12 * max(1.0, abs(b)) and not plain:
             raise QuantityError(f"a simple fraction as exponent of what has a unit: {self._at(node.right)} is {b:g}")
         number = a**b
-        unit = _times({}, base.unit, power) if not exponent.gradient else {}
+        unit = times({}, base.unit, power) if not exponent.gradient else {}
         return _chain(number, unit, (_slope(a, b), base), (_slope_by_exponent(a, b, number), exponent))
 
     def _apply(self, name: str, node: ast.Call, values: Sequence[Value]) -> Value:
@@ -242,7 +243,7 @@ class Expression:
             raise QuantityError(f"an argument that is {limit}: {self._at(node)} has {x:g}")
         if name == "sqrt":
             root = math.sqrt(x)
-            return _chain(root, _times({}, value.unit, Fraction(1, 2)), (0.5 / root if root else math.nan, value))
+            return _chain(root, times({}, value.unit, Fraction(1, 2)), (0.5 / root if root else math.nan, value))
         if not alike(value.unit, {}):
             raise QuantityError(f"a plain number or an angle: {self._at(node)} has {_shown(value.unit)}")
         function, slope = _PLAIN[name]

@@ -139,7 +139,7 @@ class Diagram:
     @cached_property
     def idle_inputs(self) -> tuple[str, ...]:
         """External inputs that drive nothing and stand in no signal."""
-        sums = [*self._wires.values(), *self._named.values()]
+        sums = [*self.wires.values(), *self.named.values()]
         used = {port for terms in sums for _, port in terms}
         return tuple(name for name in self.levels if (name, "") not in used)
 
@@ -174,14 +174,14 @@ class Diagram:
 
     @cached_property
     def _system(self) -> LureSystem:
-        return close(self, self._wires, self._named)
+        return close(self, self.wires, self.named)
 
     @cached_property
-    def _wires(self) -> dict[Port, list[tuple[float, Port]]]:
+    def wires(self) -> dict[Port, list[tuple[float, Port]]]:
         """The signed sum of sources that drives each input."""
         return driven(self.ports, self.connect)
 
     @cached_property
-    def _named(self) -> dict[str, list[tuple[float, Port]]]:
+    def named(self) -> dict[str, list[tuple[float, Port]]]:
         """The named signals as signed sums of sources."""
         return {name: self.ports.terms(text, f"signals.{name}") for name, text in self.signals.items()}

@@ -7,7 +7,7 @@ time and the state at the start are fields of all of them.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.declared import Form, Section, choice, names, numbers, quantity, required
+from eppanalysis.models.elements.base import DAMPING, OUT, RATIO, SLOPE, SLOPE_PER_TIME, Role
 from eppanalysis.models.elements.static import Quantiser
 from eppanalysis.models.systems.linear import StateSpace, transfer_function
 from eppanalysis.readable import count
@@ -29,11 +30,24 @@ DISCRETISATIONS: dict[str, Any] = {"backward": "backward_diff", "forward": "eule
 
 @dataclass(frozen=True, kw_only=True)
 class Block(Section):
-    """A linear block with named ports; this is what all of them have in common."""
+    """A linear block with named ports; this is what all of them have in common.
+
+    Attributes
+    ----------
+    units : mapping of str to Role
+        What the fields are the units of, where it depends on the signals.
+    port_units : mapping of str to str
+        Units of the ports, where the block has its own.
+    same_unit : bool
+        Whether each output has the unit of the input in its place.
+    """
 
     kind: ClassVar[str] = ""
     inputs: ClassVar[tuple[str, ...]] = ("in",)
     outputs: ClassVar[tuple[str, ...]] = ("out",)
+    units: ClassVar[Mapping[str, Role]] = {}
+    port_units: ClassVar[Mapping[str, str]] = {}
+    same_unit: ClassVar[bool] = False
 
     delay: float = quantity(0.0, "Dead time", "s", "ms", at_least=0)
     sample_time: float | None = quantity(None, "Time between two executions, with the output held", "s", "ms", above=0)
@@ -115,6 +129,8 @@ def static(D: ArrayLike) -> StateSpace:
 class Gain(Block, kind="gain"):
     """A factor."""
 
+    units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE}
+
     gain: float = quantity(1.0, "Output per input")
 
     def continuous(self) -> StateSpace:
@@ -129,6 +145,8 @@ class Sensor(Block, kind="sensor"):
     It is a gain with a quantiser in front of it, which stands among the elements of the loop by the sensor's name and
     "_quantiser".
     """
+
+    units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE, "step": OUT, "levels": RATIO}
 
     gain: float = quantity(1.0, "Output per input")
     step: float = required(
@@ -158,6 +176,7 @@ class Constant(Block, kind="constant"):
     """A source that does not move: an offset, a bias, a load; late or sampled it is the same."""
 
     inputs: ClassVar[tuple[str, ...]] = ()
+    units: ClassVar[Mapping[str, Role]] = {"value": OUT}
 
     value: float = required("What it puts out, in the unit of what it drives")
 
@@ -169,6 +188,8 @@ class Constant(Block, kind="constant"):
 @dataclass(frozen=True, kw_only=True)
 class DeadTime(Block, kind="dead_time"):
     """What comes in comes out `delay` later."""
+
+    same_unit = True
 
     def continuous(self) -> StateSpace:
         """No states."""
@@ -268,6 +289,8 @@ class StateSpaceBlock(Block, kind="state_space"):
 class Integrator(Block, kind="integrator"):
     """``gain/s``."""
 
+    units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE_PER_TIME}
+
     gain: float = quantity(1.0, "Rate of the output per input")
 
     def continuous(self) -> StateSpace:
@@ -286,6 +309,8 @@ def _integral_gain(kp: float, ti: float | None, ki: float | None, who: str) -> f
 class PI(Block, kind="pi"):
     """``kp (1 + 1/(ti s))``, or ``kp + ki/s``."""
 
+    units: ClassVar[Mapping[str, Role]] = {"kp": SLOPE, "ki": SLOPE_PER_TIME}
+
     kp: float = required("Proportional gain")
     ti: float | None = quantity(None, "Integral time", "s", above=0)
     ki: float | None = quantity(None, "Integral gain")
@@ -299,6 +324,8 @@ class PI(Block, kind="pi"):
 @dataclass(frozen=True, kw_only=True)
 class PID(Block, kind="pid"):
     """``kp (1 + 1/(ti s) + td s/(tf s + 1))``, or with ``ki/s`` and ``kd s/(tf s + 1)``; tf filters the derivative."""
+
+    units: ClassVar[Mapping[str, Role]] = {"kp": SLOPE, "ki": SLOPE_PER_TIME, "kd": DAMPING}
 
     kp: float = required("Proportional gain")
     ti: float | None = quantity(None, "Integral time", "s", above=0)
@@ -326,6 +353,8 @@ class PID(Block, kind="pid"):
 class LeadLag(Block, kind="lead_lag"):
     """``gain (zero_time s + 1)/(pole_time s + 1)``: lead where zero_time is larger, else lag."""
 
+    units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE}
+
     gain: float = quantity(1.0, "Gain at low frequencies")
     zero_time: float = required("Time constant of the zero", "s", "ms", at_least=0)
     pole_time: float = required("Time constant of the pole", "s", "ms", above=0)
@@ -338,6 +367,8 @@ class LeadLag(Block, kind="lead_lag"):
 @dataclass(frozen=True, kw_only=True)
 class LowPass(Block, kind="low_pass"):
     """``gain/(s/bandwidth + 1)``; with a damping, ``gain bandwidth^2/(s^2 + 2 damping bandwidth s + bandwidth^2)``."""
+
+    units: ClassVar[Mapping[str, Role]] = {"gain": SLOPE, "damping": RATIO}
 
     bandwidth: float = required("Corner frequency", "rad/s", above=0)
     gain: float = quantity(1.0, "Gain at low frequencies")
@@ -354,6 +385,9 @@ class LowPass(Block, kind="low_pass"):
 @dataclass(frozen=True, kw_only=True)
 class Notch(Block, kind="notch"):
     """``(s^2 + 2 depth width w s + w^2)/(s^2 + 2 width w s + w^2)``."""
+
+    units: ClassVar[Mapping[str, Role]] = {"width": RATIO, "depth": RATIO}
+    same_unit = True
 
     frequency: float = required("Angular frequency w of the notch", "rad/s", above=0)
     width: float = quantity(0.5, "Damping ratio of its poles", above=0)

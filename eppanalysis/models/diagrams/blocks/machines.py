@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,6 +11,7 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.models.devices.declared import quantity, required
 from eppanalysis.models.diagrams.blocks.control import Block, static
+from eppanalysis.models.elements.base import RATIO, Role
 from eppanalysis.models.systems.linear import StateSpace
 
 _TORQUE_CONSTANT = "N*m/A"
@@ -33,6 +35,7 @@ class Inertia(Block, kind="inertia"):
 
     inputs: ClassVar[tuple[str, ...]] = ("torque",)
     outputs: ClassVar[tuple[str, ...]] = ("angle", "speed")
+    port_units: ClassVar[Mapping[str, str]] = {"torque": "N*m", "angle": "rad", "speed": "rad/s"}
 
     inertia: float = required("Moment of inertia", "kg*m^2", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*m*s/rad", at_least=0)
@@ -49,6 +52,7 @@ class Mass(Block, kind="mass"):
 
     inputs: ClassVar[tuple[str, ...]] = ("force",)
     outputs: ClassVar[tuple[str, ...]] = ("position", "speed")
+    port_units: ClassVar[Mapping[str, str]] = {"force": "N", "position": "m", "speed": "m/s"}
 
     mass: float = required("Mass", "kg", above=0)
     damping: float = quantity(0.0, "Viscous friction", "N*s/m", at_least=0)
@@ -69,6 +73,10 @@ class Motor(Block, kind="motor"):
 
     inputs: ClassVar[tuple[str, ...]] = ("voltage", "torque")
     outputs: ClassVar[tuple[str, ...]] = ("angle", "speed", "current")
+    units: ClassVar[Mapping[str, Role]] = {"ratio": RATIO}
+    port_units: ClassVar[Mapping[str, str]] = {
+        "voltage": "V", "torque": "N*m", "angle": "rad", "speed": "rad/s", "current": "A",
+    }  # fmt: skip
 
     resistance: float = required("Resistance of the winding (ohm)", "V/A", "ohm", above=0)
     torque_constant: float = required("Torque per current", _TORQUE_CONSTANT)
@@ -104,6 +112,8 @@ class Gear(Block, kind="gear"):
 
     inputs: ClassVar[tuple[str, ...]] = ("angle_in", "speed_in", "torque_in")
     outputs: ClassVar[tuple[str, ...]] = ("angle", "speed", "torque")
+    units: ClassVar[Mapping[str, Role]] = {"ratio": RATIO}
+    same_unit = True
 
     ratio: float = required("Turns before the gear per turn behind it")
 
@@ -122,6 +132,7 @@ class Shaft(Block, kind="shaft"):
 
     inputs: ClassVar[tuple[str, ...]] = ("twist", "rate")
     outputs: ClassVar[tuple[str, ...]] = ("torque",)
+    port_units: ClassVar[Mapping[str, str]] = {"twist": "rad", "rate": "rad/s", "torque": "N*m"}
 
     stiffness: float = required("Stiffness", "N*m/rad", at_least=0)
     damping: float = quantity(0.0, "Damping", "N*m*s/rad", at_least=0)

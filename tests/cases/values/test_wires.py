@@ -1,0 +1,68 @@
+"""Units along the wires of a diagram: what is typed must go together, what is plain is taken to fit."""
+
+import tomllib
+
+import pytest
+
+import eppanalysis as epp
+
+SERVO = epp.case("azimuth_servo").to_toml()
+FLARE = epp.case("x15_flare").to_toml()
+
+
+def _read(text, *changes):
+    tables = tomllib.loads(text)
+    for place, value in changes:
+        *path, last = place.split(".")
+        here = tables
+        for name in path:
+            here = here[int(name)] if isinstance(here, list) else here[name]
+        here[int(last) if isinstance(here, list) else last] = value
+    return epp.Case.from_tables(tables, name="drawn")
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "value", "said"),
+    [
+        (
+            FLARE,
+            "parameters.Kp",
+            "25 Hz",
+            "blocks.gain.gain is 'Kp'; expected a rate in 1/s or rad/s at gain, .*: Kp is in Hz",
+        ),
+        (FLARE, "parameters.Kp", "2 rad/s", "gain.gain is 'Kp'; expected a plain number .*: Kp is in rad/s"),
+        (FLARE, "blocks.gain.gain", "2*Kp*bandwidth", r"blocks.gain.gain is .*: 2\*Kp\*bandwidth is in rad/s"),
+        (SERVO, "parameters.Kp", "40 V/m", "controller.kp is 'Kp'; expected a quantity in V/rad .*: Kp is in V/m"),
+        (SERVO, "parameters.gap", "0.1 mm", "elements.gear.gap is 'gap'; expected an angle .*: gap is in m"),
+        (SERVO, "blocks.motor.ratio", "50 rad/s", "blocks.motor.ratio is '50 rad/s'; expected a plain number"),
+        (SERVO, "elements.motor_friction.coulomb", "0.3 N", "coulomb is '0.3 N'; expected a torque"),
+        (SERVO, "inputs.setpoint", "0 m", "inputs.setpoint is '0 m'; .* setpoint is in rad"),
+        (SERVO, "signals.load.unit", "V", "signals.load.unit is 'V'; .* load.angle is in rad"),
+        (SERVO, "connect.2", "motor.speed - load.angle -> gear.twist", "one unit: load.angle is in rad, gear.twist"),
+    ],
+)
+def test_a_unit_that_does_not_go_with_the_wires_is_refused(text, place, value, said):
+    with pytest.raises(epp.CaseError, match=said):
+        _read(text, (place, value))
+
+
+def test_the_integral_and_the_derivative_gain_have_the_time_in_their_units():
+    pid = {"kind": "pid", "kp": "Kp", "ki": "Kp/Ti", "kd": "Kp*Ti", "tf": "1 ms", "sample_time": "1 ms"}
+    assert _read(SERVO, ("blocks.controller", pid)).value("Kp") == 40.0
+    for field in ("ki", "kd"):
+        with pytest.raises(epp.CaseError, match=f"blocks.controller.{field} is 'Kp'; expected a quantity in V"):
+            _read(SERVO, ("blocks.controller", {**pid, field: "0.5*Kp*0.2"}), ("blocks.controller." + field, "Kp"))
+
+
+def test_plain_numbers_and_machines_of_plain_numbers_fit_everything():
+    assert _read(SERVO, ("parameters.Kp", 40)).value("Kp") == 40.0
+    wheel, wired = {"kind": "inertia", "inertia": 2.0}, tomllib.loads(FLARE)["connect"] + ["0 -> wheel"]
+    changes = [("connect", wired), ("connect.2", "error + wheel.speed + wheel.angle -> rate_limit")]
+    assert _read(FLARE, *changes, ("blocks.wheel", wheel)).value("Kp") == 1.5
+    with pytest.raises(epp.CaseError, match="wheel.angle is in rad, rate_limit.in is in rad/s"):
+        _read(FLARE, *changes, ("blocks.wheel", {**wheel, "inertia": "2 kg*m^2"}))
+
+
+def test_a_parameter_that_was_set_beside_the_file_is_refused_by_its_own_name():
+    with pytest.raises(epp.CaseError, match="^with_values: Kp is '2 rad/s'; expected a plain number"):
+        epp.case("x15_flare").with_values({"Kp": "2 rad/s"})
