@@ -24,7 +24,7 @@ from eppanalysis.results.shown import png
 #: Size of the picture [inch], and its dots per inch.
 _SIZE, _DOTS = (7.2, 3.4), 150
 #: Where the cycles of a branch cease to exist.
-_ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE)
+_ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
 

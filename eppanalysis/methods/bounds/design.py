@@ -464,9 +464,11 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     bound, test = checked.bound, checked.verification
     if bound.kind == Turn.END:
         return replace(cell, finding=Finding.BEYOND, message=Finding.BEYOND.sentence)
+    # What harmonic balance knows besides, of cycles beyond the bound, say, holds whatever the tests give.
+    note = cell.message.removeprefix(cell.finding.sentence).strip()
     if bound.cycle is None:
         remark = f"Not corrected: {bound.message.removesuffix('.')}. Not verified."
-        return replace(cell, message=remark if cell.finding is Finding.BOUND else f"{cell.message} {remark}")
+        return replace(cell, message=f"{note if cell.finding is Finding.BOUND else cell.message} {remark}".strip())
     if cell.finding is not Finding.BOUND:
         # Harmonic balance saw the family go on to the end of the range, or saw nothing.
         cell = replace(cell, finding=Finding.BOUND)
@@ -479,7 +481,7 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
         orbit=bound.cycle,
     )
     if test is None:
-        return replace(cell, message=UNTESTED)
+        return replace(cell, message=f"{note} {UNTESTED}".strip())
     facts: dict[str, Any] = {
         "safe_value": test.safe_value,
         "other_value": test.other_value,
@@ -491,4 +493,4 @@ def _joined(cell: BoundCell, checked: _Checked) -> BoundCell:
     }
     slow = not test.cycles and test.n_settled < test.n_runs
     remark = f"Not verified: {test.message}." + _SLOW * slow
-    return replace(cell, message="" if test.verified else remark, **facts)
+    return replace(cell, message=(note if test.verified else f"{note} {remark}").strip(), **facts)

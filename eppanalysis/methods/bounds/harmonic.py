@@ -200,18 +200,23 @@ def _outlook(question: Question, seen: Sequence[_Seen]) -> Outlook:
             return Outlook(Finding.UNSURE, note=f"It is undecided at {_named_values(question, seen, None)}.")
     if not any(there):
         return Outlook(Finding.NONE)
-    first = (seen[-1] if there[-1] else next(s for s, t in zip(seen, there, strict=True) if t)).cycles
-    if scales(question, first[-1]):
+    largest = (seen[-1] if there[-1] else next(s for s, t in zip(seen, there, strict=True) if t)).cycles[-1]
+    if scales(question, largest):
         return Outlook(Finding.SCALES)
     if there[0] and there[-1]:
         if all(there):
             return Outlook(Finding.ALWAYS)
         return Outlook(Finding.BETWEEN, note=f"There is none at {_named_values(question, seen, False)}.")
-    if there[-1] or not there[0]:
-        last = max(i for i, t in enumerate(there) if t)
-        above = "" if there[-1] else f"No cycle is left above {seen[last + 1].value:.6g} either."
-        return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
-    return Outlook(Finding.BOUND, -1.0, tuple(seen[0].cycles))
+    with_cycles = [i for i, t in enumerate(there) if t]
+    first, last, own = with_cycles[0], with_cycles[-1], value_of(question.case, question.limit)
+    if there[-1]:
+        return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles))
+    # Of two bounds, one on either side of the cycles, the one that is met first from the case's own value.
+    if there[0] or (own is not None and own > seen[last].value):
+        below = "" if there[0] else f"No cycle is left below {question.in_words([seen[first - 1].value])} either."
+        return Outlook(Finding.BOUND, -1.0, tuple(seen[first].cycles), below)
+    above = f"No cycle is left above {question.in_words([seen[last + 1].value])} either."
+    return Outlook(Finding.BOUND, 1.0, tuple(seen[last].cycles), above)
 
 
 def _named_values(question: Question, seen: Sequence[_Seen], there: bool | None) -> str:

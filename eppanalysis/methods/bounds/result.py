@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
+#: Relative error of a bound that is none: at the limit of linear stability first order is exact.
+_ROUNDING = 1e-6
 #: What is said of a bound of which no test was asked for.
 UNTESTED = "Not verified."
 
@@ -101,6 +103,8 @@ class Turn(StrEnum):
     UNKNOWN = ""
     FOLD = "fold"
     CORNER = "border collision"
+    #: The loop ceases to be stable, as its linear part says, and oscillates within the limits of its elements.
+    LINEAR = "linear limit"
     #: The stable cycle goes on, and is larger than allowed from here on.
     SIZE = "allowed size"
     #: The cycle goes on, and is stable from here on.
@@ -265,7 +269,7 @@ class BoundCell(Brief):
     @property
     def first_order_unsafe(self) -> bool:
         """Whether first order calls designs free of limit cycles that are not."""
-        return bool(self.sign * self.first_order_error > 0)
+        return bool(self.sign * self.first_order_error > _ROUNDING)
 
     def _orbit(self) -> dict[str, Any] | None:
         return _summary(self.orbit)

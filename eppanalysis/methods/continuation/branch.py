@@ -16,7 +16,7 @@ from eppanalysis.methods.continuation.borders import across, border_collision, b
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change, crossing, difference, standstill
+from eppanalysis.methods.continuation.labels import Change, crossing, difference, is_linear, standstill
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.steps import (
@@ -321,7 +321,7 @@ class Walk:
             if new is not None:
                 return self._crossed(points, border, new, back), ""
         new = self._crossed(points, last, *beyond(last))
-        return new, "ends where no orbit continues it"
+        return new, self._why()
 
     def _change(self, points: list[Point], ds: float) -> tuple[Point | None, str]:
         """Cross a change of the sequence of events."""
@@ -334,13 +334,20 @@ class Walk:
             return self._lost(points, inside)
         if back:
             inside = border_collision(inside, new)
-        return self._crossed(points, inside, new, back), "ends where no orbit continues it"
+        return self._crossed(points, inside, new, back), self._why()
+
+    def _why(self) -> str:
+        """How the branch ends where the last special point has no orbit beyond it."""
+        if self.special and self.special[-1][0] is Change.LINEAR:
+            return "ends where the cycle is the oscillation of the linear loop, at the limit of its stability"
+        return "ends where no orbit continues it"
 
     def _crossed(self, points: list[Point], inside: Point, new: Point | None, back: bool) -> Point | None:
         note = difference(inside.orbit, None if new is None else new.orbit)
         if new is not None and _same_motion(points, new):
             new = None
-        kind = Change.END if new is None else (Change.TURNING if back else Change.SEQUENCE)
+        ceased = Change.LINEAR if is_linear(inside.orbit) else Change.END
+        kind = ceased if new is None else (Change.TURNING if back else Change.SEQUENCE)
         self._note(kind, inside, note, len(points))
         return new
 

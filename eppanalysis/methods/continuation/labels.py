@@ -16,6 +16,8 @@ from eppanalysis.methods.simulation.stability import is_stable
 _STANDS = 1e-9
 #: Relative growth of the longest dwell time over a step that counts as one, and dwell times that are not looked at.
 _LONGER, _BRIEF = 1e-4, 1e-3
+#: Relative distance of a pole from the frequency of a cycle within which the cycle is the oscillation of that pole.
+_AT_POLE = 1e-6
 
 
 class Change(StrEnum):
@@ -32,6 +34,8 @@ class Change(StrEnum):
     #: sizes exist there.
     INFINITE = "infinite period"
     CONTINUUM = "continuum"
+    #: Where the cycle becomes the free oscillation of the linear loop, which is at the limit of stability there.
+    LINEAR = "linear limit"
     #: Where a function that is watched along the branch, such as the size of the cycle, passes zero.
     PASSAGE = "passage"
     #: Of a sampled loop: the cycle ceases, and the branch goes on with one that has another place among the samples.
@@ -49,6 +53,17 @@ def standstill(old: Point, new: Point) -> Change | None:
     # Where all dwell times grow in proportion the motion is only larger.
     alike = bool(np.all(np.abs(growth - longest) < 0.1 * abs(longest)))
     return Change.INFINITE if longest > _LONGER and not alike else Change.CONTINUUM
+
+
+def is_linear(orbit: Orbit) -> bool:
+    """Whether an orbit is, but for moments, the free oscillation of one combination of modes."""
+    modes, tau = orbit.arcs.event_sequence.modes, orbit.tau
+    longest, n = int(np.argmax(tau)), orbit.hybrid.n_plant
+    elsewhere = np.any(modes != modes[longest], axis=1)
+    if orbit.arcs.smooth[longest] or not 0.0 <= tau[elsewhere].sum() < _BRIEF * orbit.period:
+        return False
+    pole, values = 2j * np.pi / orbit.period, np.linalg.eigvals(orbit.arcs.F[longest, :n, :n])
+    return bool(np.min(np.abs(values - pole)) < _AT_POLE * abs(pole))
 
 
 def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:

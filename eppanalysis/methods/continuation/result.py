@@ -123,7 +123,11 @@ class Branch(Result):
 
         places = f", at {listed_at(folds)}" if folds else ""
         known = f"; {count(len(folds), 'fold')}{places}"
-        for kind, name in ((Change.INFINITE, "infinite period"), (Change.CONTINUUM, "continuum")):
+        for kind, name in (
+            (Change.INFINITE, "infinite period"),
+            (Change.CONTINUUM, "continuum"),
+            (Change.LINEAR, "linear limit"),
+        ):
             found = [s.value for one in (self, *self.others) for s in one.special if s.kind is kind]
             known += f"; {name} at {listed_at(found)}" if found else ""
         left = f" {self.message}" if self.missing or not self.status.ok else ""

@@ -226,6 +226,7 @@ class Design(Result):
         what = {
             Turn.FOLD: "there a limit cycle is born (fold)",
             Turn.CORNER: "there a limit cycle is born (border collision)",
+            Turn.LINEAR: "there the loop ceases to be stable (linear limit)",
             Turn.SIZE: "there the stable limit cycle reaches what is allowed",
             Turn.STABILITY: "there a limit cycle becomes stable",
         }[best.kind]

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.bounds import harmonic
 from eppanalysis.methods.bounds.design import Settings, _tested, bound_of_branch, design_bounds
 from eppanalysis.methods.bounds.equations import write
 from eppanalysis.methods.bounds.exact import ExactBound, correct
-from eppanalysis.methods.bounds.fold import _unknowns, anchored
+from eppanalysis.methods.bounds.fold import Cycle, _unknowns, anchored
 from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
@@ -257,6 +258,16 @@ def test_runs_that_keep_moving_are_not_all_waited_for(wheelchair: epp.Case) -> N
     moving = int(re.search(r"(\d+) of (\d+) runs did not come to rest", test.message)[1])
     left = int(re.search(r"(\d+) slow runs were not looked at", test.message)[1])
     assert moving == 50 and test.n_settled + moving + left == 200
+
+
+def test_of_the_two_sides_of_cycles_that_is_bounded_which_the_own_value_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harmonic, "scales", lambda *_: False)
+    cycle = Cycle(3.0, np.zeros((1, 2), complex), 2.4)
+    seen = [harmonic._Seen(v, exact=[cycle] * (2.0 < v < 10.0), complete=True) for v in (1.25, 3.0, 7.0, 19.0, 50.0)]
+    for own, sign, note in ((25.0, -1.0, "left below 1.25 rad/s either"), (2.0, 1.0, "left above 19 rad/s either")):
+        case = epp.case("x15_flare").with_values({"bandwidth": own})
+        outlook = harmonic._outlook(Question(case, "bandwidth", 1.25, 50.0), seen)
+        assert (outlook.finding, outlook.sign) == (Finding.BOUND, sign) and note in outlook.note
 
 
 @pytest.mark.slow

@@ -126,6 +126,16 @@ def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
     assert "no folds; infinite period at 0.9893" in str(branch)
 
 
+def test_a_branch_ends_at_the_limit_of_linear_stability():
+    """Three lags of 1 s behind a limit: the loop ceases to be stable at a gain of 8, and oscillates at sqrt(3) rad/s."""
+    loop = epp.LureSystem.from_tf(([8.0], [1.0, 3.0, 3.0, 1.0]), epp.Saturation(-1.0, 1.0))
+    branch = epp.continue_branch(loop, "loop.gain", 1.5, 0.5)
+    (end,) = branch.special
+    assert end.kind == "linear limit" and end.value == pytest.approx(1.0, rel=1e-12)
+    assert end.cycle.omega == pytest.approx(math.sqrt(3.0), rel=1e-7)
+    assert branch.status is epp.Status.CONVERGED and "no folds; linear limit at 1. " in str(branch)
+
+
 def test_a_continuum_at_one_value_is_named():
     """What grows in proportion is larger, and no longer; what stands still in all is a continuum, too."""
     for tau, before, kind in (
