@@ -264,7 +264,7 @@ def test_of_the_two_sides_of_cycles_that_is_bounded_which_the_own_value_is_on(mo
     monkeypatch.setattr(harmonic, "scales", lambda *_: False)
     cycle = Cycle(3.0, np.zeros((1, 2), complex), 2.4)
     seen = [harmonic._Seen(v, exact=[cycle] * (2.0 < v < 10.0), complete=True) for v in (1.25, 3.0, 7.0, 19.0, 50.0)]
-    for own, sign, note in ((25.0, -1.0, "left below 1.25 rad/s either"), (2.0, 1.0, "left above 19 rad/s either")):
+    for own, sign, note in (("25 rad/s", -1.0, "below 1.25 rad/s either"), ("2 rad/s", 1.0, "above 19 rad/s either")):
         case = epp.case("x15_flare").with_values({"bandwidth": own})
         outlook = harmonic._outlook(Question(case, "bandwidth", 1.25, 50.0), seen)
         assert (outlook.finding, outlook.sign) == (Finding.BOUND, sign) and note in outlook.note
