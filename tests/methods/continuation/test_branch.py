@@ -127,7 +127,7 @@ def test_a_branch_on_which_the_period_grows_without_bound_ends_there_once():
 
 
 def test_a_branch_ends_at_the_limit_of_linear_stability():
-    """Three lags of 1 s behind a limit: at a gain of 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s."""
+    """Three lags of 1 s behind a limit: at 8 the loop ceases to be stable, and oscillates at sqrt(3) rad/s."""
     loop = epp.LureSystem.from_tf(([8.0], [1.0, 3.0, 3.0, 1.0]), epp.Saturation(-1.0, 1.0))
     branch = epp.continue_branch(loop, "loop.gain", 1.5, 0.5)
     (end,) = branch.special
