@@ -53,11 +53,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("x", ["gain", "sum"])
-    ("did you mean 'gain'?", 'one of gain, sum')
+    >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("PI", ["pi"]), did_you_mean("x", ["gain", "sum"])
+    ("did you mean 'gain'?", "did you mean 'pi'?", 'one of gain, sum')
     """
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
+    close = [k for k in names if k.lower() == name.lower()] or difflib.get_close_matches(name, names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(names) or 'none'}"
 
 

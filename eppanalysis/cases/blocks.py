@@ -227,6 +227,9 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
         values[key] = round(values[key])
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
-            return element_class(block.kind)(**values, **block.others)
+            made = element_class(block.kind)(**values, **block.others)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
+    if block.memory is not None and type(made).start is Nonlinearity.start and not made.automaton().n_memory:
+        raise raw.refused(f"{field}.memory", f"none, as {block.kind} remembers nothing")
+    return made

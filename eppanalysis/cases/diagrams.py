@@ -184,6 +184,8 @@ class _Reader:
         kind = table.get("kind")
         if not isinstance(kind, str) or kind not in BLOCKS:
             expected = f"a known kind of block: {did_you_mean(str(kind)[:60], BLOCKS)}"
+            if table.get("element") in known_elements():
+                expected = f"a kind of block; {table['element']} is an element, which stands in [elements]"
             raise CaseError(self.raw.origin(place), f"{place}.kind", kind or Missing(), expected)
         made = BLOCKS[kind]
         fields = declared_fields(made)
@@ -210,7 +212,13 @@ class _Reader:
         for name, table in tables.items():
             place = f"elements.{name}"
             if "element" not in table:
-                raise self.raw.refused(f"{place}.element", f"a known element: one of {', '.join(known_elements())}")
+                kind = table.get("kind")
+                expected = f"a known element: one of {', '.join(known_elements())}"
+                if kind in known_elements():
+                    expected = f"element = {kind!r} in place of kind"
+                elif kind in BLOCKS:
+                    expected = f"an element; {kind} is a kind of block, which stands in [blocks]"
+                raise self.raw.refused(f"{place}.element", expected)
             block = read_block({**self._evaluated(name, table), "name": name}, place, self.raw)
             check_fields(block, place, self.raw)
             try:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
@@ -20,7 +19,7 @@ from eppanalysis.cases.values.quantities import (
     not_as_expected,
     plain_text,
 )
-from eppanalysis.errors import CaseError
+from eppanalysis.errors import CaseError, did_you_mean
 from eppanalysis.models.devices.declared import Section, declared_fields
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.units import KINDS
@@ -360,10 +359,13 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
 
 def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:
     """The model behind a dotted path; None where there is none, or several."""
+    keyed = False
     for part in path:
-        if part.isdigit():
+        if keyed or part.isdigit():
+            keyed = False
             continue
         info = model.model_fields.get(part)
+        keyed = info is not None and _is_table(info.annotation)
         found = (
             [m for m in _members(info.annotation) if isinstance(m, type) and issubclass(m, BaseModel)] if info else []
         )
@@ -371,6 +373,11 @@ def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None
             return None
         model = found[0]
     return model
+
+
+def _is_table(annotation: Any) -> bool:
+    """Whether a field holds things by names of their own."""
+    return get_origin(annotation) is dict or any(_is_table(a) for a in getattr(annotation, "__args__", ()))
 
 
 def _members(annotation: Any) -> list[Any]:
@@ -383,10 +390,7 @@ def _suggest(name: str, model: type[BaseModel] | None) -> str:
     known = sorted(model.model_fields) if model is not None else []
     if model is not None and issubclass(model, CaseFile):
         known.append("base")
-    close = difflib.get_close_matches(name, known, n=1)
-    if close:
-        return f"a known field in its place: did you mean {close[0]!r}?"
-    return f"a known field in its place: one of {', '.join(known)}" if known else "a known field in its place"
+    return "a known field in its place" + (f": {did_you_mean(name, known)}" if known else "")
 
 
 def _wanted(model: type[BaseModel], loc: list[str]) -> str:

@@ -116,6 +116,29 @@ def test_the_analyses_take_a_diagram_and_its_parameters():
 
 
 MISTAKES = [
+    ('"demand - plant -> valve"', '"demand - 2*plant -> valve"', "connect.0", "a block of kind gain for a factor"),
+    (
+        'kind = "transfer_function"',
+        'kind = "Transfer_Function"',
+        "blocks.plant.kind",
+        "did you mean 'transfer_function'",
+    ),
+    ("num = [", "Num = [", "blocks.plant.Num", "did you mean 'num'"),
+    ('kind = "transfer_function"', 'element = "relay"', "blocks.plant.kind", "which stands in [elements]"),
+    (
+        'element = "saturation"',
+        'kind = "saturation"',
+        "elements.valve.element",
+        "element = 'saturation' in place of kind",
+    ),
+    ('element = "saturation"', 'kind = "gain"', "elements.valve.element", "which stands in [blocks]"),
+    (
+        'upper = "limit"',
+        'upper = "limit", memory = 1',
+        "elements.valve.memory",
+        "none, as saturation remembers nothing",
+    ),
+    ("[run]", '[signals]\ny = { of = "plant", units = "m" }\n[run]', "signals.y.units", "did you mean 'unit'"),
     ('"demand - plant -> valve"', '"demand - plnt -> valve"', "connect.0", "did you mean 'plant'"),
     ('"valve -> plant"', '"valve -> plant.input"', "connect.1", "did you mean 'plant.in'"),
     (', "valve -> plant"]', "]", "connect", "a connection to plant.in"),

@@ -100,7 +100,8 @@ class Ports:
             found.append((-1.0 if match[1] == "-" else 1.0, self.source(match[2], field)))
             at = match.end()
         if not found or at < len(text):
-            raise ModelError(self.who, text, "a signed sum of ports such as 'setpoint - sensor'", field=field)
+            factor = ", and a block of kind gain for a factor" * ("*" in text)
+            raise ModelError(self.who, text, f"a signed sum of ports such as 'setpoint - sensor'{factor}", field=field)
         return found
 
     def _port(self, text: str, ports: Mapping[str, tuple[str, ...]], what: str, field: str) -> Port:
