@@ -108,7 +108,7 @@ except epp.EppError as reason:
 
 _LADDER = """\
 if ladder is not None:
-    display(epp.table(ladder), ladder.plot().figure)
+    display(epp.table(ladder), run.plot(signals={signals}).figure)
     print(ladder.verdict)
 else:
     if run.status is not epp.Status.UNDECIDED:
@@ -123,7 +123,7 @@ else:
     display(epp.table(cycles))
     print(cycles.message, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
-        display(cycle.plot().figure)"""
+        display(cycle.plot(signals={signals}).figure)"""
 
 _TRIGGER = """\
 if cycles:
@@ -151,7 +151,7 @@ else:
     display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
-        print(special.kind, "at", case.text("{name}", special.value) + ":", special.note)
+        print(special.kind, "at", case.text("{name}", special.value, 4) + ":", special.note)
     print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)"""
 
 _MAP = """\
@@ -199,8 +199,11 @@ def _prediction(case: Case) -> str:
     return _PREDICTION.format(nyquist=_NYQUIST if several else "")
 
 
-def _margins(case: Case) -> str:
-    return _MARGINS
+def _shown(case: Case) -> list[str]:
+    """The signals that are drawn: that of the case, and the next one; more are too small for half a page."""
+    names = case.to_system().signals.names
+    own = case.expected.signal or names[0]
+    return [own, *(name for name in names if name != own)][:2]
 
 
 def _first(case: Case) -> str:
@@ -266,17 +269,17 @@ SECTIONS: tuple[Section, ...] = (
         "Margins",
         "Of the loop cut open where the table says, with each element as the gain below it; a loop with good margins "
         "may still oscillate.",
-        _margins,
+        _always(_MARGINS),
     ),
     Section(
         "Ladder",
         "Prediction and event-exact simulation side by side, with the error of first order in per cent.",
-        _always(_LADDER),
+        lambda case: _LADDER.format(signals=_shown(case)),
     ),
     Section(
         "Limit cycles",
         "All exact periodic orbits that were found; an unstable one separates rest from oscillation.",
-        _always(_CYCLES),
+        lambda case: _CYCLES.format(signals=_shown(case)),
     ),
     Section(
         "Trigger",

@@ -243,10 +243,8 @@ def _known(
     if proof is None:
         yield "Proved", "Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do."
     elif proof.proved:
-        yield (
-            "Proved",
-            f"{str(proof).removeprefix('Proved: ')} This sentence is a theorem, all others here are computed.",
-        )
+        theorem = str(proof).removeprefix("Proved: ")
+        yield "Proved", f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
     else:
         yield "Proved", f"Nothing: no sentence here is a theorem. {proof}"
 

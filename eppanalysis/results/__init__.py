@@ -291,7 +291,9 @@ class Trajectory(Result):
                 else f": {words(where[0])} at {quantity(at_rest(where[1]), self.units.get(where[0], ''))}"
             )
             return f"Settles at rest{at}, {since}."
-        return f"{f'After {number(self.end_time)} s' if self.t.size else 'Without samples'}: {self.message}"
+        end = f"after {number(self.end_time)} s" if self.t.size else "without samples"
+        begin = f"Undecided {end}" if self.status is Status.UNDECIDED else end.capitalize()
+        return f"{begin}: {self.message}"
 
     @checked
     def plot(self, ax: Axes | None = None, signals: list[str] | None = None) -> Axes:
@@ -361,6 +363,8 @@ def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:
         return f"1 {kind}limit cycle with {size}"
     if len(stable) == 1:
         return f"{len(cycles)} limit cycles, the stable one with {size}"
+    if len(stable) == len(cycles):
+        return f"{len(cycles)} stable limit cycles, the largest with {size}"
     known = f", {len(stable) or 'none'} of them stable" if any(c.stable is not None for c in cycles) else ""
     return f"{len(cycles)} limit cycles{known}, the largest{' of these' * bool(stable)} with {size}"
 

@@ -268,10 +268,9 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
 def test_what_first_order_misses_is_said():
     found = epp.ladder(epp.case("backlash_servo_unseen"))
     assert str(found).startswith(
-        "Oscillates: x 2.679 peak to peak at 0.1316 Hz. "
-        "The exact search finds 1 stable limit cycle with x 2.679 peak to peak at 0.1316 Hz. "
+        "Oscillates: x 2.679 peak to peak at 0.1316 Hz. The exact search finds this limit cycle and no other. "
     )
-    assert str(found).endswith("First order misses 1 of 1 stable limit cycle.")
+    assert str(found).endswith("First order misses the stable limit cycle.")
 
 
 def test_a_search_says_whether_the_start_decides():
@@ -283,7 +282,7 @@ def test_a_search_says_whether_the_start_decides():
 
 def test_what_does_not_count_as_an_answer_says_so():
     run = trajectory(Status.UNDECIDED)
-    assert str(run) == f"After 2 s: {Status.UNDECIDED.value}"
+    assert str(run) == f"Undecided after 2 s: {Status.UNDECIDED.value}"
     doubtful = replace(cycle(), error_estimate=np.inf)
     assert "may not exist" in str(doubtful)
     assert "1 of 2 may not exist" in str(replace(prediction(), cycles=(cycle(), doubtful)))

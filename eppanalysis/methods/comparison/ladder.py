@@ -34,7 +34,7 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.subject import CaseLike, require_case
-from eppanalysis.readable import count, signed_percent, words
+from eppanalysis.readable import signed_percent, words
 from eppanalysis.results import (
     DESCRIBING_FUNCTION,
     HARMONIC_BALANCE,
@@ -89,7 +89,7 @@ class Agreement(Enum):
     )
     CONFIRMED = (
         "The exact search confirms what first order predicts; the run itself is undecided by its end, "
-        "simulate for longer to see it there."
+        "so simulate for longer."
     )
     FOUND = (
         "The exact search finds the stable cycle that first order predicts, but first order is off by more than "
@@ -199,9 +199,17 @@ class Ladder(Result):
         """What the run does, what exact cycles there are, and what first order says of them."""
         cycle = self.run.limit_cycle
         run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
-        exact = [] if self.search is None else [f"The exact search finds {counted(self.search.cycles, self.signal)}."]
         first = [*_error_sentences(self.errors, self.signal), *_missed_sentences(self.missed, self.search)]
-        return " ".join([run, *exact, self.agreement.value, *first])
+        return " ".join([run, *self._exact_sentence(), self.agreement.value, *first])
+
+    def _exact_sentence(self) -> list[str]:
+        """What the exact search finds; a cycle that the run is on is not told again."""
+        if self.search is None:
+            return []
+        run, found = self.run.limit_cycle, self.search.cycles
+        alone = run is not None and len(found) == 1 and found[0].size_of(self.signal) == run.size_of(self.signal)
+        told = "this limit cycle and no other" if alone else counted(found, self.signal)
+        return [f"The exact search finds {told}."]
 
     def to_frame(self) -> pandas.DataFrame:
         """The methods, one a row: the cycle of each, how far it is off, and how long it took [s]."""
@@ -420,7 +428,9 @@ def _missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> li
     """How many of the stable exact cycles first order does not predict."""
     if not missed or search is None:
         return []
-    return [f"First order misses {len(missed)} of {count(len(search.stable), 'stable limit cycle')}."]
+    if len(missed) == len(search.stable) == 1:
+        return ["First order misses the stable limit cycle."]
+    return [f"First order misses {len(missed)} of {len(search.stable)} stable limit cycles."]
 
 
 def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
@@ -445,7 +455,8 @@ def _error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[s
     if not errors:
         return []
     f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
-    return [f"First order is off by {100 * f:+.1f} % in frequency and {100 * a:+.1f} % in the size of {signal}."]
+    size = f"{signed_percent(a)} in the size of {words(signal)}"
+    return [f"First order is off by {signed_percent(f)} in frequency and {size}."]
 
 
 def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) -> list[str]:

@@ -182,7 +182,7 @@ def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, li
 def _left_out(system: AveragedSystem, cycles: Sequence[LimitCycle]) -> str:
     """What the mean over the phases of the samples does not tell."""
     turns = sorted(c.period / system.slowest for c in cycles)
-    return f"{LEFT_OUT}: the fastest cycle has {turns[0]:.3g} samples a turn" if turns else LEFT_OUT
+    return f"{LEFT_OUT} The fastest cycle has {turns[0]:.3g} samples a turn." if turns else LEFT_OUT
 
 
 def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:

@@ -116,7 +116,7 @@ def harmonic_balance(
         try:
             cycle = replace(_cycle(system, loop, found, log), operating_point=at)
             if isinstance(system, AveragedSystem):
-                return replace(of_samples(system, cycle), note=f"{cycle.note} {LEFT_OUT.capitalize()}.".strip())
+                return replace(of_samples(system, cycle), note=f"{cycle.note} {LEFT_OUT}".strip())
             return replace(cycle, state=_NONE, mean_state=_NONE) if isinstance(system, DataSystem) else cycle
         except Unsettled:
             method = f"{HARMONIC_BALANCE}, order {found.order}"

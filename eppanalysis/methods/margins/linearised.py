@@ -14,6 +14,7 @@ from eppanalysis.models.systems.linear import ROUNDING, balanced, poles, zeros
 from eppanalysis.models.systems.lure import LureSystem, with_own_states
 from eppanalysis.models.systems.sampled.averaged import averaged
 from eppanalysis.models.systems.sampled.strobe import is_sampled, sampled_among
+from eppanalysis.readable import number
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -191,7 +192,7 @@ class Linearised:
         said = []
         for i, (name, element) in enumerate(zip(self.system.element_names, self.system.elements, strict=True)):
             block = self.gains[self.system.output_slices[i], self.system.input_slices[i]]
-            numbers = ", ".join(f"{value:.6g}" for value in block.ravel())
+            numbers = ", ".join(number(value) for value in block.ravel())
             none = "none (its output jumps, or its slope has no bound)"
             said.append(f"{name}: {none if i in self.without else f'{numbers} ({element.linear_gain_is})'}.")
         return (*said, *self.executed)

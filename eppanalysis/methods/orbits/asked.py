@@ -16,6 +16,7 @@ from eppanalysis.methods.orbits.mirrored import is_mirrored, mirror
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
@@ -68,24 +69,24 @@ class Asked:
         """What tells an orbit from the one that is asked for, in words; empty where nothing does."""
         cycle = self.cycle
         if not _near(orbit.period, cycle.period, self.tolerance):
-            return f"has {1.0 / orbit.period:.6g} Hz"
+            return f"has {number(1.0 / orbit.period)} Hz"
         if self.image is not None and not is_mirrored(orbit, self.image):
-            return f"is not its own mirror image ({1.0 / orbit.period:.6g} Hz)"
+            return f"is not its own mirror image ({number(1.0 / orbit.period)} Hz)"
         return self.shape_difference(to_limit_cycle(self.system, orbit), orbit.one_of_many)
 
     def shape_difference(self, found: LimitCycle, floats: bool = False) -> str:
         """The same for frequency, sizes and (unless the motion `floats`) means of a cycle."""
         cycle = self.cycle
         if not _near(found.period, cycle.period, self.tolerance):
-            return f"has {found.frequency:.6g} Hz"
+            return f"has {number(found.frequency)} Hz"
         names = [k for k, c in cycle.harmonics.items() if len(c) > 1 and abs(c[1]) * abs(found.harmonics[k][1]) > 0]
         # The estimate holds for the loop's first signal; the breakpoint of an element may show more in another.
         ratios = [abs(found.harmonics[k][1]) / abs(cycle.harmonics[k][1]) for k in names]
         if ratios and not _near(float(np.median(ratios)), 1.0, self.tolerance):
-            return f"has {100.0 * float(np.median(ratios)):.3g} % of the size ({found.frequency:.6g} Hz)"
+            return f"has {100.0 * float(np.median(ratios)):.3g} % of the size ({number(found.frequency)} Hz)"
         shifts = [abs(found.mean[k] - cycle.mean[k]) / found.peak_to_peak[k] for k in names]
         if shifts and not floats and np.median(shifts) > self.tolerance:
-            return f"has another mean ({found.frequency:.6g} Hz)"
+            return f"has another mean ({number(found.frequency)} Hz)"
         return ""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.readable import count, listed
+from eppanalysis.readable import count, listed, number, quantity, words
 from eppanalysis.results import LimitCycle, Listing, Status, brief_cycles, counted, cycles_frame
 
 if TYPE_CHECKING:
@@ -69,11 +69,11 @@ class CycleSearch(Listing[LimitCycle]):
         """How the search ended, in a sentence."""
         missing = [f"no orbit was closed for the cycle predicted at {named(c)}" for c in self.unclosed if exists(c)]
         open_ends = "; ".join([*missing, *self.left_open])
-        told = self.status.value if not open_ends else f"The search leaves something open: {open_ends}."
+        told = [f"The search leaves something open: {open_ends}."] * bool(open_ends)
         doubtful = " and ".join(named(c) for c in self.unclosed if not exists(c))
-        if not doubtful:
-            return told
-        return f"{told} No orbit was found for what first order predicts at {doubtful}, which may not exist."
+        if doubtful:
+            told.append(f"No orbit was found for what first order predicts at {doubtful}, which may not exist.")
+        return " ".join(told) or self.status.value
 
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
@@ -123,7 +123,9 @@ def named(cycle: LimitCycle) -> str:
     """A predicted cycle by its frequency and the size of its first signal."""
     name, size = next(iter(cycle.peak_to_peak.items()))
     kind = {True: ", stable", False: ", unstable", None: ""}[cycle.stable]
-    return f"{cycle.frequency:.6g} Hz ({name} {size:.4g} {cycle.units.get(name, '')}".rstrip() + f" peak to peak{kind})"
+    return (
+        f"{number(cycle.frequency)} Hz ({words(name)} {quantity(size, cycle.units.get(name, ''))} peak to peak{kind})"
+    )
 
 
 def exists(cycle: LimitCycle) -> bool:

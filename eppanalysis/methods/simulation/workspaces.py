@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -82,8 +83,14 @@ of_thread = _Own()
 def announce_compilation(kernel: Any) -> None:
     """Say on standard error what is happening before a kernel is compiled for the first time on a machine."""
     if not is_compiled(kernel):
-        sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
-        sys.stderr.flush()
+        _say_that_it_compiles()
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    """Once a process, however many kernels are compiled."""
+    sys.stderr.write("Compiling the engine for this machine; once, for about a minute ...\n")
+    sys.stderr.flush()
 
 
 def is_compiled(kernel: Any) -> bool:

@@ -185,4 +185,4 @@ def test_a_prediction_that_was_not_closed_is_named():
     sure = epp.find_limit_cycles(system, predicted=[replace(missing, error_estimate=0.1)])
     assert sure.status is Status.UNDECIDED and len(sure.unclosed) == 1 and not sure.left_open
     for text in (found.search, found.message, found.to_dict()["message"]):
-        assert "0.0506339 Hz" in text and "unstable" in text
+        assert "0.05063 Hz" in text and "unstable" in text
