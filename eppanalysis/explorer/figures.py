@@ -69,8 +69,9 @@ class StepPicture:
         made = self.figure = _figure("Step response", "time [s]", with_unit(words(signal), unit), name="step")
         made.line("x", "y", source=self.source, color=BLUE, line_width=1.3, legend_label="now")
         behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.6, "level": "underlay"}
-        made.line("x", "y", source=self.ghost, legend_label="before: none", **behind)
+        made.line("x", "y", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
+        self.before.visible = False
         _legend(made)
         made.legend[0].ncols = 1
 
@@ -82,7 +83,7 @@ class StepPicture:
     def keep(self, text: str) -> None:
         """The run of now stays as a ghost behind those that come."""
         self.ghost.data = dict(self.source.data)
-        self.before.label = {"value": f"before: {text}"}
+        self.before.update(label={"value": f"before: {text}"}, visible=True)
 
 
 class NyquistPicture:
@@ -146,6 +147,9 @@ class BranchPicture:
         made.scatter("x", "y", source=self.exact_stable, fill_color=GREEN, legend_label="exact, stable", **marks)
         made.scatter("x", "y", source=self.exact_unstable, fill_color="white", legend_label="exact, unstable", **marks)
         _mark_run(made, self.run)
+        self.lines = made.legend[0].items[:3]  # a name of what is not there yet would stand alone
+        for item in self.lines:
+            item.visible = False
         self.here = Span(location=0, dimension="height", line_color=GREY, line_dash="dotted", line_width=1.5)
         made.add_layout(self.here)
         made.y_range.start = 0
@@ -169,6 +173,8 @@ class BranchPicture:
             "y": [y_factor * y for _, y in facts["folds"]],
         }
         self.figure.xaxis.axis_label = label
+        for item, there in zip(self.lines, (*lines.values(), facts["folds"]), strict=True):
+            item.visible = bool(there["xs"] if isinstance(there, dict) else there)
 
     def show_exact(self, facts: dict[str, Any] | None, place: float, factor: float) -> None:
         """The exact cycles of the case; None takes them away."""
@@ -201,13 +207,15 @@ class MapPicture:
         ranges = {"x_range": Range1d(start=xs[0], end=xs[1]), "y_range": Range1d(start=ys[0], end=ys[1])}
         made = self.figure = _figure("Design map", x_label, y_label, name="map", **ranges)
         self.cells = ColumnDataSource(data={"image": [], "x": [], "y": [], "dw": [], "dh": []})
-        self.star = ColumnDataSource(data=_NOTHING)
+        self.star, self.folds = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
         colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
         for code, word in ((1, "settles"), (2, "oscillates"), (3, "diverges"), (0, "not decided")):
             made.scatter(
                 [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
             )
+        edged: dict[str, Any] = {"fill_color": "white", "line_color": "black", "line_width": 1.5}
+        made.scatter("x", "y", source=self.folds, marker="diamond", size=13, legend_label="exact fold", **edged)
         # Black with a white edge: the map's colours are light by day and by night, and its paper is dark at night.
         star: dict[str, Any] = {"marker": "star", "size": 19, "fill_color": "black", "line_color": "white"}
         made.scatter("x", "y", source=self.star, legend_label="the case", **star)
@@ -217,6 +225,10 @@ class MapPicture:
         """Where the case stands, in the picture and in its legend."""
         self.star.data = {"x": [x], "y": [y]}
         self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g} (drag or tap)"}
+
+    def show_folds(self, places: Sequence[tuple[float, float]]) -> None:
+        """Where cycles appear exactly, which cells tell to their width only."""
+        self.folds.data = {"x": [x for x, _ in places], "y": [y for _, y in places]}
 
     def on_drag(self, begin: Callable[[], None], move: Callable[[float, float], None], end: Callable[[], None]) -> None:
         """Say what is done when the design is dragged on the map, or put to where the map is tapped."""

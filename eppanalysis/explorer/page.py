@@ -150,7 +150,7 @@ class Page:
             end=slider.high,
             step=slider.step,
             value=slider.value,
-            format="0[.]0[0000]" if slider.step < 100 else "0",
+            format="0[.]0[0000]" if slider.high < 1000 else "0",
             name=f"slider_{len(self.doc.roots)}",
             tags=[slider.name],
             sizing_mode="stretch_width",
@@ -373,7 +373,8 @@ class Page:
         if over is not None:
             at = {over.name: over.value * over.per_unit}
             low, high = over.low * over.per_unit, over.high * over.per_unit
-            self._ask_once("branch", slow.branch, at, (over.name, low, high), partial(self._show_branch, over))
+            here = {a.name: self._place(a.name) for a in self.axes or ()}
+            self._ask_once("branch", slow.branch, at, (over.name, low, high), partial(self._show_branch, over, here))
 
     def _ask_once(
         self,
@@ -421,12 +422,16 @@ class Page:
         self.branch.show_exact(facts, self._place(self.over.value), self.factor)
         self.exact.text = _in_words(facts, self.unit, self.factor)
 
-    def _show_branch(self, over: Slider, facts: slow.Facts) -> None:
+    def _show_branch(self, over: Slider, here: Values, facts: slow.Facts) -> None:
+        """The branch, and its folds on the map at the values `here` of its axes, if it runs over one of them."""
         none = facts.get("error") or ("" if facts["pieces"] else "none found")
         self.branch.figure.title.text = f"Limit cycles: {none}" if none else "Limit cycles"
         if "error" in facts:
             facts = {"pieces": [], "folds": []}
         self.branch.show_branch(facts, over.label(), 1.0 / over.per_unit, self.factor)
+        if self.map is not None:
+            places = [{**here, over.name: value / over.per_unit} for value, _ in facts["folds"] if over.name in here]
+            self.map.show_folds([(x, y) for x, y in map(dict.values, places)])
 
     def _show_map(self, facts: slow.Facts) -> None:
         assert self.map is not None and self.axes is not None

@@ -98,6 +98,8 @@ def slow_pictures_arrive(page):
     folds = "model('branch').renderers.find((r) => r.glyph.marker?.value === 'diamond').data_source.data.x"
     wait(page, f"{folds}.length === 1", 240)
     assert page.evaluate(f"{folds}[0]") == pytest.approx(0.9785869, abs=1e-6)
+    on_map = page.evaluate("model('map').renderers.find((r) => r.glyph.marker?.value === 'diamond').data_source.data")
+    assert [list(on_map["x"]), list(on_map["y"])] == [[2.5], pytest.approx([0.9785869], abs=1e-6)]
 
 
 def test_undo_and_reset(page):

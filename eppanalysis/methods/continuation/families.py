@@ -8,6 +8,7 @@ changes the structure), the system is built each time.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 _DEGREES = (8, 16, 32)
 _AGREEMENT = 4e-15
+#: Lengths of the range that is interpolated over, relative to the one given.
+_REACHES = (1.02, 0.98)
 _CHECKED = (-0.93, -0.41, 0.13, 0.58, 0.97)
 
 
@@ -84,24 +87,31 @@ class Family:
 
 
 def interpolate(build: Callable[[float], HybridSystem], low: float, high: float) -> _Interpolant | None:
-    """The interpolant over a range a little wider than given; None when the system's structure changes in it."""
-    middle, half = 0.5 * (low + high), 0.5 * abs(high - low) * 1.02
-    try:
-        checks = [build(middle + u * half) for u in _CHECKED]
-        built: dict[float, HybridSystem] = {}
-        for degree in _DEGREES:
-            # The extrema of a Chebyshev polynomial are among those of one of twice the degree.
-            nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
-            keys = [k / degree for k in range(degree + 1)]
-            built |= {k: build(middle + half * float(u)) for k, u in zip(keys, nodes, strict=True) if k not in built}
-            systems = [built[k] for k in keys]
-            if not all(_same_structure(checks[0], s) for s in [*systems, *checks]):
-                return None
-            found = _fit(nodes, systems, middle, half)
-            if all(_agree(found, middle + u * half, exact) for u, exact in zip(_CHECKED, checks, strict=True)):
-                return found
-    except EppError:
-        return None  # a value at the rim of the range that the system refuses
+    """The interpolant over a range a little wider than given; None when the system's structure changes in it.
+
+    Where the system refuses values beyond the range (a backlash from zero on), it is one over a little less of it.
+    """
+    for reach in _REACHES:
+        with suppress(EppError):
+            return _interpolant(build, 0.5 * (low + high), 0.5 * abs(high - low) * reach)
+    return None
+
+
+def _interpolant(build: Callable[[float], HybridSystem], middle: float, half: float) -> _Interpolant | None:
+    """The interpolant of the least degree that agrees with the system to rounding, if there is one."""
+    checks = [build(middle + u * half) for u in _CHECKED]
+    built: dict[float, HybridSystem] = {}
+    for degree in _DEGREES:
+        # The extrema of a Chebyshev polynomial are among those of one of twice the degree.
+        nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
+        keys = [k / degree for k in range(degree + 1)]
+        built |= {k: build(middle + half * float(u)) for k, u in zip(keys, nodes, strict=True) if k not in built}
+        systems = [built[k] for k in keys]
+        if not all(_same_structure(checks[0], s) for s in [*systems, *checks]):
+            return None
+        found = _fit(nodes, systems, middle, half)
+        if all(_agree(found, middle + u * half, exact) for u, exact in zip(_CHECKED, checks, strict=True)):
+            return found
     return None
 
 

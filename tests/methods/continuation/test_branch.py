@@ -95,15 +95,25 @@ def test_curve_of_folds(there):
     assert curve.values[1, 0] == pytest.approx(single.folds[0].value, rel=1e-9)
 
 
-def test_interpolated_system_is_the_system():
+@pytest.mark.parametrize(
+    ("name", "low", "high", "at"),
+    [
+        ("bands.range", 2.0 * POUND, 5.0 * POUND, 3.3 * POUND),
+        ("lock_pin.backlash", 0.0, np.radians(4.0), np.radians(0.9)),  # below zero there is none
+    ],
+)
+def test_interpolated_system_is_the_system(name, low, high, at):
     case = epp.case("fig8a_original")
 
     def build(value):
-        return steady_case(case.with_values({"bands.range": value}))
+        return steady_case(case.with_values({name: value}))
 
-    found = interpolate(build, 2.0 * POUND, 5.0 * POUND)
-    one, other = found.at(3.3 * POUND), build(3.3 * POUND)
-    np.testing.assert_allclose(one.model.mode_wz, other.model.mode_wz, rtol=1e-13)
+    found = interpolate(build, low, high)
+    one, other = found.at(at), build(at)
+    assert found.names
+    for field in found.names:
+        places = (h if field in ("x0", "H0") else h.model for h in (one, other))
+        np.testing.assert_allclose(*(getattr(place, field) for place in places), rtol=1e-13, err_msg=field)
     np.testing.assert_allclose(one.x0, other.x0, rtol=1e-14)
 
 
