@@ -23,8 +23,8 @@ from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady
 from eppanalysis.methods.orbits.guess import recurrences
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
-from eppanalysis.methods.orbits.samples.sampled import search_sampled
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
+from eppanalysis.methods.search.discrete import search_discrete
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
 from eppanalysis.methods.search.locked import search_locked
 from eppanalysis.methods.search.rests import towards_rests
@@ -104,7 +104,7 @@ def find_limit_cycles(
     """
     system, at = standing(system, operating_point, "find_limit_cycles")
     if system.time_step:
-        return _in_discrete_time(system, at, predicted)
+        return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted)
     if (apart := motions_apart(system)) is not None:
         own, T, inverse = apart
         given = None if predicted is None else [in_states(cycle, inverse) for cycle in predicted]
@@ -152,31 +152,6 @@ def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> C
     except ModelError:  # an element without a describing function
         predicted = ()
     return find_limit_cycles(system, predicted=[*predicted, *known])
-
-
-def _in_discrete_time(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle] | None) -> CycleSearch:
-    """Orbits that close after whole numbers of samples."""
-    seeds = _predictions(system, at) if predicted is None else predicted
-    with allotted(_MOST_WORK) as work:
-        found = search_sampled(system, at, seeds)
-    left = [undecided(found.undecided)] * bool(found.undecided)
-    if found.left:
-        left.append(
-            f"orbits of {count(len(found.left), 'further number')} of samples, up to {max(found.left)}, not sought "
-            f"when the search had taken {_MOST_WORK:.0e} steps"
-        )
-    return CycleSearch(
-        cycles=tuple(replace(c, operating_point=at) for c in found.cycles),
-        status=Status.UNDECIDED if left else Status.CONVERGED,
-        settles=found.rest is not None,
-        diverges=found.diverges,
-        search=found.search,
-        rest_state=np.zeros(0) if found.rest is None else found.rest,
-        left_open=tuple(left),
-        n_runs=found.runs,
-        provenance=_made_by(system, {"runs": found.runs, "work": work.used}),
-        operating_point=at,
-    )
 
 
 def _made_by(system: LureSystem, counts: dict[str, float]) -> Provenance:

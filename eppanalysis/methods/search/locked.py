@@ -19,12 +19,13 @@ from eppanalysis.methods.orbits.samples.locked import (
     close_locked,
     lengths_near,
     locked_cycle,
+    not_among,
     same_round,
     starts_on,
 )
 from eppanalysis.methods.search.ends import End
 from eppanalysis.methods.search.reach import reach_of_elements
-from eppanalysis.methods.search.result import CycleSearch, undecided
+from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
@@ -223,6 +224,7 @@ def search_locked(
     search = _Search(system, hybrid, strobe, predicted)
     search.run_all()
     cycles = [*(locked_cycle(system, o) for o in search.rounds), *search.others]
+    unclosed = not_among(cycles, predicted)
     name, open_runs = system.signals.names[0], search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
     if used_up := search.ends[End.OUT_OF_EVENTS]:
@@ -231,12 +233,12 @@ def search_locked(
         cycles=tuple(
             replace(c, operating_point=at) for c in sorted(cycles, key=lambda c: (c.peak_to_peak[name], c.period))
         ),
-        status=Status.UNDECIDED if left else Status.CONVERGED,
+        status=Status.UNDECIDED if left or any(map(exists, unclosed)) else Status.CONVERGED,
         settles=search.ends[End.REST] > 0,
         diverges=search.ends[End.DIVERGENCE] > 0,
         search=search.sentence(),
         rest_state=search.rest,
-        unclosed=tuple(c for c in predicted if all(away(found, c) > np.log(2.0) for found in cycles)),
+        unclosed=unclosed,
         left_open=tuple(left),
         n_runs=sum(search.ends.values()),
         provenance=Provenance(

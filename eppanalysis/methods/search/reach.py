@@ -14,6 +14,7 @@ from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.models.systems.lure import LureSystem
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 
 def reach_of_elements(system: LureSystem) -> Array:
@@ -22,16 +23,28 @@ def reach_of_elements(system: LureSystem) -> Array:
     Of many such states, the one to which the least outputs of the elements lead: it is the same motion in all
     coordinates and units of the state.
     """
+    oscillations, C = oscillations_at_reach(system)
+    spread = (oscillations @ oscillations.conj().T).real
+    return np.asarray(spread @ C.T @ np.linalg.pinv(C @ spread @ C.T, hermitian=True) @ np.ones(len(C)))
+
+
+def oscillations_at_reach(system: LureSystem) -> tuple[ComplexArray, Array]:
+    """Oscillations to which the elements' outputs lead, as large as the elements need to matter.
+
+    Returns
+    -------
+    states, C : complex array (n, k), array (elements, n)
+        States of the oscillations at frequencies of the linear part; the elements' first inputs by the state, in parts
+        of where each begins to matter.
+    """
     rows = [s.start for s in system.input_slices]
     omega = _middle_frequencies(system)
     wanted = np.array([_reach(system, i, omega[len(omega) // 2]) for i in range(len(rows))])
     C = system.C[rows][wanted > 0] / wanted[wanted > 0, None]
     with np.errstate(all="ignore"):
-        oscillations = np.concatenate(list(system.state_response(omega)), axis=1)
-        oscillations = oscillations / np.abs(C @ oscillations).max(axis=0, initial=0.0)
-    oscillations = oscillations[:, np.all(np.isfinite(oscillations), axis=0)]
-    spread = (oscillations @ oscillations.conj().T).real
-    return np.asarray(spread @ C.T @ np.linalg.pinv(C @ spread @ C.T, hermitian=True) @ np.ones(len(C)))
+        states = np.concatenate(list(system.state_response(omega)), axis=1)
+        states = states / np.abs(C @ states).max(axis=0, initial=0.0)
+    return states[:, np.all(np.isfinite(states), axis=0)], C
 
 
 def _middle_frequencies(system: LureSystem) -> Array:

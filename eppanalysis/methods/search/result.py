@@ -49,6 +49,9 @@ class CycleSearch(Listing[LimitCycle]):
         What keeps the search from being complete, unclosed predictions aside, each in words.
     n_runs : int
         Runs that were made.
+    not_covered : str
+        What a search that leaves nothing open has not looked for, in a sentence without its full stop; empty where
+        `search` says it all.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -60,6 +63,7 @@ class CycleSearch(Listing[LimitCycle]):
     unclosed: tuple[LimitCycle, ...] = ()
     left_open: tuple[str, ...] = ()
     n_runs: int = 0
+    not_covered: str = ""
 
     parts = "cycles"
     in_json = "status message settles diverges search operating_point cycles unclosed provenance"
@@ -73,7 +77,8 @@ class CycleSearch(Listing[LimitCycle]):
         doubtful = " and ".join(named(c) for c in self.unclosed if not exists(c))
         if doubtful:
             told.append(f"No orbit was found for what first order predicts at {doubtful}, which may not exist.")
-        return " ".join(told) or self.status.value
+        told = told or [self.status.value]
+        return " ".join([*told, f"{self.not_covered}."] if self.not_covered else told)
 
     @property
     def stable(self) -> tuple[LimitCycle, ...]:
@@ -87,7 +92,10 @@ class CycleSearch(Listing[LimitCycle]):
 
     def __str__(self) -> str:
         """Whether the loop oscillates, the largest cycle, and what the search leaves open."""
-        open_ends = "" if self.status.ok and not self.unclosed else f" {self.message}"
+        # Of a search that leaves nothing open only what it did not look for is said.
+        open_ends = f" {self.not_covered}." if self.not_covered else ""
+        if self.unclosed or not self.status.ok:
+            open_ends = f" {self.message}"
         if not self.cycles:
             none = "No limit cycle was found" + (f" by {count(self.n_runs, 'run')}" if self.n_runs else "")
             ends = ["some starts settle at rest"] * self.settles + ["some grow without bound"] * self.diverges

@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 
 #: How near a time must be to a whole number of samples, in samples.
 _WHOLE = 1e-6
+#: Difference of states a period apart, relative to the motion, of a run that repeats itself.
+_REPEATS = 1e-9
+#: Rounding of a state at rest, relative to the terms that it is the sum of: slow motions gather it over many samples.
+_ROUNDING = 1e-13
 
 
 def iterate(
@@ -60,7 +64,7 @@ def iterate(
     s = system.signals
     Y = X @ s.C.T + W @ s.D.T + v @ s.D_input.T + s.constant
     signals = dict(zip(s.names, Y.T.copy(), strict=True))
-    status, period, change = _verdict(X, Y)
+    status, period, change = _verdict(X, _rounding(system, X, W, v))
     facts = Provenance("iteration", {"t_end": t_end, "time_step": step, "system": system.name})
     cycle = cycle_of_samples(signals, period, step, change, facts) if status is Status.LIMIT_CYCLE else None
     if cycle is not None and not np.any(lag):
@@ -138,19 +142,33 @@ def _outputs(system: LureSystem, order: list[int], x: Array, v: Array, memory: l
     return w, memory
 
 
-def _verdict(X: Array, Y: Array) -> tuple[Status, int, float]:
+def _rounding(system: LureSystem, X: Array, W: Array, v: Array) -> Array:
+    """How far each state moves by rounding alone of the terms of itself and of the elements' inputs, (n,)."""
+    reached, made = np.abs(X).max(0), np.abs(W).max(0)
+    forced = v @ system.D_input.T + system.constant_input
+    seen = np.abs(system.C) @ reached + np.abs(system.D) @ made + np.abs(forced).max(0)
+    moved = np.ptp(X @ system.C.T + W @ system.D.T + forced, axis=0)
+    for zs, ws in zip(system.input_slices, system.output_slices, strict=True):
+        # As outputs follow inputs on this motion, they follow the rounding of inputs.
+        made[ws] += np.ptp(W[:, ws], axis=0) * seen[zs].max() / max(moved[zs].max(), np.finfo(float).tiny)
+    given = np.abs(v @ system.B_input.T + system.constant_state).max(0)
+    return _ROUNDING * (np.abs(system.A) @ reached + np.abs(system.B) @ made + given)
+
+
+def _verdict(X: Array, rounding: Array) -> tuple[Status, int, float]:
     """At rest, periodic with a whole number of samples, or undecided."""
     if not np.all(np.isfinite(X)):
         return Status.DIVERGED, 0, float("nan")
     tail = X[len(X) // 2 :]
     size = np.ptp(X, axis=0)
     moved = np.ptp(X[-max(2, len(X) // 10) :], axis=0)
-    if np.all(moved <= 1e-6 * size):
+    if np.all(moved <= np.maximum(1e-6 * size, rounding)):
         return Status.SETTLED, 0, 0.0
     scale = np.maximum(np.ptp(tail, axis=0), 1e-300)
-    for period in range(1, len(tail) // 3):
+    near = np.all(np.abs(tail[::-1][: len(tail) // 3] - tail[-1]) < _REPEATS * scale, axis=1)
+    for period in (np.flatnonzero(near[1:]) + 1).tolist():
         recent = np.abs(tail[-period:] - tail[-2 * period : -period]) / scale
-        if recent.max() < 1e-9:
+        if recent.max() < _REPEATS:
             return Status.LIMIT_CYCLE, period, float(recent.max())
     return Status.UNDECIDED, 0, float("nan")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -12,6 +13,7 @@ import eppanalysis as epp
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.inputs import Ramp, Step
 from eppanalysis.results import Status
+from tests.stress.families import problem
 
 
 def loop(element: epp.Nonlinearity, **more) -> epp.LureSystem:
@@ -35,6 +37,15 @@ def test_rest_of_a_saturated_recursion():
     run = epp.simulate(loop(epp.Saturation(), x0=[1.0]), t_end=10.0)
     assert run.status is Status.SETTLED
     assert run.settled_at["saturation_input"] == pytest.approx(2.0, rel=1e-12)
+
+
+def test_rest_that_rounding_moves_is_no_motion():
+    """A run that begins where another one of the loop has come to rest: its last digits repeat themselves for ever."""
+    for seed in (32, 33, 35):
+        system = problem("saturation, sampled", seed).system
+        there = epp.simulate(system, t_end=400.0).settled_at
+        begun = replace(system, x0=np.array(list(there.values())))
+        assert epp.simulate(begun, t_end=100.0).status is Status.SETTLED
 
 
 def test_relay_with_period_two():

@@ -9,7 +9,7 @@ whole number of samples has no such orbit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -344,3 +344,12 @@ def away(cycle: LimitCycle, start: LimitCycle) -> float:
     return abs(float(np.log(cycle.period / start.period))) + float(
         np.median([abs(np.log(a / b)) for a, b in sizes] or [0.0])
     )
+
+
+def not_among(cycles: Sequence[LimitCycle], predicted: Sequence[LimitCycle]) -> tuple[LimitCycle, ...]:
+    """The predicted cycles that no turn of those found is near: within a factor of two of period and size together."""
+
+    def turn(found: LimitCycle, c: LimitCycle) -> LimitCycle:
+        return replace(found, period=found.period / max(round(found.period / c.period), 1))
+
+    return tuple(c for c in predicted if all(away(turn(found, c), c) > np.log(2.0) for found in cycles))

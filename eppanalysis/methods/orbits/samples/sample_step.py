@@ -106,7 +106,7 @@ class Step:
         out = np.concatenate([x, stored, *buffer], 1)
         if d_late is None:
             return out, after, W, None
-        dx = np.einsum("ij,mjk->mik", system.A, eye[:, :n]) + np.einsum("ij,mjk->mik", system.B, d_late)
+        dx = system.A @ eye[0, :n] + np.einsum("ij,mjk->mik", system.B, d_late)
         return out, after, W, (np.concatenate([dx, dM, *d_buffer], 1), border)
 
     def _outputs(
@@ -127,12 +127,13 @@ class Step:
             dz = np.einsum("j,mjk->mk", system.D[zs], dW)
             dz[:, :n] += system.C[zs]
             size = float(np.abs(system.C[zs]) @ scale[:n]) + float(np.abs(system.D[zs]) @ np.abs(W).max(0)) + 1e-300
-            by_z, edge = _slope(lambda e: self._answer(i, z + e, memory[i], m), z, size, careful)  # noqa: B023
+            here = _beside(y, after[i], m)
+            by_z, edge = _slope(lambda e: self._answer(i, z + e, memory[i], m), here, z, size, careful)  # noqa: B023
             dW[:, ws] = by_z[:, :-1, None] * dz[:, None]
             border |= edge
             if i in self.remembers:
                 place = self.remembers.index(i)
-                by_h, edge = _slope(lambda e: self._answer(i, z, _moved(memory[i], e), m), z, size, careful)  # noqa: B023
+                by_h, edge = _slope(lambda e: self._answer(i, z, _moved(memory[i], e), m), here, z, size, careful)  # noqa: B023
                 dW[:, ws, n + place] += by_h[:, :-1]
                 dM[:, place] = by_z[:, -1, None] * dz
                 dM[:, place, n + place] += by_h[:, -1]
@@ -141,9 +142,13 @@ class Step:
 
     def _answer(self, i: int, z: Array, memory: Any, m: int) -> Array:
         """Outputs of an element, and its memory value last, (m, outputs + 1)."""
-        y, after = self.system.elements[i].output(z, memory)
-        stored = np.zeros(m) if after is None else np.broadcast_to(_value(after), (m,))
-        return np.concatenate([np.reshape(y, (m, -1)), stored[:, None]], 1)
+        return _beside(*self.system.elements[i].output(z, memory), m)
+
+
+def _beside(y: Array, memory: Any, m: int) -> Array:
+    """Outputs and memory value of m states, (m, outputs + 1)."""
+    stored = np.zeros(m) if memory is None else np.broadcast_to(_value(memory), (m,))
+    return np.concatenate([np.reshape(y, (m, -1)), stored[:, None]], 1)
 
 
 def _value(memory: Any) -> Array:
@@ -154,9 +159,8 @@ def _moved(memory: Any, by: float) -> Any:
     return memory._replace(value=_value(memory) + by) if isinstance(memory, Slip) else memory + by
 
 
-def _slope(f: Callable[[float], Array], z: Array, size: float, careful: bool) -> tuple[Array, BoolArray]:
-    """Slopes (m, k); with `careful` from the largest step on which both sides agree, and where none does."""
-    here = f(0.0)
+def _slope(f: Callable[[float], Array], here: Array, z: Array, size: float, careful: bool) -> tuple[Array, BoolArray]:
+    """Slopes (m, k) of f, f(0) is `here`; `careful`: of the largest step on which both sides agree, where any does."""
     if not careful:
         e = _STEPS[-1] * size
         return (f(e) - here) / e, np.zeros(len(here), bool)

@@ -10,7 +10,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.errors import EppError
-from eppanalysis.methods.search import find
+from eppanalysis.methods.search import discrete
 from eppanalysis.results import Status
 from tests.stress.families import problem
 
@@ -128,13 +128,13 @@ def test_a_search_ends_with_its_work_and_says_what_it_left(monkeypatch):
     """A share of the work lists a share of the orbits, the same ones each time, and none is claimed to be all."""
     system, whole = search("backlash_discrete_pi_kp02_ki02")
     assert whole.status is Status.CONVERGED
-    monkeypatch.setattr(find, "_MOST_WORK", 0.7 * whole.provenance.statistics["work"])
+    monkeypatch.setattr(discrete, "_MOST_WORK", 0.7 * whole.provenance.statistics["work"])
     cut, again = epp.find_limit_cycles(system), epp.find_limit_cycles(system)
     assert cut.status is Status.UNDECIDED
     assert "not sought when the search had taken" in str(cut)
     assert [c.period for c in cut] == [c.period for c in again]
     assert {c.period for c in cut} <= {c.period for c in whole}
-    assert cut.provenance.statistics["work"] < 1.1 * find._MOST_WORK
+    assert cut.provenance.statistics["work"] < 1.1 * discrete._MOST_WORK
 
 
 def test_runs_are_as_long_as_a_slow_loop_takes_to_rest():

@@ -1,0 +1,261 @@
+"""All limit cycles of a loop in discrete time: orbits that close after whole numbers of samples, others as of runs.
+
+Runs from many states end on stable cycles. From states on all of them, orbits of the numbers of samples that runs end
+on and of those near are sought by Newton's method, stable and unstable: cycles of neighbouring numbers stand side by
+side, and of a thousand runs one may meet the smallest basin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.orbits.orbit import CONVERGED
+from eppanalysis.methods.orbits.samples.locked import not_among
+from eppanalysis.methods.orbits.samples.sample_step import Step
+from eppanalysis.methods.orbits.samples.sampled import (
+    SCALES,
+    all_orbits,
+    chosen,
+    far_from,
+    middle_of,
+    ready,
+    runs,
+    seeds_of,
+    size_of,
+)
+from eppanalysis.methods.orbits.samples.unlocked import unlocked
+from eppanalysis.methods.search.reach import oscillations_at_reach, reach_of_elements
+from eppanalysis.methods.search.result import CycleSearch, exists, undecided
+from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.readable import count, listed
+from eppanalysis.results import SIMULATION, LimitCycle, Status
+from eppanalysis.results.provenance import Provenance
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_STILL = 1e-9
+#: Fewest and most samples of a first run, and those of a turn that it lasts; how often a run without an end is made
+#: three times as long.
+_FEWEST, _MOST, _TURNS, _LONGER = 400, 8000, 320, 2
+_N_RANDOM, _SEED = 48, 20050901
+#: Sizes of random starts, in parts of where elements begin to matter.
+_SMALLEST, _LARGEST = 0.05, 3.0
+#: Numbers of samples that are always tried; samples in all numbers near one turn, and near all of them; samples of a
+#: turn from which orbits of its length are sought where runs end on them alone.
+_SHORT, _MOST_NEAR, _MOST_SOUGHT, _LONG = range(2, 9), 8000, 24_000, 500
+#: Numbers of samples that are sought together.
+_TOGETHER = 16
+#: Steps of the engine, and what is worth as many, after which a search ends.
+_MOST_WORK = 2e7
+
+
+@dataclass
+class _Runs:
+    """Runs from many starts: states (samples, m, d) of their first stretch, and what each has come to.
+
+    An end is the number of samples after which a run repeats itself (1: it settles), 0 where it does not, -1 where it
+    diverges. `on` counts the runs on `motions`, which are not locked to the samples.
+    """
+
+    step: Step
+    paths: Array
+    scale: Array
+    far: Array
+    ends: IntArray
+    last: Array
+    samples: int
+    motions: list[LimitCycle]
+    on: int = 0
+
+    @classmethod
+    def of(cls, step: Step, starts: Array, samples: int) -> tuple[_Runs, list[Any]]:
+        """From states (m, n) of the loop, and the marks at the end of the first stretch."""
+        paths, marks = runs(step, *step.begin(starts, step.system.memory), samples)
+        far = far_from(paths)
+        scale = size_of(paths, far)
+        ends = np.array([_end(path, scale, far) for path in np.moveaxis(paths[len(paths) // 2 :], 1, 0)])
+        made = cls(step, paths, scale, far, ends, paths[-1].copy(), samples, [])
+        made._follow(marks)
+        return made, marks
+
+    def _follow(self, marks: list[Any]) -> None:
+        """Make runs without an end longer, as long as some are on no motion that stays where it is."""
+        open_ = np.flatnonzero(self.ends == 0)
+        tails, marks = self.paths[len(self.paths) // 2 :, open_], chosen(marks, open_)
+        for longer in range(_LONGER + 1):
+            each = [chosen(marks, np.array([k])) for k in range(open_.size)]
+            self.motions, on = unlocked(self.step, list(np.moveaxis(tails, 1, 0)), each)
+            self.on = len(on)
+            # Runs may creep for long by where two cycles have vanished, as if on a curve: once they are made longer.
+            if not open_.size or longer == _LONGER or (longer and self.on == open_.size):
+                return
+            for _ in range(2):  # the first half is not kept
+                tails, marks = runs(self.step, tails[-1], marks, self.samples)
+            self.samples *= 3
+            self.last[open_] = tails[-1]
+            self.ends[open_] = [_end(tail, self.scale, self.far) for tail in np.moveaxis(tails, 1, 0)]
+            left = np.flatnonzero(self.ends[open_] == 0)
+            open_, tails, marks = open_[left], tails[:, left], chosen(marks, left)
+
+    @property
+    def undecided(self) -> int:
+        return int(np.sum(self.ends == 0)) - self.on
+
+    @property
+    def rest(self) -> Array:
+        """A state of rest of the loop; empty where no run settles."""
+        return self.last[self.ends == 1][:1, : self.step.system.A.shape[0]].ravel()
+
+    @property
+    def seeds(self) -> Array:
+        """States of all runs, and those at the ends of runs on cycles."""
+        return np.concatenate([seeds_of(self.paths, self.far), np.unique(self.last[self.ends > 1], axis=0)])
+
+
+def search_discrete(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle]) -> CycleSearch:
+    """All orbits of a loop in discrete time that runs and predictions lead to, stable and unstable."""
+    step = ready(system, at)
+    turns = [c.period / float(system.time_step or 1.0) for c in predicted]
+    samples = int(np.clip(_TURNS * (max(turns) if turns else _slowest(system)), _FEWEST, _MOST))
+    with allotted(_MOST_WORK) as work:
+        made, marks = _Runs.of(step, _starts(system, predicted), samples)
+        cycles, sought = list(made.motions), _lengths(made.ends, turns)
+        left = list(sought)
+        with suppress(Spent):
+            for group in _groups(sought):
+                cycles += all_orbits(step, made.seeds, marks, group, made.scale)
+                left = left[len(group) :]
+    open_ends = [undecided(made.undecided)] * bool(made.undecided)
+    if left:
+        open_ends.append(
+            f"orbits of {count(len(left), 'further number')} of samples, up to {max(left)}, not sought "
+            f"when the search had taken {_MOST_WORK:.0e} steps"
+        )
+    cycles = [c for c in cycles if not any(_stands_for(other, c) for other in cycles)]
+    unclosed = not_among(cycles, predicted)
+    name, closed = system.signals.names[0], sorted(set(sought) - set(left))
+    cycles.sort(key=lambda c: (c.peak_to_peak[name], c.period))
+    return CycleSearch(
+        cycles=tuple(replace(c, operating_point=at) for c in cycles),
+        status=Status.UNDECIDED if open_ends or any(map(exists, unclosed)) else Status.CONVERGED,
+        settles=bool(np.any(made.ends == 1)),
+        diverges=bool(np.any(made.ends == -1)),
+        search=_sentence(made),
+        not_covered=f"Cycles of other numbers of samples than {_stretches(closed)} were not sought" if closed else "",
+        rest_state=made.rest,
+        unclosed=unclosed,
+        left_open=tuple(open_ends),
+        n_runs=made.ends.size,
+        provenance=Provenance(
+            "search for limit cycles",
+            {"system": system.name},
+            {"residual": CONVERGED},
+            {"runs": made.ends.size, "work": work.used},
+        ),
+        operating_point=at,
+    )
+
+
+def _stands_for(orbit: LimitCycle, motion: LimitCycle) -> bool:
+    """Whether runs on a motion, as far as its turns are alike, are on their way to an orbit of several such turns."""
+    if motion.method != SIMULATION or orbit.method == SIMULATION or not orbit.stable:
+        return False
+    near, turns = motion.error_estimate, orbit.period / motion.period
+    alike = abs(turns - round(turns)) <= near
+    return alike and all(abs(orbit.peak_to_peak[k] - y) <= near * y for k, y in motion.peak_to_peak.items())
+
+
+def _slowest(system: LureSystem) -> float:
+    """Samples in which the slowest motion of the linear part goes one radian, or decays to a third; ten at least."""
+    poles = np.linalg.eigvals(system.A).astype(complex)
+    rates = np.abs(np.log(poles[np.abs(poles) > _STILL]))
+    return max(10.0, 1.0 / float(rates[rates > _STILL].min(initial=1.0)))
+
+
+def _starts(system: LureSystem, predicted: Sequence[LimitCycle]) -> Array:
+    """States (m, n), the same ones in all coordinates: the loop's own, predicted cycles in several sizes, the reach of
+    the elements in several sizes, and random sums of oscillations of sizes from a twentieth of that to three times it.
+    """
+    own, reach = system.x0, reach_of_elements(system)
+    starts = [own, *(s * reach for s in SCALES)]
+    begun = []
+    for c in predicted:
+        middle = middle_of(c.require_state(own.size), own.size)
+        starts += [middle + s * (c.state - middle) for s in SCALES]
+        begun.append(c.state - middle)
+    at_reach = oscillations_at_reach(system)[0]
+    columns = np.column_stack([own, *begun, at_reach.real, at_reach.imag])
+    rng = np.random.default_rng(_SEED)
+    size = np.exp(rng.uniform(np.log(_SMALLEST), np.log(_LARGEST), (_N_RANDOM, 1)))
+    noise = rng.normal(size=(_N_RANDOM, columns.shape[1]))
+    return np.concatenate([starts, size * noise / np.sqrt(columns.shape[1]) @ columns.T])
+
+
+def _lengths(ends: IntArray, turns: Sequence[float]) -> list[int]:
+    """Numbers of samples of orbits that are sought: those that runs end on, short ones, and those near them and near
+    turns, the nearest first.
+    """
+    of_runs = sorted({int(n) for n in ends if n > 1})
+    about = [*turns, *of_runs]
+    near = sorted({n for turn in about for n in _lengths_near(turn)} - {*of_runs, *_SHORT})
+    near.sort(key=lambda n: min(abs(n - turn) / turn for turn in about))
+    within = int(np.searchsorted(np.cumsum(near), _MOST_SOUGHT))
+    return [*of_runs, *(n for n in _SHORT if n not in of_runs), *sorted(near[:within])]
+
+
+def _lengths_near(turn: float) -> range:
+    """Numbers of samples of orbits beside a turn; of long turns, each costs as much, few or none."""
+    first, last = max(2, int(0.8 * turn)), int(1.25 * turn) + 2
+    most = int(_MOST_NEAR / turn) if turn < _LONG else 0
+    middle = round(turn)
+    return range(max(first, middle - most // 2), min(last, middle + (most + 1) // 2))
+
+
+def _groups(lengths: Sequence[int]) -> list[list[int]]:
+    """Stretches of numbers of samples that are sought together: alike, as all of them take as long as the longest."""
+    groups: list[list[int]] = []
+    for n in lengths:
+        if groups and len(groups[-1]) < _TOGETHER and abs(n - groups[-1][0]) <= max(_SHORT[-1], groups[-1][0] // 4):
+            groups[-1].append(n)
+        else:
+            groups.append([n])
+    return groups
+
+
+def _end(tail: Array, scale: Array, far: Array) -> int:
+    """Samples after which a run repeats itself (1: it settles), 0 where it does not, -1 where it diverges."""
+    last = tail[-1]
+    if not np.all(np.abs(last) < far):
+        return -1
+    near = (np.abs(tail[:-1] - last) / scale).max(1) < _STILL
+    for n in (len(near) - np.flatnonzero(near)[::-1]).tolist():
+        if 2 * n < len(tail) and (np.abs(tail[n:] - tail[:-n])[-n:] / scale).max() < _STILL:
+            return int(n)
+    return 0
+
+
+def _sentence(made: _Runs) -> str:
+    """How completeness was sought."""
+    text = f"{made.ends.size} runs of up to {made.samples} samples; orbits were sought from states on all of them"
+    if made.on:
+        text += f"; {made.on} runs ended near listed motions that have not repeated themselves by then"
+    if made.undecided:
+        return f"{text}, and {undecided(made.undecided)} (their motion may fill a curve)."
+    return f"{text}; every run ended on a listed orbit, at rest, or left."
+
+
+def _stretches(sought: Sequence[int]) -> str:
+    """Numbers of samples in words: 2 to 8, 20 to 33 and 60."""
+    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(sought)) if b > a + 1]
+    parts = [sought[a:b] for a, b in pairwise([0, *cuts, len(sought)])]
+    return listed([str(p[0]) if len(p) == 1 else f"{p[0]} to {p[-1]}" for p in parts])

@@ -1,0 +1,54 @@
+"""Searches in discrete time: what they find beside runs, in what units, and what they say of the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eppanalysis as epp
+from eppanalysis.results import Status
+from tests.coordinates import assert_same_cycles, rescaled, rotated
+from tests.stress.families import problem
+from tests.stress.machine import iterate
+
+
+def spiral(element: epp.Nonlinearity) -> epp.LureSystem:
+    """A turn of 40.3 samples that decays, beside an element."""
+    angle = 2 * np.pi / 40.3
+    A = 0.98 * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return epp.LureSystem.build(A, [[0.2], [0.0]], [[1.0, 0.0]], [element], x0=[0.5, 0.0], time_step=1.0)
+
+
+def test_cycles_beside_those_that_runs_end_on_are_found_and_what_was_sought_is_said():
+    """One run of a thousand ends on either of a mirrored pair of 27 samples; four others have 26."""
+    system = problem("quantiser, sampled", 402).system
+    found = epp.find_limit_cycles(system)
+    assert [round(c.period / system.time_step) for c in found] == [27, 27, 26, 26, 26, 26]
+    images = []
+    for c in found[:2]:
+        states = iterate(epp.LureSystem.build(
+            system.A, system.B, system.C, system.elements, x0=c.state, constant_input=system.constant_input,
+            time_step=system.time_step,
+        ), {}, 28)  # fmt: skip
+        np.testing.assert_allclose(states[-1], states[0], rtol=0, atol=1e-12)
+        images.append(states[:-1, 0])
+    assert min(np.abs(np.roll(images[0], k) + images[1]).max() for k in range(27)) < 1e-9
+    assert "other numbers of samples than 2 to 8 and 20 to 34 were not sought" in str(found)
+
+
+def test_an_unstable_motion_that_no_samples_close_is_not_passed_over():
+    """Inside it the spiral decays, beyond it the dead zone's gain drives it out: in between lies what is predicted."""
+    found = epp.find_limit_cycles(spiral(epp.DeadZone(-1.0, 1.0)))
+    assert found.settles and found.diverges and not len(found)
+    assert found.status is Status.UNDECIDED and len(found.unclosed) == 1
+    assert "no orbit was closed for the cycle predicted at" in str(found)
+
+
+@pytest.mark.parametrize("amplitude", [1e-12, 1e12])
+def test_units_of_amplitude_and_turned_states_change_nothing(amplitude):
+    """Growth without bound is told by what a run began with, wherever that is."""
+    system = problem("quantiser, sampled", 403).system
+    found = epp.find_limit_cycles(system)
+    other = epp.find_limit_cycles(rescaled(rotated(system, 3), 1.0, amplitude, 4))
+    assert_same_cycles(other, found, "x0", 1.0, amplitude)
+    assert (other.status, other.settles, other.diverges) == (found.status, found.settles, found.diverges)
