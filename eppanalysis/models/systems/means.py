@@ -90,8 +90,29 @@ def _left_null(state: Array, A: Array, C: Array) -> Array:
     left = without_rounding(u[:, rank:].T, np.ones(1)) * row
     if rank == n:
         return left
-    hidden = column[:, None] * vt[rank:].T
-    return _without_hidden(left, A, hidden)
+    return _without_hidden(left, A, _hidden(A, C, column, vt[rank:].T))
+
+
+def _hidden(A: Array, C: Array, column: Array, still: Array) -> Array:
+    """Motions of modes at zero that the elements do not see, shape (n, k): constant ones, and ramps that lead to these.
+
+    Parameters
+    ----------
+    column : array, shape (n,)
+        Factors of the states' coordinates.
+    still : array, shape (n, k)
+        The constant ones, in these coordinates.
+    """
+    A, C = A * column / column[:, None], C * column
+    while True:
+        basis = np.linalg.qr(still)[0]
+        beyond = np.vstack([A - basis @ (basis.T @ A), C])
+        row, factor = equilibrate(beyond)
+        _, s, vt = np.linalg.svd(row[:, None] * beyond * factor)
+        more = vt[int(np.sum(s > 1e-11 * s.max(initial=0.0))) :].T
+        if more.shape[1] <= still.shape[1]:
+            return column[:, None] * still
+        still = factor[:, None] * more
 
 
 def _without_hidden(left: Array, A: Array, hidden: Array) -> Array:
