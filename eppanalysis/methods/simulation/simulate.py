@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,9 +34,14 @@ from eppanalysis.results import SIMULATION, LimitCycle, Status, Trajectory
 from eppanalysis.results.events import Events
 from eppanalysis.results.provenance import Provenance
 
+if TYPE_CHECKING:
+    from eppanalysis.kernels.engine.workspace import Workspace
+
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: A run of so many steps of the grid has settled which modes its elements are in, and nothing else.
+_INSTANT = 1e-12
 _KEPT_EVENTS, _KEPT_SAMPLES = 20_000, 200_000
 #: How long a loop is simulated where nothing is said of it [s].
 _USUAL_END = 10.0
@@ -53,8 +58,8 @@ _COUNTED = {
 #: A minute or two, if none of them can be saved.
 _MOST_STEPS = 10_000_000
 #: What a search may compute is counted in series steps without smooth channels: so many are worth the set-up of a run,
-#: and one with smooth channels; so many fast steps are worth one.
-_SET_UP, _SMOOTH, _FAST_STEPS = 200.0, 20.0, 20.0
+#: one with delayed signals alone, and one with other smooth channels; so many fast steps are worth one.
+_SET_UP, _DELAYED, _SMOOTH, _FAST_STEPS = 200.0, 5.0, 20.0, 20.0
 _BREAKPOINTS = ("breakpoint_time", "breakpoint_state", "breakpoint_value", "breakpoint_memory", "breakpoint_slope")
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
@@ -171,6 +176,22 @@ def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
     return replace(run, limit_cycle=None if cycle is None else replace(cycle, operating_point=at), operating_point=at)
 
 
+def _steps_at_once(hybrid: HybridSystem) -> bool:
+    """Whether inputs step at the start, before which a dead time still has what the elements put out until then."""
+    return bool(np.any(hybrid.model.smooth_kind == DELAY_LINE) and np.any(hybrid.model.breakpoint_time <= 0.0))
+
+
+def _without_memory(hybrid: HybridSystem) -> NDArray[np.bool_]:
+    """Automata whose mode follows from their input alone."""
+    static = [len(e.breakpoints) > 0 for e in hybrid.elements]
+    return np.array(static + [False] * (len(hybrid.automata) - len(static)))
+
+
+def _begin(hybrid: HybridSystem, workspace: Workspace, modes: IntArray) -> None:
+    """Put a run at its start."""
+    workspace.x[: hybrid.x0.size], workspace.modes[:], workspace.H[:] = hybrid.x0, modes, hybrid.H0
+
+
 def run_hybrid(
     hybrid: HybridSystem,
     t_end: float,
@@ -206,8 +227,14 @@ def run_hybrid(
         of_thread.buffer(hybrid, max(1, min(keep, max_events))),
     )
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
-    workspace.x[:n], workspace.modes[:], workspace.H[:] = hybrid.x0, hybrid.modes0, hybrid.H0
-    cost = _SMOOTH if hybrid.model.S.shape[1] else 1.0
+    _begin(hybrid, workspace, hybrid.modes0)
+    if _steps_at_once(hybrid):
+        before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
+        before.watch = False  # the inputs are held
+        run(hybrid.model, compiled, work, workspace, make_samples(np.zeros(0), n_y), buffer, before)
+        _begin(hybrid, workspace, np.where(_without_memory(hybrid), workspace.modes, hybrid.modes0))
+    smooth = hybrid.model.smooth_kind
+    cost = (_DELAYED if np.all(smooth == DELAY_LINE) else _SMOOTH) if hybrid.model.S.shape[1] else 1.0
     most = min(float(max_steps), left() / cost)
     samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
     code = PAUSED
