@@ -327,8 +327,7 @@ class Prediction(Listing[LimitCycle]):
         doubtful = sum(cycle.may_not_exist for cycle in self.cycles)
         doubt = [f"{doubtful} of {len(self)} may not exist."] if doubtful else []
         ended = [] if self.status.ok else [self.status.value]
-        gain = self.margins.get("gain_margin", float("nan")) if not self.cycles else float("nan")
-        margin = "" if np.isnan(gain) else f"; the gain margin of the linearised loop is {number(gain)}"
+        margin = "" if self.cycles else _margin(self.margins)
         return " ".join([f"First order predicts {counted(self.cycles)}{margin}.", *doubt, *ended, *self.warnings])
 
     def to_frame(self) -> pandas.DataFrame:
@@ -343,6 +342,18 @@ class Prediction(Listing[LimitCycle]):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Nyquist picture with the -1/N locus, its intersections and arrows of stability."""
         return self.drawn("plot_nyquist", ax)
+
+
+def _margin(margins: Mapping[str, Any]) -> str:
+    """What the linearised loop adds to the sentence that first order predicts nothing."""
+    gain = margins.get("gain_margin", float("nan"))
+    if np.isnan(gain):
+        return ""
+    if margins.get("stable") is not False:
+        return f"; the gain margin of the linearised loop is {number(gain)}"
+    # An infinite margin of a loop that is unstable at every gain would read as safety.
+    border = f", and on the border of stability at {number(gain)} times its gain" if np.isfinite(gain) else ""
+    return f"; the linearised loop is unstable{border}"
 
 
 def counted(cycles: Sequence[LimitCycle], signal: str | None = None) -> str:

@@ -265,6 +265,25 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
     )
 
 
+@pytest.mark.parametrize(
+    ("plant", "border"),
+    [
+        (([4.0], [1.0, 3.0, 0.0, 0.0]), ""),  # s**3 + 3 s**2 + 4 k, by Routh at no k
+        (([0.5], [1.0, -1.0]), ", and on the border of stability at 2 times its gain"),
+    ],
+)
+def test_an_unstable_loop_without_a_cycle_is_not_told_by_its_margin_alone(plant, border):
+    found = epp.predict_limit_cycles(epp.LureSystem.from_tf(plant, epp.Saturation()))
+    assert str(found) == f"First order predicts no limit cycle; the linearised loop is unstable{border}."
+
+
+def test_a_continuum_of_cycles_is_said():
+    """x'' = -sgn(x), whose swings keep their energy."""
+    found = epp.find_limit_cycles(epp.LureSystem.from_tf(([1.0], [1.0, 0.0, 0.0]), epp.Relay()))
+    assert found.n_continua == len(found) == 1
+    assert "It stands for a continuum of cycles, between which a disturbance may move the loop." in str(found)
+
+
 def test_what_first_order_misses_is_said():
     found = epp.ladder(epp.case("backlash_servo_unseen"))
     assert str(found).startswith(

@@ -1,10 +1,11 @@
-"""Where first order cannot see: cycles that only harmonics make, sticking that integral action ends, no state of rest.
+"""Where first order cannot see: cycles of harmonics, sticking that integral action ends, slow drift, no state of rest.
 
 All are looked for on the loop itself. A balance with harmonics is begun where the first-order balance comes nearest to
 a cycle that it just does not have. An element that sticks, which a sine never does, is asked whether what drives it
 comes to rest meanwhile: where it grows without end, sticking and slipping alternate (Armstrong-Helouvry, Dupont and
 Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
-stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do.
+stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do. Where
+nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it about.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def blind_spots(
         Whether any predicted cycle is: then the loop need not be asked whether it has a state of rest.
     """
     without_rest = [] if stable else _no_rest(balance)
-    return tuple([*made_by_harmonics(balance, points, estimates, found), *_stick_slip(balance), *without_rest])
+    return tuple(
+        [*made_by_harmonics(balance, points, estimates, found), *_stick_slip(balance), *_drift(balance), *without_rest]
+    )
 
 
 def made_by_harmonics(
@@ -155,12 +158,40 @@ def _winds_up(balance: Balance, element: int) -> bool:
     It does where the response from the force to the input falls at least as ``s**2`` towards ``s = 0``: one zero there
     is that of a speed, the others are the loop's integrators.
     """
+    return _slow_slope(balance, element) > 1.5
+
+
+def _drift(balance: Balance) -> Iterator[str]:
+    """On-off elements with a dead zone through which the loop drifts undamped, at whatever speed it has."""
+    system = balance.system
+    for i, e in enumerate(system.elements):
+        if _is_off_between(e) and not np.any(balance.prescribed) and _slow_slope(balance, i) < -1.5:
+            yield (
+                f"Nothing damps the loop between the thresholds of {system.element_names[i]}, where it drifts: it may "
+                "swing slowly from one to the other, in cycles that are not predicted here."
+            )
+
+
+def _is_off_between(e: Nonlinearity) -> bool:
+    """Whether an element is at one of two levels or off, and off in small oscillations about zero."""
+    edges = np.abs(np.asarray(e.thresholds(), float))
+    edges = edges[edges > 0]
+    if not edges.size or (e.n_inputs, e.n_outputs) != (1, 1):
+        return False
+    modes = e.automaton().mode_columns
+    level = np.sign(modes["constant"][~modes["sticking"], 0])  # beside those that slide along an edge
+    follows = any(np.any(modes[name]) for name in ("from_input", "from_memory", "from_smooth"))
+    on_off = not follows and sorted(level) == [-1.0, 0.0, 1.0]
+    return on_off and not np.any(e.describing_function(0.5 * edges.min()))
+
+
+def _slow_slope(balance: Balance, element: int) -> float:
+    """Power of s with which the response from an element's output to its input begins at ``s = 0``; zero if unknown."""
     scales = frequency_scales(balance.system)
     if not scales.size or balance.system.time_step:
-        return False
-    omega = scales.min() * np.array([1e-5, 1e-4])
-    size = np.array([abs(_response(balance, element, w)) for w in omega])
-    return bool(np.all(size > 0) and np.log10(size[1] / size[0]) > 1.5)
+        return 0.0
+    size = np.array([abs(_response(balance, element, w)) for w in scales.min() * np.array([1e-5, 1e-4])])
+    return float(np.log10(size[1] / size[0])) if np.all(size > 0) else 0.0
 
 
 def _response(balance: Balance, element: int, omega: float) -> complex:
@@ -200,10 +231,11 @@ def _no_rest(balance: Balance) -> Iterator[str]:
                 continue
             edge = float(e.breakpoints[jump])
             below, above = (float(e.slopes[k] * edge + e.intercepts[k]) for k in (jump, jump + 1))
+            needed = (prescribed - on_bias * edge) / on_mean + 0.0  # which takes the sign off a zero
             yield (
-                f"The loop has no state of rest: {system.element_names[i]} would have to give "
-                f"{(prescribed - on_bias * edge) / on_mean:.4g} but jumps from {below:.4g} to {above:.4g} where its "
-                f"input passes {edge:.4g}; the loop hunts across it, in a motion that is not predicted here."
+                f"The loop has no state of rest: {system.element_names[i]} would have to give {needed:.4g} but jumps "
+                f"from {below:.4g} to {above:.4g} where its input passes {edge:.4g}; the loop hunts across it, in a "
+                "motion that is not predicted here."
             )
             break
 

@@ -248,8 +248,10 @@ class Ends:
         late = max(_LATE * t, 4.0 * float(np.max(way, where=way < 0.25 * _LATEST * t, initial=0.0)))
         run = self._run(start, late)
         status, facts = judge(start, run, late)
+        if (ended := self._ended(status, start, run)) is not None:
+            return ended
         known = self._recognise(start, run, float(facts[1]) if status is Status.LIMIT_CYCLE else None)
-        return End.REST if known is End.UNDECIDED else known
+        return self._rested(start, run) if known is End.UNDECIDED else known
 
     def _rested(self, start: HybridSystem, run: Run) -> End:
         """Keep the state of rest of the first run that settles."""

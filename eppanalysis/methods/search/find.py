@@ -133,6 +133,7 @@ def find_limit_cycles(
         unclosed=tuple(search.unclosed),
         left_open=search.left_open(),
         n_runs=search.n_runs,
+        n_continua=sum(o.one_of_many for o in search.orbits),
         provenance=_made_by(system, counted),
         operating_point=at,
     )

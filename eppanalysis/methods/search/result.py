@@ -52,6 +52,8 @@ class CycleSearch(Listing[LimitCycle]):
     not_covered : str
         What a search that leaves nothing open has not looked for, in a sentence without its full stop; empty where
         `search` says it all.
+    n_continua : int
+        How many of the cycles stand for a continuum of cycles, between which a disturbance may move the loop.
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -64,6 +66,7 @@ class CycleSearch(Listing[LimitCycle]):
     left_open: tuple[str, ...] = ()
     n_runs: int = 0
     not_covered: str = ""
+    n_continua: int = 0
 
     parts = "cycles"
     in_json = "status message settles diverges search operating_point cycles unclosed provenance"
@@ -106,7 +109,15 @@ class CycleSearch(Listing[LimitCycle]):
             unknown = any(cycle.stable is None for cycle in self.cycles)
             begin = "Limit cycles of unknown stability exist" if unknown else "No stable limit cycle was found"
         rest = " Other starts settle at rest." * self.settles + " Some starts grow without bound." * self.diverges
-        return f"{begin}: {counted(self.cycles)}.{rest}{open_ends}"
+        return f"{begin}: {counted(self.cycles)}.{self._continua()}{rest}{open_ends}"
+
+    def _continua(self) -> str:
+        """Sentence on cycles that have no size of their own."""
+        many = self.n_continua
+        if not many:
+            return ""
+        which = "It stands" if len(self) == 1 else f"{many} of them {'stands' if many == 1 else 'stand'}"
+        return f" {which} for a continuum of cycles, between which a disturbance may move the loop."
 
     def to_frame(self) -> pandas.DataFrame:
         """The cycles, one a row."""

@@ -160,3 +160,26 @@ def test_a_rate_limiter_before_a_dead_time_has_a_state_of_rest():
         connect=["-plant -> limiter", "limiter -> late", "late -> plant"],
     )  # fmt: skip
     assert not any("no state of rest" in w for w in predict_limit_cycles(diagram.to_system()).warnings)
+
+
+def test_a_satellite_that_drifts_between_its_thrusters_thresholds_is_said():
+    """Its cycle in closed form: each pulse turns the speed about, so that it is half of the hysteresis in size."""
+    on, off, thrust, lead = 0.1, 0.08, 0.05, 1.0
+    loop = LureSystem.from_tf(([lead, 1.0], [1.0, 0.0, 0.0]), epp.HysteresisRelayDeadZone(on, off, thrust))
+    prediction, found = predict_limit_cycles(loop), find_limit_cycles(loop)
+    assert len(prediction) == 0 and "drifts" in prediction.warnings[0]
+    speed = (on - off) / (2.0 * lead)
+    assert [c.period for c in found.stable] == pytest.approx([4.0 * ((on - lead * speed) / speed + speed / thrust)])
+
+
+@pytest.mark.parametrize(
+    "loop",
+    [
+        LureSystem.from_tf(([1.0, 1.0], [1.0, 0.1, 0.0]), epp.HysteresisRelayDeadZone(0.1, 0.08, 0.05)),
+        LureSystem.from_tf(([1.0, 0.5], [1.0, 0.0, 0.0]), epp.HysteresisRelay(-0.1, 0.1)),
+        LureSystem.from_tf(([1.0, 1.0], [1.0, 0.0, 0.0]), epp.DeadZone(-0.1, 0.1)),
+    ],
+    ids=["drag", "never off", "a spring at either side"],
+)
+def test_a_loop_that_something_damps_or_drives_between_thresholds_is_not(loop):
+    assert not any("drifts" in warning for warning in predict_limit_cycles(loop).warnings)

@@ -78,3 +78,13 @@ def test_rest_of_a_relay_that_stands_behind_a_dead_time_is_named():
     answers = [float((-loop.C @ np.linalg.solve(loop.A, loop.B))[0, 0]) * level for level in (relay.low, relay.high)]
     assert answers[0] > relay.lower or answers[1] < relay.upper
     assert np.linalg.eigvals(loop.A).real.max() < 0.0
+
+
+def test_the_rest_that_a_run_creeps_to_is_handed_out():
+    """A block that a belt carries rests where its spring holds the friction."""
+    belt = LureSystem.build(
+        [[0.0, 1.0], [-1.0, -0.05]], [[0.0], [-1.0]], [[0.0, 1.0]], [epp.Friction(1.0, 1.4)], constant_input=[-0.2]
+    )
+    found = epp.find_limit_cycles(belt)
+    assert found.settles and len(found.stable) == 1
+    assert found.rest_state == pytest.approx([1.0, 0.0])
