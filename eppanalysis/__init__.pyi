@@ -130,6 +130,7 @@ from eppanalysis.models.systems.interchange.python_control import from_control a
 from eppanalysis.models.systems.linear import StateSpace as StateSpace
 from eppanalysis.models.systems.lure import LureSystem as LureSystem
 from eppanalysis.models.systems.measured.loop import MeasuredLoop as MeasuredLoop
+from eppanalysis.models.systems.measured.matrix import MeasuredMatrix as MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse as MeasuredResponse
 from eppanalysis.models.systems.operating import OperatingPoint as OperatingPoint
 from eppanalysis.report import report as report

@@ -232,7 +232,10 @@ def _measured() -> Iterator[Door]:
     data = {"omega": known.omega, "value": known.value, "deviation": None, "static_gain": None, "unstable_poles": 0}
     yield Door("MeasuredResponse", epp.MeasuredResponse, {**data, "name": "response"})
     yield Door("MeasuredResponse.at", known.at, {"omega": 1.0})
-    closed = {"response": known, "element": epp.Saturation(), "feedback": -1, "name": "loop"}
+    closed = {"response": known, "element": epp.Saturation(), "feedback": -1, "name": "loop", "means": None}
+    paths = epp.MeasuredMatrix([[known]])
+    yield Door("MeasuredMatrix", epp.MeasuredMatrix, {"paths": [[known]], "name": "responses"})
+    yield Door("MeasuredMatrix.at", paths.at, {"omega": 1.0})
     yield Door("MeasuredLoop", epp.MeasuredLoop, closed)
 
 

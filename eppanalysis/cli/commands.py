@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from eppanalysis.methods.comparison.ladder import Ladder
     from eppanalysis.methods.elements.result import ElementCheck
     from eppanalysis.models.systems.measured.loop import MeasuredLoop
+    from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
     from eppanalysis.models.systems.measured.response import MeasuredResponse
     from eppanalysis.results import Prediction, Trajectory
     from eppanalysis.tables.files import Table
@@ -147,7 +148,7 @@ Output = Annotated[
 Measured = Annotated[
     Path | None,
     file_option(
-        "Measured frequency response (.csv) in place of the linear part, round the one element of each case.",
+        "Measured frequency response (.csv) in place of the linear part, round the elements of each case.",
         "--response",
     ),
 ]
@@ -367,21 +368,19 @@ def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], analysis
         write_result(result, analysis.to_table, output.with_name(name))
 
 
-def _read_response(path: Path) -> MeasuredResponse:
+def _read_response(path: Path) -> MeasuredResponse | MeasuredMatrix:
     from eppanalysis.cases.values.responses import read_response
 
     return read_response(path)
 
 
-def _with_response(case: Case, response: MeasuredResponse) -> MeasuredLoop:
-    """The case's element in a loop with a measured linear part, closed by a feedback of -1."""
+def _with_response(case: Case, response: MeasuredResponse | MeasuredMatrix) -> MeasuredLoop:
+    """The case's elements in a loop with a measured linear part, closed by a feedback of -1."""
     from eppanalysis.models.systems.measured.loop import MeasuredLoop
 
     system = case.to_system()
     elements = system.elements if system.given is None else system.given.elements
-    if len(elements) != 1:
-        raise EppError(f"--response: {case.name} has {count(len(elements), 'element')}; expected one.")
-    return MeasuredLoop(response, elements[0], name=case.name)
+    return MeasuredLoop(response, elements, name=case.name)
 
 
 def _show_prediction(case: Case, prediction: Prediction) -> None:

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import checked
 from eppanalysis.cases.files import shipped_cases_folder
 from eppanalysis.errors import CaseError, ModelError
+from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.units import QuantityError, parse_any, parse_quantity
 
@@ -27,11 +28,17 @@ _LARGEST_FILE, _MOST_ROWS = 50_000_000, 100_000
 _HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
 _WANTED = "a header such as 'frequency [Hz],magnitude [dB],phase [deg]'"
 _PAIRS = (("magnitude", "phase"), ("real", "imaginary"))
+_PLACED = re.compile(r"(.*\S)\s+(\d{1,3})/(\d{1,3})")
+_MOST_PORTS = 100
+#: Columns that all paths may share.
+_SHARED = {"frequency", "deviation"}
 _COLUMNS = ("frequency", "magnitude", "phase", "real", "imaginary", "deviation")
 
 
 @checked
-def read_response(path: str | Path, static_gain: float | None = None, unstable_poles: int = 0) -> MeasuredResponse:
+def read_response(
+    path: str | Path, static_gain: ArrayLike | None = None, unstable_poles: int = 0
+) -> MeasuredResponse | MeasuredMatrix:
     """Measured frequency response of a CSV file.
 
     Columns are "frequency" [Hz, rad/s or any unit of either]; "magnitude" ([dB], or a unit of output over input) and
@@ -39,19 +46,22 @@ def read_response(path: str | Path, static_gain: float | None = None, unstable_p
     magnitude): the standard deviation of real and imaginary part. Rows stand in any order; a row at frequency zero is
     the static gain. Separators are commas, semicolons or tabs.
 
+    Of several inputs and outputs each path has columns of its own: "magnitude 2/1" and "phase 2/1" are output 2 over
+    input 1. A path without columns is none.
+
     Parameters
     ----------
     path : str or Path
         A plain name that is no file here is one of those that ship.
-    static_gain : float, optional
+    static_gain : float, or array_like of the matrix's shape, optional
         Response at frequency zero [SI], where the file has none; infinite for a part that integrates.
     unstable_poles : int
         How many poles of the part lie right of the imaginary axis.
 
     Returns
     -------
-    MeasuredResponse
-        In SI units, with the name of the file.
+    MeasuredResponse or MeasuredMatrix
+        In SI units, with the name of the file; a matrix where columns name their paths.
 
     Raises
     ------
@@ -70,9 +80,34 @@ def read_response(path: str | Path, static_gain: float | None = None, unstable_p
     path = _found(Path(path))
     source = str(path)
     header, rows = _rows(path, source)
-    columns = {name: (i, unit) for i, cell in enumerate(header) for name, unit in [_split(cell, source)]}
-    if len(columns) < len(header):
+    split = [_split(cell, source) for cell in header]
+    if len({(name, place) for name, place, _ in split}) < len(header):
         raise CaseError(source, "line 1", ", ".join(header), "each column once")
+    places = sorted({place for name, place, _ in split if place and name not in _SHARED})
+    shared = {name: (i, unit) for i, (name, place, unit) in enumerate(split) if not place}
+    if places and shared.keys() - _SHARED:
+        raise CaseError(source, "line 1", ", ".join(header), "a path such as 2/1 at each of them, or at none")
+    gains = np.asarray(np.nan if static_gain is None else static_gain, float)
+    if not places:
+        if gains.ndim:
+            raise CaseError(source, "static_gain", str(static_gain), "one number: the file has one path")
+        return _response(shared, rows, source, path.name, float(gains), unstable_poles)
+    shape = max(i for i, _ in places), max(j for _, j in places)
+    if gains.ndim and gains.shape != shape:
+        raise CaseError(source, "static_gain", str(static_gain), f"numbers of shape {shape}")
+    gains = np.broadcast_to(gains, shape)
+    paths: list[list[MeasuredResponse | None]] = [[None] * shape[1] for _ in range(shape[0])]
+    for i, j in places:
+        own = {name: (k, unit) for k, (name, place, unit) in enumerate(split) if place == (i, j)}
+        gain, label = float(gains[i - 1, j - 1]), f"{path.name} {i}/{j}"
+        paths[i - 1][j - 1] = _response(shared | own, rows, source, label, gain, unstable_poles)
+    return MeasuredMatrix(paths, path.name)
+
+
+def _response(
+    columns: dict[str, tuple[int, str]], rows: Array, source: str, name: str, gain: float, unstable_poles: int
+) -> MeasuredResponse:
+    """The response of one path; a gain that is not a number is that of the row at rest."""
     value = _values(columns, rows, source)
     omega = rows[:, columns["frequency"][0]] * _frequency_unit(columns["frequency"][1], source)
     deviation = rows[:, columns["deviation"][0]] * _share(columns, source) if "deviation" in columns else None
@@ -80,11 +115,12 @@ def read_response(path: str | Path, static_gain: float | None = None, unstable_p
     omega, value = omega[order], value[order]
     deviation = None if deviation is None else deviation[order]
     at_rest = omega == 0.0
-    if np.any(at_rest) and static_gain is None:
-        static_gain = float(value[at_rest][0].real)
+    if np.any(at_rest) and np.isnan(gain):
+        gain = float(value[at_rest][0].real)
+    static_gain = None if np.isnan(gain) else gain
     try:
         kept = None if deviation is None else deviation[~at_rest]
-        return MeasuredResponse(omega[~at_rest], value[~at_rest], kept, static_gain, unstable_poles, path.name)
+        return MeasuredResponse(omega[~at_rest], value[~at_rest], kept, static_gain, unstable_poles, name)
     except ModelError as error:
         raise ModelError(
             f"{source}: {error.what.removeprefix('MeasuredResponse: ')}", expected=error.expected
@@ -139,13 +175,15 @@ def _numbers(row: Sequence[str], count: int, line: int, source: str) -> list[flo
     return out
 
 
-def _split(cell: str, source: str) -> tuple[str, str]:
-    """Name and unit of a header's cell."""
+def _split(cell: str, source: str) -> tuple[str, tuple[int, int] | None, str]:
+    """Name, path (output and input, from one) and unit of a header's cell."""
     match = _HEADER.fullmatch(cell)
     name, unit = (match[1].lower(), (match[2] or "").strip()) if match else (cell, "")
-    if name not in _COLUMNS:
+    placed = _PLACED.fullmatch(name)
+    name, place = (placed[1], (int(placed[2]), int(placed[3]))) if placed else (name, None)
+    if name not in _COLUMNS or (place and (min(place) < 1 or max(place) > _MOST_PORTS or name == "frequency")):
         raise CaseError(source, "line 1", cell, f"one of {', '.join(_COLUMNS)}, with a unit in brackets: {_WANTED}")
-    return name, unit
+    return name, place, unit
 
 
 def _values(columns: dict[str, tuple[int, str]], rows: Array, source: str) -> NDArray[np.complex128]:

@@ -25,6 +25,7 @@ from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
 from eppanalysis.methods.harmonic.path import let_in
 from eppanalysis.methods.harmonic.series import ComplexArray, extrema, orders
+from eppanalysis.models.systems.measured.loop import DataSystem
 
 #: Highest harmonics of the balances, one after the other; odd, as oscillations with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
@@ -219,10 +220,8 @@ class _Muted(Loop):
 def _jumps_freely(loop: Loop) -> list[bool]:
     """Which elements jump at a threshold without the loop pulling them back straight away, so that they would slide."""
     system = loop.system
-    straight = [
-        float(np.sum(system.C[row] @ system.B[:, out]))
-        for row, out in zip(loop.rows, system.output_slices, strict=True)
-    ]
+    at_once = system.straight if isinstance(system, DataSystem) else system.C @ system.B
+    straight = [float(np.sum(at_once[row, out])) for row, out in zip(loop.rows, system.output_slices, strict=True)]
     modes = [e.automaton.mode_columns for e in loop.elements]
     jumps = [own["jump"][own["sticking"]] for own in modes]
     return [own.size > 0 and bool(np.all(s * own >= 0)) for s, own in zip(straight, jumps, strict=True)]

@@ -18,6 +18,7 @@ from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.systems.measured.loop import DataSystem
+from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle
 from eppanalysis.results.measured import MeasuredCycle
@@ -64,21 +65,26 @@ def of_data(
             expected=f"data up to number {_LEAST_HARMONIC}, and on to where the rest is {_MOST_BEYOND:.0%} or less",
         )
     found = [(*r, p, e, c) for r, p, e, c in zip(reached, points, estimates, cycles, strict=True) if r[0]]
-    return [p for _, _, p, _, _ in found], tuple(_of_data(system, p, e, c, beyond) for _, beyond, p, e, c in found)
+    return [p for _, _, p, _, _ in found], tuple(
+        _of_data(system, balance, p, e, c, beyond) for _, beyond, p, e, c in found
+    )
 
 
 def _reached(system: DataSystem, balance: Balance, p: Point) -> tuple[bool, float]:
     """Whether the data reach the harmonics that matter, and the most that those beyond may be."""
     highest = system.highest_harmonic(p.omega)
     beyond = _beyond(system, balance, p, highest)
-    return highest >= _LEAST_HARMONIC and beyond <= _MOST_BEYOND, beyond
+    return highest >= _LEAST_HARMONIC and not beyond > _MOST_BEYOND, beyond
 
 
-def _of_data(system: DataSystem, p: Point, estimate: Estimate, cycle: LimitCycle, beyond: float) -> MeasuredCycle:
-    curve = system.data.curve
-    moved = _moved(p)
-    between = float(moved.max() * curve.error_between(p.omega))
-    factors = np.exp(_NINETY_FIVE * curve.deviation_at(p.omega) * moved).tolist()
+def _of_data(
+    system: DataSystem, balance: Balance, p: Point, estimate: Estimate, cycle: LimitCycle, beyond: float
+) -> MeasuredCycle:
+    paths = system.data.known
+    moved = _moved(system, balance, p)
+    between = float((moved.T @ [r.curve.error_between(p.omega) for _, _, r in paths]).max())
+    deviation = np.linalg.norm(moved.T * [r.curve.deviation_at(p.omega) for _, _, r in paths], axis=1)
+    factors = np.exp(_NINETY_FIVE * deviation).tolist()
     told = {"amplitude": float(p.amplitude[0]), "frequency": cycle.frequency}
     intervals = {name: (v / f, v * f) for (name, v), f in zip(told.items(), factors, strict=True)}
     return MeasuredCycle.of(
@@ -86,32 +92,47 @@ def _of_data(system: DataSystem, p: Point, estimate: Estimate, cycle: LimitCycle
         state=np.zeros(0),
         mean_state=np.zeros(0),
         error_estimate=estimate.error + beyond + between,
-        intervals=intervals if system.data.deviation is not None else {},
+        intervals=intervals if all(r.deviation is not None for _, _, r in paths) else {},
         interpolation_error=between,
         highest_harmonic=system.highest_harmonic(p.omega),
         beyond=beyond,
     )
 
 
-def _moved(p: Point) -> Array:
-    """By how much ln a and ln omega move, at most, with a unit of ``ln G`` in magnitude or phase, shape (2,).
+def _moved(system: DataSystem, balance: Balance, p: Point) -> Array:
+    """By how much ln a of the first element and ln omega move with a unit of ``ln G`` of each path, shape (paths, 2).
 
-    The residual is ``N L - 1``, of which a change of ``ln L`` is a change itself at the root.
+    In magnitude or in phase, at most. The residual is ``L N Z / Z - 1`` at each input, of which a change of L is a
+    change itself at the root; what a path changes in L, its own states between them, is a difference.
     """
-    size = np.abs(p.jacobian[:, :-1]).max(0)
-    by_data = np.linalg.solve(p.jacobian[:, :-1] / size, np.eye(3)[:, :2]) / size[:, None]
-    return np.asarray(np.hypot(by_data[:2, 0], by_data[:2, 1]), float)
+    m, Z = balance.m, p.amplitude * np.exp(1j * p.phase)
+    square = p.jacobian[:, :-1]
+    size = np.abs(square).max(0)
+    scale = np.maximum(np.abs(square / size).max(1), 1e-300)
+    inverse = np.linalg.inv(square / size / scale[:, None]) / size[:, None] / scale
+    first = inverse[[balance.places[0], 1]]
+    outputs = (p.gain * Z[balance.owner])[None, None, :]
+    changed = (system.by_path(p.omega)[:, balance.rows] * outputs).sum(-1) / Z
+    in_phase = [np.concatenate([turn.real, turn.imag], -1) for turn in (changed, 1j * changed)]
+    by_data = np.array([rows @ first[:, : 2 * m].T for rows in in_phase])
+    return np.asarray(np.hypot(*by_data), float)
 
 
 def _beyond(system: DataSystem, balance: Balance, p: Point, highest: int) -> float:
-    """Most that harmonics above the data are of the input, over its fundamental, with a response that rises no more."""
-    loop = Loop.with_means(system, balance.static)
-    Z = np.zeros((1, _COUNTED + 1), complex)
-    Z[0, 0], Z[0, 1] = p.bias[0], -1j * p.amplitude[0]
+    """Most that harmonics above the data are of an input, over its fundamental, with responses that rise no more.
+
+    Not a number where the harmonics of an element are not known.
+    """
+    try:
+        loop = Loop.with_means(system, balance.static)
+    except ModelError:
+        return float("nan")
+    Z = np.zeros((balance.m, _COUNTED + 1), complex)
+    Z[:, 0], Z[:, 1] = p.bias, -1j * p.amplitude * np.exp(1j * p.phase)
     W, _ = loop.answers(Z, p.omega)
-    last = float(np.abs(system.data.at(system.band[1])))
-    rest = float(np.sqrt((np.abs(W[0, max(highest, 1) + 1 :]) ** 2).sum()))
-    return last * rest / float(p.amplitude[0])
+    last = np.abs(system.frequency_response(system.band[1])[balance.rows])
+    rest = np.sqrt((np.abs(W[:, max(highest, 1) + 1 :]) ** 2).sum(1))
+    return float((last @ rest / p.amplitude).max())
 
 
 def cautions(
@@ -125,7 +146,7 @@ def cautions(
             f"Left out: {count(len(omega), 'balance')} from {omega[0]:.4g} rad/s on, as the data end below harmonics "
             "that matter there."
         )
-    if system.data.static_gain is None:
+    if not system.means_known:
         out.append("The static gain is not known: cycles with a mean were not sought.")
     for cycle in cycles:
         if cycle.interpolation_error > _COARSE:
@@ -134,10 +155,10 @@ def cautions(
                 f"that its amplitude or frequency may be off by {100.0 * cycle.interpolation_error:.2g} %: closer "
                 "points would tell, or, where it is noise, their standard deviation, by which they are smoothed."
             )
-    curve = system.data.curve
-    if curve.scatter > 1.2:
+    scatter = max(r.curve.scatter for _, _, r in system.data.known)
+    if scatter > 1.2:
         out.append(
-            f"The points scatter {curve.scatter:.2g} times as much about the fitted curve as their standard deviation "
+            f"The points scatter {scatter:.2g} times as much about the fitted curve as their standard deviation "
             "says; intervals are that much wider."
         )
     return tuple(out)
@@ -145,11 +166,13 @@ def cautions(
 
 def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[MeasuredCycle]) -> tuple[str, ...]:
     """Sentence on which cycles faster than the data are not excluded: those whose loop gain can be one there."""
+    if system.only is None:
+        return (f"Above the data, which end at {system.band[1]:.4g} rad/s, cycles were not sought.",)
     levels = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
     levels = levels[levels > 0]
     a = (float(levels.max()) if levels.size else 1.0) * _AMPLITUDES
     gain = np.abs(balance.evaluate(a[:, None], np.zeros((len(a), 1)), np.ones(len(a)))[1][:, 0])
-    most = gain * float(np.abs(system.data.at(system.band[1])))
+    most = gain * float(np.abs(system.only.at(system.band[1])))
     reach = a[np.isfinite(most) & (most >= 1.0)]
     least = min((c.amplitude("x") for c in cycles), default=0.0)
     if not reach.size or reach.max() < _SMALL * least:
@@ -162,6 +185,8 @@ def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[Measur
 
 def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[bool | None, str]:
     """Verdict by Nyquist's criterion a little beside the cycle, and the sentence that says by what."""
+    if system.only is None:
+        return None, "Of several measured paths, or states between them, no criterion tells the stability."
     more, less = (_unstable_poles(system, balance, p, side * _BESIDE) for side in (1.0, -1.0))
     if more is None or less is None:
         return None, "Nyquist's criterion: the data do not show how the loop gain ends, towards zero or upwards."
@@ -169,7 +194,7 @@ def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[b
         return None, "Nyquist's criterion: the measured part must have more unstable poles than was said."
     text = (
         f"Nyquist's criterion on the data: with a little more amplitude {more}, with a little less {less} of the poles "
-        f"of the quasi-linear loop are unstable, if of the measured part {system.data.unstable_poles or 'none'} are."
+        f"of the quasi-linear loop are unstable, if of the measured part {system.only.unstable_poles or 'none'} are."
     )
     return more == 0, text
 
@@ -194,15 +219,20 @@ def _unstable_poles(system: DataSystem, balance: Balance, p: Point, share: float
     if start is None:
         return None
     end = 2.0 * np.pi * np.round(turn[-1] / (2.0 * np.pi))
-    return system.data.unstable_poles - round((end - start) / np.pi)
+    return _only(system).unstable_poles - round((end - start) / np.pi)
+
+
+def _only(system: DataSystem) -> MeasuredResponse:
+    assert system.only is not None
+    return system.only
 
 
 def _start(system: DataSystem, turn: Array, size: float) -> float | None:
     """Argument, a multiple of pi, of ``1 + N G`` where it leaves the real axis at zero frequency."""
-    gain = system.data.static_gain
+    gain = _only(system).static_gain
     if gain is not None and np.isfinite(gain):
         return float(np.pi * np.round(turn[0] / np.pi))
-    value, by_omega = system.data.with_slope(system.band[0])
+    value, by_omega = _only(system).with_slope(system.band[0])
     slope = float((system.band[0] * by_omega / value).real)
     if slope > 1.0 - _WHOLE and size < 1.0:
         return float(2.0 * np.pi * np.round(turn[0] / (2.0 * np.pi)))

@@ -16,6 +16,7 @@ from eppanalysis.methods.describing.curves import contour_lines, crossings, dist
 from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import DataSystem
 
 _PER_DECADE = 9
 _INNER_STEPS = 16
@@ -53,6 +54,9 @@ def _acts(system: LureSystem, omega: float) -> NDArray[np.bool_]:
 
     In turned coordinates of the state a response of nothing is a sum whose terms cancel.
     """
+    if isinstance(system, DataSystem):
+        measured: NDArray[np.bool_] = system.frequency_response(np.array([omega]))[0] != 0
+        return measured
     within = np.abs(np.linalg.inv(1j * omega * np.eye(len(system.A)) - system.A))
     terms = np.abs(system.C) @ within @ np.abs(system.B) + np.abs(system.D)
     acts: NDArray[np.bool_] = np.abs(system.frequency_response(np.array([omega]))[0]) > _CANCELLED * terms
@@ -245,6 +249,9 @@ def usual_amplitudes(balance: Balance) -> Array:
 def _omega_nodes(balance: Balance) -> Array:
     """Frequencies: poles and zeros of the linear part, and of the loop with each element at its steepest."""
     system = balance.system
+    if isinstance(system, DataSystem):
+        low, high = system.band
+        return np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)
     scales = np.concatenate([frequency_scales(system), _stiff_scales(balance)])
     if system.time_step:
         top = np.pi / system.time_step
@@ -342,7 +349,10 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
 def _beside(balance: Balance) -> NDArray[np.bool_]:
     """Elements that read the very signal that the pivot reads, shape (m,)."""
     s, p = balance.system, balance.pivot
-    rows = np.hstack([s.C, s.D])[balance.rows]
+    # What a measured signal is made of is not known: the same one answers alike, wherever it is asked.
+    measured = isinstance(s, DataSystem)
+    rows = s.frequency_response(_middle(balance))[0] if measured else np.hstack([s.C, s.D])
+    rows = rows[balance.rows]
     beside: NDArray[np.bool_] = np.all(rows == rows[p], axis=1)
     beside[p] = False
     return beside

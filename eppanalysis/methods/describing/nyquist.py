@@ -55,7 +55,8 @@ def nyquist_curves(balance: Balance, points: list[Point], cycles: tuple[LimitCyc
     bias = float(points[0].bias[0]) if points else 0.0
     gain = balance.evaluate(amplitude[:, None], np.full((len(amplitude), 1), bias), np.ones(len(amplitude)))[1][:, 0]
     used = np.abs(gain) > 0
-    measured = -system.feedback * system.data.value if isinstance(system, DataSystem) else None
+    only = system.only if isinstance(system, DataSystem) else None
+    measured = -system.feedback * only.value if only and isinstance(system, DataSystem) else None
     return {
         "measured": measured,
         "kind": "nyquist",

@@ -57,7 +57,12 @@ class Found:
 
 
 def frequency_scales(system: LureSystem) -> Array:
-    """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time."""
+    """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time.
+
+    Of a measured part these are not known: those between which it is measured.
+    """
+    if isinstance(system, DataSystem):
+        return np.array(system.band)
     n = system.A.shape[0]
     values: ComplexArray = poles(system.A - np.eye(n)) + 1.0 if system.time_step else poles(system.A)
     values = np.concatenate([values, _zeros(system)])

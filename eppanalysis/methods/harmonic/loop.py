@@ -233,9 +233,7 @@ def inputs_of(loop: Loop, cycle: LimitCycle) -> ComplexArray:
     """
     system, s, v = loop.system, loop.system.signals, loop.value
     if isinstance(system, DataSystem):
-        if "x" not in cycle.harmonics or len(cycle.harmonics["x"]) < 2:
-            raise ModelError(f"{system.name}: the guess has no fundamental of the signal x.")
-        return np.asarray(cycle.harmonics["x"], complex)[None].copy()
+        return _of_data(system, loop.rows, cycle)
     given = [i for i, name in enumerate(s.names) if name in cycle.harmonics]
     count = min((len(cycle.harmonics[s.names[i]]) for i in given), default=0)
     if count < 2:
@@ -261,6 +259,27 @@ def inputs_of(loop: Loop, cycle: LimitCycle) -> ComplexArray:
             )
         Z[:, k] = to_inputs @ found
     Z[:, 0] = Z[:, 0].real + system.D_input[loop.rows] @ v + system.constant_input[loop.rows]
+    return Z
+
+
+def _of_data(system: DataSystem, rows: NDArray[np.intp], cycle: LimitCycle) -> ComplexArray:
+    """:func:`inputs_of` a measured loop: from what the named signals say that the elements put out."""
+    names = system.signals.names
+    missing = [name for name in names if len(cycle.harmonics.get(name, ())) < 2]
+    if missing:
+        raise ModelError(f"{system.name}: the guess has no fundamental of the signal {missing[0]}.")
+    count = min(len(cycle.harmonics[name]) for name in names)
+    count = min(count, 1 + system.highest_harmonic(cycle.omega))
+    seen = np.array([cycle.harmonics[name][:count] for name in names], complex)
+    omega = cycle.omega * np.arange(1, count)
+    outputs = np.linalg.pinv(system.signal_response(omega)) @ seen.T[1:, :, None]
+    Z = np.zeros((len(rows), count), complex)
+    Z[:, 1:] = (system.frequency_response(omega)[:, rows] @ outputs)[..., 0].T
+    means = np.array(
+        [cycle.elements[name]["bias"] if name in cycle.elements else np.nan for name in system.element_names]
+    )
+    before = [names.index(name) for name in names if name == "x" or name.endswith("_input")]
+    Z[:, 0] = np.where(np.isfinite(means), means, seen[before, 0].real)
     return Z
 
 

@@ -97,7 +97,42 @@ def test_command_takes_a_file_for_the_linear_part():
     assert f"{low:.4g} to {high:.4g}" in said.output
 
 
-def test_command_refuses_cases_with_several_elements():
+def test_command_refuses_responses_of_too_few_paths():
     said = CliRunner().invoke(app, ["predict", "fig8a_original", "--response", SHIPPED])
     assert said.exit_code == 2
-    assert "expected one" in said.output
+    assert "4 and 4, as the elements" in " ".join(said.output.split())
+
+
+def test_paths_have_columns_of_their_own(tmp_path):
+    omega = np.append(0.0, OMEGA)
+    lag, slow = 2.0 / (1.0 + 0.3j * omega), 5.0 / (1.0 + 2.0j * omega)
+    header = "frequency [rad/s],real 2/1,imaginary 2/1,magnitude 1/2 [dB],phase 1/2 [rad],deviation [%],deviation 1/2"
+    columns = (lag.real, lag.imag, 20 * np.log10(np.abs(slow)), np.angle(slow), 0 * omega + 1.0, 0 * omega + 0.02)
+    matrix = epp.read_response(written(tmp_path / "g.csv", header, omega, *columns))
+    assert matrix.shape == (2, 2)
+    assert np.allclose(matrix.static_gain, [[0.0, 5.0], [2.0, 0.0]])
+    assert matrix.paths[0][0] is None
+    assert np.allclose(matrix.paths[1][0].value, lag[1:], rtol=1e-12)
+    assert np.allclose(matrix.paths[0][1].value, slow[1:], rtol=1e-12)
+    assert [matrix.paths[i][1 - i].deviation[0] for i in (0, 1)] == pytest.approx([0.02, 0.01])
+    control = pytest.importorskip("control")
+    data = np.zeros((2, 2, len(omega)), complex)
+    data[1, 0], data[0, 1] = lag, slow
+    same = epp.MeasuredMatrix.from_control(control.frd(data, omega), deviation=0.01)
+    assert np.allclose(same.static_gain, matrix.static_gain)
+    assert np.allclose(same.at(OMEGA[3:5]), matrix.at(OMEGA[3:5]), rtol=1e-3)
+    assert matrix.band == pytest.approx((OMEGA[0], OMEGA[-1]))
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("frequency [Hz],real 1/1,imaginary", "path such as 2/1"),
+        ("frequency [Hz],real 0/1,imaginary 0/1", "one of frequency"),
+        ("frequency [Hz],real 1/1,imaginary 1/2", "either magnitude and phase"),
+        ("frequency [Hz],real 2/1,imaginary 2/1,real 2/1", "each column once"),
+    ],
+)
+def test_refuses_paths_that_are_none(tmp_path, header, said):
+    with pytest.raises(epp.EppError, match=said):
+        epp.read_response(written(tmp_path / "g.csv", header, *[OMEGA] * (1 + header.count(","))))

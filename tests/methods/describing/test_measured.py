@@ -1,13 +1,20 @@
 """Predictions on measured data against those of the model that the data were made of, and intervals against draws."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.stats import binom
 
 import eppanalysis as epp
+from eppanalysis.methods.describing.balance import newton
 from eppanalysis.methods.describing.error import Estimate
+from eppanalysis.methods.describing.predict import search_balance
+from eppanalysis.models.systems.means import static_balance
+from eppanalysis.models.systems.own_states import ports
+from eppanalysis.models.systems.signals import slices
 from tests.shared import predicted
 
 ONE_ELEMENT = (
@@ -18,11 +25,43 @@ ONE_ELEMENT = (
 )  # fmt: skip
 
 
+#: Loops of several elements, of one with states of its own, and of one about a mean.
+SEVERAL = (
+    "actuator_both_limits", "clegg_loop", "fig6a_original_pulley", "fig8a_original", "level_valve",
+    "rate_limited_aircraft", "relay_biased_fopdt", "robot_servo", "sat_asymmetric", "sat_plus_backlash",
+    "steering_compensated", "two_mass_damped_shaft_classical", "wheelchair",
+)  # fmt: skip
+#: The other loops that ship in continuous time; their elements read a contact's or a sampler's own state.
+NOT = ("two_mass_damped_shaft", "parking_stops_it", "virtual_spring")
+
+
 def measured(system, cycles, per_decade=200, **options):
     """Data of the linear part from a thirtieth to sixty times the frequencies of cycles."""
     low, high = min(c.omega for c in cycles) / 30.0, 60.0 * max(c.omega for c in cycles)
     omega = np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 1)
     return epp.MeasuredResponse(omega, -system.frequency_response(omega)[:, 0, 0], **options)
+
+
+def of_case(name, per_decade=200, noise=None, **options):
+    """A shipped loop with data in place of its linear part, and its balance of means."""
+    case, known = epp.case(name), predicted(name)
+    system = case.to_system()
+    given = system.given or system
+    low, high = min(c.omega for c in known) / 30.0, 60.0 * max(c.omega for c in known)
+    omega = np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 1)
+    rows = [s.start for s in slices([ports(e)[0] for e in given.elements])]
+    G = given.frequency_response(omega)[:, rows]
+    none = np.abs(G).max(0) < 1e-13 * np.abs(G).max()
+    if noise is not None:
+        G = G * (1.0 + 0.01 * (noise.standard_normal(G.shape) + 1j * noise.standard_normal(G.shape)))
+    paths = [
+        [None if none[i, j] else epp.MeasuredResponse(omega, G[:, i, j], **options) for j in range(G.shape[2])]
+        for i in range(len(rows))
+    ]
+    means = None
+    if system.given is None:
+        means = static_balance(system.with_integrators_apart[0], case.operating_point.vector(system))[1:]
+    return epp.MeasuredLoop(epp.MeasuredMatrix(paths), given.elements, feedback=1, means=means)
 
 
 def first(cycle):
@@ -42,6 +81,63 @@ def test_data_of_shipped_loops_have_the_cycles_of_the_model(name):
         assert same.stable in (cycle.stable, None)
     # Dead time makes faster cycles that the model's search leaves out.
     assert len(found) == len(known) or name == "relay_fopdt_closed"
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_data_of_loops_with_several_paths_have_the_cycles_of_the_model(name):
+    known, found = predicted(name), epp.predict_limit_cycles(of_case(name))
+    assert len(found) == len(known)
+    for cycle, same in zip(known, found, strict=True):
+        assert same.omega == pytest.approx(cycle.omega, rel=1e-6)
+        assert first(same) == pytest.approx(first(cycle), rel=1e-5)
+        assert abs(first(same) / first(cycle) - 1.0) <= max(same.interpolation_error, 1e-8)
+        ours, theirs = ([e["amplitude"] for e in c.elements.values()] for c in (same, cycle))
+        assert ours == pytest.approx(theirs, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", NOT)
+def test_elements_whose_inputs_are_not_measured_are_refused(name):
+    system = epp.case(name).to_system()
+    rows, columns = (
+        sum(ports(e)[k] - (e.input_ports[1:2] == ("rate",)) * (1 - k) for e in system.elements) for k in (0, 1)
+    )
+    lag = epp.MeasuredResponse(np.arange(1.0, 20.0), 1.0 / (1.0 + 1j * np.arange(1.0, 20.0)))
+    with pytest.raises(epp.ModelError, match="several inputs|has a clock|as the elements"):
+        epp.MeasuredLoop(epp.MeasuredMatrix([[lag] * columns] * rows), system.elements)
+
+
+def test_harmonic_balance_on_several_paths_is_that_of_the_model():
+    loop, model = of_case("sat_plus_backlash"), epp.case("sat_plus_backlash")
+    ours, theirs = (epp.harmonic_balance(which, epp.predict_limit_cycles(which)[1], order=9) for which in (loop, model))
+    assert ours.omega == pytest.approx(theirs.omega, rel=1e-7)
+    assert ours.amplitude("saturation_input") == pytest.approx(theirs.amplitude("saturation_input"), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("name", "draws"), [("wheelchair", 25), pytest.param("wheelchair", 200, marks=pytest.mark.slow)]
+)
+def test_intervals_of_several_paths_cover_the_model(monkeypatch, name, draws):
+    monkeypatch.setattr("eppanalysis.methods.describing.predict.error_estimate", lambda *_: Estimate(0.0))
+    monkeypatch.setattr("eppanalysis.methods.describing.predict.made_by_harmonics", lambda *_: ())
+    # The cycle is followed from the model's to the data's: that the search finds it is tested above.
+    clean = of_case(name).to_system()
+    with np.errstate(all="ignore"):
+        _, start, _ = search_balance(clean, np.zeros(0))
+    normal = np.eye(start.cycles.shape[1])[[-1] * len(start.cycles)]
+
+    def followed(balance):
+        return replace(start, cycles=newton(balance, start.cycles, normal)[0], curves=())
+
+    monkeypatch.setattr("eppanalysis.methods.describing.predict.search_several", followed)
+    known, noise = predicted(name)[-1], np.random.default_rng(3)
+    hits = np.zeros(2, int)
+    for _ in range(draws):
+        found = epp.predict_limit_cycles(of_case(name, 80, noise, deviation=0.01))[-1]
+        for i, (what, value) in enumerate([("amplitude", first(known)), ("frequency", known.frequency)]):
+            low, high = found.intervals[what]
+            hits[i] += low <= value <= high
+    fewest, most = binom.ppf([0.002, 0.998], draws, 0.95)
+    assert np.all((hits >= fewest) & (hits <= most)), hits
 
 
 @settings(max_examples=12, deadline=None)
@@ -180,7 +276,7 @@ def test_what_needs_states_is_refused():
     for analysis in (epp.exact_orbit, epp.find_limit_cycles, epp.simulate, epp.margins):
         with pytest.raises(epp.EppError, match="has no states|expected"):
             analysis(loop) if analysis is not epp.exact_orbit else analysis(loop, epp.predict_limit_cycles(loop)[0])
-    with pytest.raises(epp.ModelError, match="states of its own"):
-        epp.MeasuredLoop(loop.response, epp.RateLimiter(rate=1.0))
+    with pytest.raises(epp.ModelError, match="expected 2 and 2, as the elements"):
+        epp.MeasuredLoop(loop.response, [epp.Relay(), epp.Relay()])
     with pytest.raises(epp.ModelError, match="feedback"):
         epp.MeasuredLoop(loop.response, epp.Relay(), feedback=0)
