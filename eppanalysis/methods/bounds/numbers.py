@@ -141,6 +141,8 @@ def _element(element: PeriodicElement, sequence: Sequence) -> ElementNumbers:
         for h in range(n_memory):
             row = element.row(t.guard.memory_from_input[h])
             reset[i, h] = [*_pair(row), t.guard.memory_constant[h], *t.guard.memory_from_memory[h]]
+    if np.any(a.smooth_on_smooth):
+        raise ModelError(f"{element.name}: a smooth function of others has no bound by harmonic balance.")
     smooth = [[*_pair(row), s.constant, s.scale] for s, row in element.smooth]
     return ElementNumbers(
         on_free,

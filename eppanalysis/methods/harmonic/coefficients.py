@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
-from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, Row, rest_value
+from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, rest_value
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
 from eppanalysis.models.elements.automaton import Smooth
 
@@ -137,8 +137,7 @@ class Answer:
         if self.owner.smooth and jump.size:
             z, rate = self.inputs(self.regime.phases)
             acts = np.diff(self.owner.automaton.mode_columns["from_smooth"][self.modes], axis=0)
-            for i, (smooth, row) in enumerate(self.owner.smooth):
-                value, _ = smooth_values(smooth, row.on_free[0] * z + row.on_rate[0] * rate)
+            for i, (value, _, _) in enumerate(smooth_functions(self.owner, z, rate)):
                 jump += acts[:, :, i] * value[:, None]
         return jump
 
@@ -179,6 +178,23 @@ def smooth_values(smooth: Smooth, argument: Array) -> tuple[Array, Array]:
     return _CURVES[smooth.kind](argument + smooth.constant, smooth.scale)
 
 
+def smooth_functions(owner: PeriodicElement, z: Array, rate: Array) -> list[tuple[Array, Array, Array]]:
+    """Each smooth function of an element at inputs and their rates, and its derivatives by either.
+
+    One may be a function of those before it.
+    """
+    found: list[tuple[Array, Array, Array]] = []
+    for (smooth, row), weights in zip(owner.smooth, owner.automaton.smooth_on_smooth, strict=True):
+        by = np.full(z.shape, row.on_free[0]), np.full(z.shape, row.on_rate[0])
+        terms = row.on_free[0] * z + row.on_rate[0] * rate, *by
+        for weight, before in zip(weights, found, strict=False):
+            if weight:
+                terms = terms[0] + weight * before[0], terms[1] + weight * before[1], terms[2] + weight * before[2]
+        y, slope = smooth_values(smooth, terms[0])
+        found.append((y, slope * terms[1], slope * terms[2]))
+    return found
+
+
 def _smooth_part(c: Answer) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Quadrature of the smooth functions: outputs (no, n + 1), slopes by the free input and by the rate (no, 2 n + 1).
 
@@ -187,8 +203,8 @@ def _smooth_part(c: Answer) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     longest = 2.0 / max(c.n, 2)
     for _ in range(8):
         panels = _Panels.cut(c, longest)
-        found = [panels.sample(smooth, row) for smooth, row in c.owner.smooth]
-        if all(panels.resolved(y) and panels.resolved(slope) for y, slope in found):
+        found = smooth_functions(c.owner, *c.inputs(panels.phases))
+        if all(panels.resolved(part) for parts in found for part in parts):
             break
         longest /= 2.0
     return panels.integrate(found)
@@ -213,11 +229,6 @@ class _Panels:
         weights = (size[:, None] * weight / 2).ravel() / TURN
         return cls(whole, phases, weights, np.repeat(np.repeat(np.arange(len(counts)), counts), _PANEL_NODES))
 
-    def sample(self, smooth: Smooth, row: Row) -> tuple[Array, Array]:
-        """The function and its derivative at the nodes."""
-        z, rate = self.whole.inputs(self.phases)
-        return smooth_values(smooth, row.on_free[0] * z + row.on_rate[0] * rate)
-
     def resolved(self, y: Array) -> bool:
         """Whether the last two Legendre coefficients on every panel are near rounding."""
         node, weight = np.polynomial.legendre.leggauss(_PANEL_NODES)
@@ -225,16 +236,15 @@ class _Panels:
         to_tail = np.polynomial.legendre.legvander(node, _PANEL_NODES - 1)[:, -2:] * weight[:, None] * (degrees + 0.5)
         return bool(np.abs(y.reshape(-1, _PANEL_NODES) @ to_tail).max() <= 1e-13 * np.abs(y).max())
 
-    def integrate(self, found: list[tuple[Array, Array]]) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    def integrate(self, found: list[tuple[Array, Array, Array]]) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Coefficients from the samples of all functions."""
         c, n_out = self.whole, self.whole.owner.automaton.n_outputs
         back = np.exp(-1j * np.outer(self.phases, orders(2 * c.n)))
         W, S, R = (np.zeros((n_out, size + 1), complex) for size in (c.n, 2 * c.n, 2 * c.n))
-        for i, ((_, row), (y, slope)) in enumerate(zip(c.owner.smooth, found, strict=True)):
+        for i, (y, by_free, by_rate) in enumerate(found):
             acts = c.owner.automaton.mode_columns["from_smooth"][c.modes[self.piece], :, i]
             W += 2.0 * (acts * (self.weights * y)[:, None]).T @ back[:, : c.n + 1]
-            by_argument = (acts * (self.weights * slope)[:, None]).T @ back
-            S += row.on_free[0] * by_argument
-            R += row.on_rate[0] * by_argument
+            S += (acts * (self.weights * by_free)[:, None]).T @ back
+            R += (acts * (self.weights * by_rate)[:, None]).T @ back
         W[:, 0] *= 0.5
         return W, S, R

@@ -147,9 +147,6 @@ class PeriodicElement:
                 expected="one that reads its input alone, or a search, a run or the exact orbit",
             )
         a = self.automaton
-        if np.any(a.smooth_on_smooth):
-            expected = "the exact orbit instead of a harmonic balance"
-            raise ModelError(f"{self.name}: it has a smooth function of others", expected=expected)
         self.smooth = [(s, self.row(s.on_input)) for s in a.smooth]
         if np.any(self._by_role(a.mode_columns["from_input"])[2]):
             raise ModelError(f"{self.name}: an output that grows with time has no Fourier series.")

@@ -110,6 +110,28 @@ def friction(coulomb: float, static: float, stribeck: float = 0.0) -> Automaton:
     return sticking(static, coulomb)
 
 
+def decay(shape: float, velocity: float, scale: float) -> tuple[tuple[Smooth, ...], float]:
+    """Smooth functions of which the last, and a constant with it, are ``scale*exp(-|v/velocity|**shape)``.
+
+    Even shapes are a Gaussian of a power, odd ones are what ``exp(-2|p|) = 2/(1 + |tanh p|) - 1`` makes of one.
+
+    Raises
+    ------
+    KeyError
+        If the shape is none of 1, 2, 3, 4 and 6.
+    """
+    u, none = np.array([1 / velocity]), np.zeros(1)
+    if shape == 2:
+        return (Smooth("gaussian", u, 0.0, scale),), 0.0
+    if shape == 1:
+        return (Smooth("tanh", u / 2), Smooth("reciprocal_abs", none, 0.0, 2 * scale, (1.0,))), -scale
+    power = Smooth({3: "cube", 4: "square", 6: "cube"}[shape], u)
+    if shape != 3:
+        return (power, Smooth("gaussian", none, 0.0, scale, (1.0,))), 0.0
+    bent = Smooth("tanh", none, on_smooth=(0.5,))
+    return (power, bent, Smooth("reciprocal_abs", none, 0.0, 2 * scale, (0.0, 1.0))), -scale
+
+
 def sticking(static: float, level: float, viscous: float = 0.0, law: tuple[Smooth, ...] = ()) -> Automaton:
     """Force against a velocity: sticks at zero up to `static`, slips with `level`, the law and the viscous part.
 
@@ -117,9 +139,9 @@ def sticking(static: float, level: float, viscous: float = 0.0, law: tuple[Smoot
     ----------
     static, level, viscous : float
     law : tuple of Smooth
-        What falls with speed, or nothing.
+        The last of them is what falls with speed; or nothing.
     """
-    build, falls = AutomatonBuilder(smooth=law), float(len(law))
+    build, falls = AutomatonBuilder(smooth=law), np.eye(1, len(law), len(law) - 1)[0]
     stick = build.mode("stuck", sticking=True)
     forward = build.mode("slips forward", from_input=viscous, from_smooth=falls, constant=level)
     backward = build.mode("slips backward", from_input=viscous, from_smooth=-falls, constant=-level)

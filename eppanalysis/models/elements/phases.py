@@ -143,17 +143,19 @@ def squared_sine(theta: Array) -> Array:
     return np.where(np.abs(theta) < 0.25, series, (theta - np.sin(theta) * np.cos(theta)) / 2)
 
 
-def layers(a: Array, b: Array) -> tuple[Array, Array]:
+def layers(a: Array, b: Array, parts: int = 1) -> tuple[Array, Array]:
     """Phases and weights, shapes (..., nodes), of a mean over the rising half period of ``b + a sin(phi)``.
 
     Panels double their length from the phase at which the input passes zero, or comes nearest to it: the curve changes
-    where the argument is of the order of one.
+    where the argument is of the order of one. Each is cut into as many parts as are asked for.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         centre = -np.arcsin(np.clip(np.nan_to_num(b / a), -1.0, 1.0))
     steepest = float(np.fmax.reduce(a, axis=None, initial=1.0))
     count = int(np.clip(np.ceil(np.log2(2 * np.pi * steepest)), 3, _MOST_PANELS))
     steps = np.pi * np.concatenate([[0.0], 0.5 ** np.arange(count, -1, -1.0)])
+    if parts > 1:
+        steps = np.interp(np.arange(parts * (len(steps) - 1) + 1) / parts, np.arange(len(steps)), steps)
     sides = [np.clip(centre[..., None] + sign * steps, -np.pi / 2, np.pi / 2) for sign in (1.0, -1.0)]
     low, high = (np.concatenate([np.sort(side, -1)[..., part] for side in sides], -1) for part in _ENDS)
     half = (high - low) / 2

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
+from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
-from eppanalysis.models.elements.automaton import Automaton, Smooth
-from eppanalysis.models.elements.base import IN, OUT, SLOPE, Nonlinearity
+from eppanalysis.models.elements.automaton import Automaton
+from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
 from eppanalysis.models.elements.exact import Half, Pieces, Reading
 from eppanalysis.models.elements.phases import broadcast, layers, require, require_numbers, with_nan
 from eppanalysis.models.elements.static import Coulomb
 
 Array = NDArray[np.float64]
+#: Largest exponent of a Stribeck curve, parts of a panel of one that falls steeply, and how much shorter panels are at
+#: rest where the exponent makes a root there.
+_STEEPEST, _PARTS, _ROOT = 6, 4, 2.0**30
 Answer = tuple[Array, NDArray[np.complex128]]
 
 
@@ -112,7 +116,7 @@ class ViscousCoulomb(_Sliding, kind="viscous_coulomb"):
 
 @dataclass(frozen=True)
 class StribeckFriction(_Sliding, kind="stribeck_friction"):
-    """Friction ``(coulomb + (static - coulomb) exp(-(v/velocity)**2))*sgn(v) + viscous*v`` of a velocity v.
+    """Friction ``(coulomb + (static - coulomb) exp(-|v/velocity|**shape))*sgn(v) + viscous*v`` of a velocity v.
 
     At rest the force takes whatever value keeps v at zero, up to `static`.
 
@@ -126,6 +130,9 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         Stribeck velocity, positive [m/s or rad/s].
     viscous : float, optional
         At least zero [N*s/m or N*m*s/rad].
+    shape : float, optional
+        Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. A run, an orbit and a
+        balance of harmonics take 1, 2, 3, 4 or 6.
 
     Raises
     ------
@@ -140,19 +147,25 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     [0.0, 1.2039, 1.2]
     """
 
-    units = MappingProxyType({"coulomb": OUT, "static": OUT, "velocity": IN, "viscous": SLOPE})
+    units = MappingProxyType({"coulomb": OUT, "static": OUT, "velocity": IN, "viscous": SLOPE, "shape": RATIO})
 
     coulomb: float
     static: float
     velocity: float
     viscous: float = 0.0
+    shape: float = 2.0
 
     def __post_init__(self) -> None:
-        require_numbers(self, "coulomb", "static", "velocity", "viscous")
+        require_numbers(self, "coulomb", "static", "velocity", "viscous", "shape")
         require(self, "coulomb", self.coulomb >= 0, "zero or more")
         require(self, "static", self.static >= self.coulomb, "at least coulomb", "coulomb")
         require(self, "velocity", self.velocity > 0, "a positive number")
         require(self, "viscous", self.viscous >= 0, "zero or more")
+        require(self, "shape", 0 < self.shape <= _STEEPEST, f"a positive number, {_STEEPEST} or less")
+
+    def _decay(self, u: Array) -> Array:
+        """Falling part over what it is at rest, of velocities over the Stribeck velocity."""
+        return np.asarray(np.exp(-(u**2) if self.shape == 2 else -(np.abs(u) ** self.shape)))
 
     @property
     def breakaway(self) -> float:
@@ -162,14 +175,15 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Any]:
         """Force while slipping at the velocity `x` (zero at rest, where the loop sets it); `memory` is unused."""
         v = floats(x, "output: x")
-        dry = self.coulomb + (self.static - self.coulomb) * np.exp(-((v / self.velocity) ** 2))
+        dry = self.coulomb + (self.static - self.coulomb) * self._decay(v / self.velocity)
         return np.asarray(dry * np.sign(v) + self.viscous * v), memory
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean and gain (real) for a velocity ``bias + amplitude * sin(omega t)``, which never rests.
 
-        Without a bias the falling part has ``(static - coulomb) 4 F(p)/(pi p A)``, with Dawson's integral F and
-        p the amplitude over the Stribeck velocity; with one it is integrated, accurate to about 1e-12.
+        Without a bias a Gaussian falling part has ``(static - coulomb) 4 F(p)/(pi p A)``, with Dawson's integral F and
+        p the amplitude over the Stribeck velocity; with one, and of other shapes, it is integrated, accurate to about
+        1e-12.
 
         Raises
         ------
@@ -182,14 +196,18 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         mean, gain = self._coulomb_and_viscous(a, b, omega)
         excess = self.static - self.coulomb
         p, offset = a / self.velocity, b / self.velocity
-        phi, weight = layers(p, offset)
+        # A root at rest is resolved by panels that are shorter than the curve's own by a factor.
+        finer = 1.0 if self.shape in (1, 2, 3, 4, 6) else _ROOT
+        phi, weight = layers(p * finer, offset * finer, 1 if self.shape <= 2 else _PARTS)
         v = offset[..., None] + p[..., None] * np.sin(phi)
-        falling = weight * np.exp(-(v**2)) * np.sign(v)
+        falling = weight * self._decay(v) * np.sign(v)
         moves = np.where(a > 0, a, 1.0)
-        centred = 4 / np.pi * np.where(p > 0, dawsn(p) / np.where(p > 0, p, 1.0), 1.0)
-        slope = -2 * np.abs(offset) * np.exp(-(offset**2)) / self.velocity
-        drop = np.where(b == 0, centred, 2 * (falling * np.sin(phi)).sum(-1)) / moves
-        drop = np.where(a > 0, drop, np.where(b == 0, np.inf if excess > 0 else 0.0, slope))
+        drop = 2 * (falling * np.sin(phi)).sum(-1)
+        if self.shape == 2:
+            drop = np.where(b == 0, 4 / np.pi * np.where(p > 0, dawsn(p) / np.where(p > 0, p, 1.0), 1.0), drop)
+        apart = np.where(b == 0, 1.0, np.abs(offset))
+        slope = -self.shape * apart ** (self.shape - 1) * self._decay(apart) / self.velocity
+        drop = np.where(a > 0, drop / moves, np.where(b == 0, np.inf if excess > 0 else 0.0, slope))
         with np.errstate(invalid="ignore"):
             falls = np.where(excess > 0, excess * drop, 0.0)
         return with_nan(a, b, mean + excess * falling.sum(-1), gain.real + falls)
@@ -204,11 +222,22 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         return np.array([self.velocity])
 
     def slope_bounds(self) -> tuple[float, float]:
-        """Least slope, at ``velocity/sqrt(2)``, and greatest; infinite at the jump at rest."""
-        steepest = (self.static - self.coulomb) / self.velocity * np.sqrt(2 / np.e)
-        return float(self.viscous - steepest), super().slope_bounds()[1]
+        """Least slope, at ``(v/velocity)**shape = (shape - 1)/shape``, and greatest; infinite at the jump at rest."""
+        rest = (self.shape - 1) / self.shape
+        steepest = self.shape * rest**rest * np.exp(-rest) if rest >= 0 else np.inf
+        excess = self.static - self.coulomb
+        return float(self.viscous - (excess / self.velocity * steepest if excess else 0.0)), super().slope_bounds()[1]
 
     def automaton(self) -> Automaton:
-        """Slips either way, sticks at rest."""
-        law = (Smooth("gaussian", np.array([1 / self.velocity]), 0.0, self.static - self.coulomb),)
-        return automata.sticking(self.static, self.coulomb, self.viscous, law)
+        """Slips either way, sticks at rest.
+
+        Raises
+        ------
+        ModelError
+            If the shape is none whose curve has a Taylor series at rest.
+        """
+        if self.shape not in (1, 2, 3, 4, 6):
+            expected = "1, 2, 3, 4 or 6, whose curves have a Taylor series at rest, or first order alone"
+            raise ModelError("StribeckFriction", self.shape, expected, field="shape")
+        law, constant = automata.decay(self.shape, self.velocity, self.static - self.coulomb)
+        return automata.sticking(self.static, self.coulomb + constant, self.viscous, law)

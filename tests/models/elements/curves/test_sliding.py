@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.special import erfi
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.harmonic.coefficients import respond
+from eppanalysis.methods.harmonic.elements import PeriodicElement
 from tests.models.elements.quadrature import assert_agrees, crossings, fourier, fourier_adaptive
 
 positive, amplitudes, numbers = st.floats(0.01, 3), st.floats(1e-3, 20), st.floats(-3, 3)
@@ -33,6 +37,26 @@ def test_stribeck_matches_quadrature(
     layers = [s + sign * 0.5**k for s in near for sign in (-1, 1) for k in range(1, 16)]
     witness = fourier_adaptive(element, amplitude, bias, [*switches, *layers])
     assert_agrees(element.describing_function(amplitude, bias), witness, amplitude)
+
+
+@pytest.mark.parametrize(
+    ("shape", "velocity", "amplitude", "bias"),
+    [(0.5, 0.3, 2.0, 0.4), (1.0, 0.01, 1.0, 0.0), (1.5, 0.2, 3.0, -1.0), (3.0, 0.1, 0.3, 0.0), (6.0, 0.05, 2.0, 0.5)],
+)
+def test_other_shapes_match_quadrature(shape: float, velocity: float, amplitude: float, bias: float) -> None:
+    element = epp.StribeckFriction(0.4, 1.7, velocity, 0.2, shape)
+
+    def force(phi: float) -> float:
+        return float(element.output(bias + amplitude * np.sin(phi))[0])
+
+    rest = -np.arcsin(bias / amplitude)
+    steps = np.pi * 0.5 ** np.arange(0, 40)
+    near = np.clip(np.concatenate([rest - steps, [rest], rest + steps]), -np.pi / 2, np.pi / 2)
+    mean = sum(quad(force, *ends, epsabs=1e-13)[0] for ends in pairwise(np.unique(near))) / np.pi
+    wave = sum(quad(lambda p: force(p) * np.sin(p), *ends, epsabs=1e-13)[0] for ends in pairwise(np.unique(near)))
+    found = element.describing_function(amplitude, bias)
+    assert found[0] == pytest.approx(mean, rel=1e-9, abs=1e-9)
+    assert found[1] * amplitude == pytest.approx(2 * wave / np.pi, rel=1e-9)
 
 
 def test_formula_without_bias_and_limits() -> None:
@@ -76,7 +100,9 @@ def slid_by_hand(element: epp.StribeckFriction, speed: float, times: np.ndarray)
 
         def rates(s: float, v: np.ndarray, sign: float = sign) -> list[float]:
             rest = v[1] - speed
-            dry = element.coulomb + (element.static - element.coulomb) * np.exp(-((rest / element.velocity) ** 2))
+            dry = element.coulomb + (element.static - element.coulomb) * np.exp(
+                -(abs(rest / element.velocity) ** element.shape)
+            )
             return [v[1], -4.0 * v[0] - sign * dry - element.viscous * rest]
 
         def meets(s: float, v: np.ndarray) -> float:
@@ -93,8 +119,9 @@ def slid_by_hand(element: epp.StribeckFriction, speed: float, times: np.ndarray)
     return np.array(found)
 
 
-def test_a_block_that_sticks_and_slips_against_another_integrator() -> None:
-    element, speed = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05), 0.4
+@pytest.mark.parametrize("shape", [1.0, 2.0, 3.0, 6.0])
+def test_a_block_that_sticks_and_slips_against_another_integrator(shape: float) -> None:
+    element, speed = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape), 0.4
     times = np.linspace(0.0, 12.0, 241)
     run = epp.simulate(dragged(element, speed), t_end=12.0, t_eval=times)
     position, velocity = slid_by_hand(element, speed, times).T
@@ -104,6 +131,50 @@ def test_a_block_that_sticks_and_slips_against_another_integrator() -> None:
     assert stuck.sum() > 20 and (~stuck).sum() > 20
     # At rest on the belt friction holds what the spring pulls.
     np.testing.assert_allclose(run.signals["friction_output"][stuck], -4.0 * position[stuck], atol=1e-8)
+
+
+@pytest.mark.parametrize("shape", [1.0, 3.0])
+def test_orbit_of_another_shape(shape: float) -> None:
+    """A stable cycle on a belt: its orbit is what a long run comes to."""
+    system = dragged(epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape), 0.4)
+    run = epp.simulate(system, t_end=40.0)
+    orbit = epp.exact_orbit(system, run.limit_cycle)
+    assert orbit.period == pytest.approx(run.limit_cycle.period, rel=1e-6)
+    by_hand = slid_by_hand(system.elements[0], 0.4, np.linspace(0.0, 40.0, 8001))[6000:, 1]
+    assert np.ptp(by_hand) == pytest.approx(orbit.peak_to_peak["friction_input"], rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [1.0, 3.0, 4.0])
+def test_answer_to_harmonics_of_another_shape(shape: float) -> None:
+    """Coefficients of the force against a sum over a period, and their slopes against differences."""
+    element = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape)
+    Z = np.array([[0.05, -1j, 0.1, 0.05j]])
+    periodic = PeriodicElement.of(element, ("free",))
+    answer = respond(periodic, Z, 2.0)
+    switches = np.sort(np.mod(answer.regime.phases, 2 * np.pi))
+    edges = np.append(switches, switches[0] + 2 * np.pi)
+    node, weight = np.polynomial.legendre.leggauss(60)
+    total = np.zeros(4, complex)
+    for low, high in pairwise(np.concatenate([np.linspace(*ends, 9)[:-1] for ends in pairwise(edges)] + [edges[-1:]])):
+        phi = (low + high) / 2 + (high - low) / 2 * node
+        v = (np.exp(1j * np.outer(phi, np.arange(4))) @ Z[0]).real
+        force = weight * (high - low) / 2 * element.output(v)[0]
+        total += np.exp(-1j * np.outer(np.arange(4), phi)) @ force / np.pi
+    total[0] /= 2
+    np.testing.assert_allclose(answer.coefficients[0], total, atol=1e-10)
+    step = 1e-6
+    moved = respond(periodic, Z + step * np.array([[0.0, 1.0, 0.0, 0.0]]), 2.0)
+    slope = (moved.coefficients - answer.coefficients)[0] / step
+    np.testing.assert_allclose(answer.slopes[0, :, 1], slope, atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", [1.0, 1.5, 2.0, 4.0])
+def test_slopes_of_other_shapes(shape: float) -> None:
+    element = epp.StribeckFriction(1.0, 2.0, 0.5, 0.1, shape)
+    v = np.linspace(1e-9, 5.0, 400001)
+    assert element.slope_bounds()[0] == pytest.approx(np.diff(element.output(v)[0]).min() / (v[1] - v[0]), rel=1e-4)
+    assert epp.StribeckFriction(1.0, 2.0, 0.5, 0.1, 0.5).slope_bounds()[0] == -np.inf
+    assert epp.StribeckFriction(1.0, 1.0, 0.5, 0.1, 0.5).slope_bounds()[0] == 0.1
 
 
 def test_slopes_sectors_and_refusals() -> None:
@@ -117,6 +188,8 @@ def test_slopes_sectors_and_refusals() -> None:
         (lambda: epp.ViscousCoulomb(-1.0, 0.0), "coulomb is -1.0; expected zero or more"),
         (lambda: epp.StribeckFriction(1.0, 0.5, 1.0), "static is 0.5.*expected at least coulomb"),
         (lambda: epp.StribeckFriction(1.0, 2.0, 0.0), "velocity is 0.0; expected a positive number"),
+        (lambda: epp.StribeckFriction(1.0, 2.0, 1.0, 0.0, 0.0), "shape is 0.0; expected a positive number, 6 or less"),
+        (lambda: epp.StribeckFriction(1.0, 2.0, 1.0, 0.0, 0.5).automaton(), "shape is 0.5.*Taylor series"),
         (lambda: epp.StribeckFriction(1.0, 2.0, 1.0, -1.0), "viscous is -1.0; expected zero or more"),
     ):
         with pytest.raises(ModelError, match=words):
