@@ -133,7 +133,7 @@ class BalancedOscillation:
     def measures(self) -> Array:
         """What an error is measured in: frequency, fundamental and peak-to-peak of the first signal that moves."""
         system = self.loop.system
-        W, _ = self.loop.answers(self.Z, self.omega)
+        W, _ = self.loop.answers(self._without_overshoot, self.omega)
         response = system.signal_response(self.omega * orders(self.order)[1:])
         c = (response @ W.T[1:, :, None])[..., 0].T
         moves = np.flatnonzero(np.abs(c[:, 0]) > 0)
@@ -143,6 +143,16 @@ class BalancedOscillation:
             _, value = extrema(np.concatenate([[[0.0]], c[i : i + 1]], 1))[0]
             sizes.append(float(np.ptp(value)))
         return np.array(sizes)
+
+    @property
+    def _without_overshoot(self) -> ComplexArray:
+        """The inputs, less the overshoot of a series that jumps where an element would remember it.
+
+        A play straight behind a relay is pushed on by it, however high the order; Lanczos's factors all but end it.
+        """
+        Z = self.Z.copy()
+        Z[_remember_jumps(self.loop), 1:] *= np.sinc(np.arange(self.order) / self.order) ** 2
+        return Z
 
     @cached_property
     def orientation(self) -> float:
@@ -215,6 +225,15 @@ class _Muted(Loop):
     def _muted(self, response: ComplexArray) -> ComplexArray:
         response[1:] *= self.share
         return response
+
+
+def _remember_jumps(loop: Loop) -> list[bool]:
+    """Which elements with a memory of values stand straight behind one that jumps."""
+    system = loop.system
+    slopes = [np.abs(e.slope_bounds()).max() for e in system.elements]
+    jumping = np.repeat(np.isinf(slopes), [e.n_outputs for e in system.elements])
+    behind = np.any(system.D[loop.rows][:, jumping], axis=1)
+    return [bool(b) and e.automaton.n_memory > 0 for e, b in zip(loop.elements, behind, strict=True)]
 
 
 def _jumps_freely(loop: Loop) -> list[bool]:

@@ -131,3 +131,15 @@ def test_a_motion_that_loses_its_symmetry_does_not_vanish():
     )
     second = first.with_harmonics(3)
     assert second is not None and second.orientation == first.orientation
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.5, 1.0])
+def test_the_error_covers_a_play_that_a_relay_pushes_straight(gap):
+    """A square wave leaves a play smaller by half of the gap, at the same instants: a relay of lower levels."""
+    plant, level = ([2.0], np.poly([-1.0, -1.0, -2.0])), 1.0 - gap / 2.0
+    pushed = epp.LureSystem.from_blocks([epp.HysteresisRelay(-0.1, 0.1), epp.Play(gap), plant])
+    lower = epp.LureSystem.from_tf(plant, epp.HysteresisRelay(-0.1, 0.1, -level, level))
+    (predicted,), (exact,) = epp.predict_limit_cycles(pushed), epp.find_limit_cycles(lower)
+    size = predicted.peak_to_peak["hysteresisrelay_input"] / exact.peak_to_peak["x"] - 1.0
+    assert abs(size) > 0.1
+    assert abs(size) < predicted.error_estimate < 1.6 * abs(size)
