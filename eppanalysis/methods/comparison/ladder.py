@@ -91,6 +91,14 @@ class Agreement(Enum):
         "The exact search confirms what first order predicts; the run itself is undecided by its end, "
         "so simulate for longer."
     )
+    CONFIRMED_STABLE = (
+        "The exact search confirms the stable cycle that first order predicts, but not every unstable one to within "
+        f"{100 * _AGREES:g} %; the run itself is undecided by its end, simulate for longer to see the stable one there."
+    )
+    NONE_STABLE = (
+        "First order predicts no stable cycle and the exact search finds none, but unstable ones differ by more than "
+        f"{100 * _AGREES:g} %; the run itself is undecided by its end, simulate for longer."
+    )
     FOUND = (
         "The exact search finds the stable cycle that first order predicts, but first order is off by more than "
         f"{100 * _AGREES:g} % in frequency or size; the run itself is undecided by its end, "
@@ -410,18 +418,23 @@ def _by_search(predicted: bool, found: Climb) -> Agreement:
         return Agreement.UNDECIDED
     if found.missed:
         return Agreement.MISSED
-    if not predicted:
-        return Agreement.CONFIRMED if found.search.status.ok else Agreement.UNDECIDED
-    if not found.confirmed:
+    if not (found.confirmed if predicted else found.search.status.ok):
         return Agreement.UNDECIDED
-    near = (
-        row.errors
-        for row in found.rows
-        if row.method.startswith(DESCRIBING_FUNCTION)
-        and row.exact is not None
-        and found.search.cycles[row.exact].stable
-    )
-    return Agreement.CONFIRMED if all(max(map(abs, e.values())) <= _AGREES for e in near) else Agreement.FOUND
+    off = [row.cycle for row in found.rows if row.cycle is not None and _is_far_off(row)]
+    if not off:
+        return Agreement.CONFIRMED
+    if not predicted:
+        return Agreement.NONE_STABLE
+    return Agreement.FOUND if any(cycle.stable for cycle in off) else Agreement.CONFIRMED_STABLE
+
+
+def _is_far_off(row: Rung) -> bool:
+    """Whether a rung is a cycle of first order that no exact one is near; one that may not exist need not have one."""
+    if not row.method.startswith(DESCRIBING_FUNCTION) or row.cycle is None:
+        return False
+    if row.exact is None:
+        return not row.cycle.may_not_exist
+    return max(map(abs, row.errors.values())) > _AGREES
 
 
 def _missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> list[str]:

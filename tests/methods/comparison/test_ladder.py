@@ -332,3 +332,20 @@ def test_a_search_does_not_confirm_what_is_far_off() -> None:
     assert result.search is not None and result.prediction is not None
     assert result.search.cycles[0].period > 1.5 * result.prediction.cycles[0].period
     assert "confirms" not in str(result) and "off by more than 10 %" in str(result)
+
+
+@pytest.mark.parametrize(
+    ("plant", "element", "agreement"),
+    [
+        # The unstable cycle of three levels is 60 % slower than a sine makes it, the stable one 2 %.
+        (([3.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(0.3), Agreement.CONFIRMED_STABLE),
+        # A limit before three integrators: one cycle, unstable, 16 % larger than first order has it.
+        (([20.0, 40.0, 20.0], [0.01, 1.0, 0.0, 0.0, 0.0]), epp.Saturation(), Agreement.NONE_STABLE),
+        (([10.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation(), Agreement.CONFIRMED),
+    ],
+)
+def test_a_search_confirms_no_unstable_cycle_that_is_far_off(plant, element, agreement) -> None:
+    result = epp.ladder(epp.LureSystem.from_tf(plant, element))
+    assert result.outcome == "undecided" and result.agreement is agreement
+    unstable = [row for row in result.rows if row.method.startswith("describing function, unstable")]
+    assert all(max(map(abs, row.errors.values())) > 0.1 for row in unstable)
