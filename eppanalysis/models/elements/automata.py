@@ -125,7 +125,7 @@ def decay(shape: float, velocity: float, scale: float) -> tuple[tuple[Smooth, ..
         return (Smooth("gaussian", u, 0.0, scale),), 0.0
     if shape == 1:
         return (Smooth("tanh", u / 2), Smooth("reciprocal_abs", none, 0.0, 2 * scale, (1.0,))), -scale
-    power = Smooth({3: "cube", 4: "square", 6: "cube"}[shape], u)
+    power = Smooth({3.0: "cube", 4.0: "square", 6.0: "cube"}[shape], u)
     if shape != 3:
         return (power, Smooth("gaussian", none, 0.0, scale, (1.0,))), 0.0
     bent = Smooth("tanh", none, on_smooth=(0.5,))
