@@ -20,7 +20,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 
 Array = NDArray[np.float64]
 
-_DEGREES = (8, 16, 32)
+_DEGREES = (4, 8, 16, 32)
 _AGREEMENT = 4e-15
 #: Lengths of the range that is interpolated over, relative to the one given.
 _REACHES = (1.02, 0.98)
@@ -63,11 +63,14 @@ class Family:
     limits : (float, float)
     window : (float, float), optional
         Where the interpolant is wanted, when that is a small part of the range.
+    patience : int
+        How many systems are built before it is made.
     """
 
     build: Callable[[float], HybridSystem]
     limits: tuple[float, float]
     window: tuple[float, float] | None = None
+    patience: int = 7
     _stand_in: _Interpolant | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
 
@@ -79,7 +82,7 @@ class Family:
     def at(self, value: float) -> HybridSystem:
         """The system at a value (SI), equal to the built one to rounding."""
         self._asked += 1
-        if self._asked == 8:
+        if self._asked == self.patience + 1:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))
         if self._stand_in is None or abs(value - self._stand_in.middle) > self._stand_in.half:
             return self.build(value)

@@ -33,6 +33,10 @@ _FEW = 8
 #: How far aside of a fold a branch begins, relative to the parameter there, and most orbits on the way.
 _ASIDE = (0.1, 0.3, 0.8)
 _MOST_ASIDE = 60
+#: Rate of the parameter along the branch that is none, and that rounding may leave.
+_TURNED, _ROUNDED = 1e-11, 1e-9
+#: Steps of a secant method to where it is none, and the longest.
+_MOST_STEPS, _LONGEST = 20, 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -210,16 +214,8 @@ class _FoldWalk:
         """The fold in a neighbouring family, from the last one."""
         u = fold.unknowns + (0.0 if self.drift is None or self.drift.size != fold.unknowns.size else d * self.drift)
         u[-1] = fold.value + self.slope * d
-        moved = point_across(replace(fold, family=family, before=None), u)
-        for _ in range(4):
-            new = None if moved is None else _fold_near(moved)
-            if new is None or moved is None or not self.limits[0] <= new.value <= self.limits[1]:
-                return None
-            if admissible(new):
-                return new
-            # The fold of a sequence that the engine does not meet: the one that it does meet is asked for its own.
-            moved, _ = other_sequence(moved, new)
-        return None
+        found = fold_in(family, fold, u)
+        return found if found is not None and self.limits[0] <= found.value <= self.limits[1] else None
 
     def _by_branch(self, fold: Point, here: float, there: float) -> Point | None:
         """The fold on a branch that begins aside of the last one, on its stable side, at the new value of `other`."""
@@ -259,22 +255,45 @@ def _aside(case: CaseLike, parameter: str, fold: Point, distance: float) -> Poin
     return None
 
 
+def fold_in(family: Family, near: Point, u: Array) -> Point | None:
+    """The fold of a family of cycles that a fold in a neighbouring one leads to; None where Newton is led nowhere.
+
+    Parameters
+    ----------
+    family : Family
+        The systems over the parameter in which the cycles fold.
+    near : Point
+        The fold of the neighbouring family.
+    u : array, shape (m + p + 1,)
+        Unknowns from which to begin.
+    """
+    moved = point_across(replace(near, family=family, before=None), u)
+    for _ in range(4):
+        new = None if moved is None else _fold_near(moved)
+        if new is None or moved is None:
+            return None
+        if admissible(new):
+            return new
+        # The fold of a sequence that the engine does not meet: the one that it does meet is asked for its own.
+        moved, _ = other_sequence(moved, new)
+    return None
+
+
 def _fold_near(point: Point) -> Point | None:
     """Secant steps along the branch to where the parameter turns."""
-    s0, f0 = 0.0, point.turn
-    s1 = 1e-3
-    best = point
-    for _ in range(15):
-        if abs(best.turn) < 1e-11:
-            return best
-        new = step(point, s1)
+    here, ds = point, 1e-3
+    for _ in range(_MOST_STEPS):
+        if abs(here.turn) < _TURNED:
+            return here
+        new = step(here, ds)
         if new is None:
-            return None
-        f1 = new.turn
-        if abs(f1) < abs(best.turn):
-            best = new
-        if f1 == f0:
+            ds *= 0.3
+            continue
+        rate = (new.turn - here.turn) / ds
+        if abs(here.turn) < _ROUNDED and abs(new.turn) >= abs(here.turn):
+            return here
+        if rate == 0.0:
             break
         # A secant through two nearly equal values leads anywhere: no step beyond a share of the branch.
-        s0, s1, f0 = s1, float(np.clip(s1 - f1 * (s1 - s0) / (f1 - f0), -0.3, 0.3)), f1
-    return best if abs(best.turn) < 1e-9 else None
+        here, ds = new, float(np.clip(-new.turn / rate, -_LONGEST, _LONGEST))
+    return here if abs(here.turn) < _ROUNDED else None

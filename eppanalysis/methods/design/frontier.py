@@ -23,7 +23,8 @@ from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import farthest_passage
 from eppanalysis.methods.continuation.branch import Walk, steady_case
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.steps import make_point
+from eppanalysis.methods.continuation.folds import fold_in
+from eppanalysis.methods.continuation.steps import Point, make_point, step
 from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.design.programme import N_SCAN, Place, Programme, distance
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -40,6 +41,10 @@ _AROUND = (0.8, 0.9, 0.97, 1.03, 1.1, 1.2, 1.35)
 _BEYOND = (0.005, 0.02, 0.06, 0.15)
 #: Part of a parameter round the start of a branch in which its turn is expected.
 _WINDOW = 0.08
+#: The same for a turn that is foretold; one farther away is not believed.
+_BESIDE = 0.02
+#: How far along its branch from a fold a cycle beyond it is taken, and how much the branch bends there at least.
+_ALONG, _BENT = 0.02, 1e-2
 #: Change of a bound, relative to it, that slopes are believed; how often the way to a place is halved, and a distance
 #: too short for that.
 _MOST_FORETOLD, _DEEPEST, _NEAR = 0.3, 4, 0.02
@@ -141,6 +146,10 @@ class Frontier:
         """The bound of a family, from its member nearest by; else by way of places between."""
         near, here = min(family, key=lambda known: distance(self.widths, known.place, place)), self.here(place)
         foretold = self._foretold(near, place)
+        moved = self._moved(near, here, foretold)
+        if moved is not None:
+            family.append(replace(moved, place=place))
+            return moved.bound
         for share in _BEYOND:
             value = float(np.clip(foretold * (1.0 + self.sign * share), here.low, here.high))
             bound = self._followed(here, value, near.cycle)
@@ -162,6 +171,24 @@ class Frontier:
         slopes = exact_slopes(self.here(near.place), point, {name: self.widths[name] for name in moves})
         change = sum(slopes[name] * move for name, move in moves.items())
         return value + change if abs(change) < _MOST_FORETOLD * abs(value) else value
+
+    def _moved(self, near: Known, here: Question, foretold: float) -> Known | None:
+        """The fold that the one at a place nearby leads to, with a cycle beyond it."""
+        fold = near.bound.point
+        if self.allowed is not None or near.bound.kind is not Turn.FOLD or fold is None or _aside(fold) is None:
+            return None
+        window = max(here.low, foretold * (1.0 - _BESIDE)), min(here.high, foretold * (1.0 + _BESIDE))
+        family = Family(lambda v: steady_case(here.case_at(v)), (here.low, here.high), window, patience=0)
+        try:
+            found = fold_in(family, fold, np.append(fold.unknowns[:-1], foretold))
+        except (EppError, np.linalg.LinAlgError):
+            return None
+        aside = None if found is None else _aside(found)
+        # A fold far from where it is foretold may be another one.
+        if found is None or aside is None or not window[0] <= found.value <= window[1]:
+            return None
+        cycle = to_limit_cycle(here.case_at(aside.value).to_system(), aside.orbit)
+        return Known((), aside.value, cycle, _at_turn(here, found, Turn.FOLD))
 
     def _keep(
         self, here: Question, place: Place, value: float, cycle: LimitCycle, bound: ExactBound, family: list[Known]
@@ -292,15 +319,31 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
             points, why = walk.along(point, _AT_ONCE)
             turn = next((s for s in walk.special if s[0] in BORN), None)
             if turn is not None:
-                found, system = turn[1], question.case_at(value).to_system()
-                cycle_there = to_limit_cycle(system, found.orbit)
-                return ExactBound(found.value, found.orbit.period, cycle_there, BORN[turn[0]], found)
+                return _at_turn(question, turn[1], BORN[turn[0]])
             point = points[-1]
             if len(points) < _AT_ONCE:
                 break
     except (EppError, np.linalg.LinAlgError):
         return None
     return ExactBound(kind=Turn.END) if abs(point.value - end) <= 1e-9 * family.width else None
+
+
+def _at_turn(question: Question, found: Point, kind: Turn) -> ExactBound:
+    """The bound where a branch turns back."""
+    cycle = to_limit_cycle(question.case_at(found.value).to_system(), found.orbit)
+    return ExactBound(found.value, found.orbit.period, cycle, kind, found)
+
+
+def _aside(fold: Point) -> Point | None:
+    """A cycle beside a fold; None where the branch does not turn back, but the parameter stands still along it.
+
+    There the period grows without end, and before it does another fold may come up at places nearby.
+    """
+    for ds in (_ALONG, -_ALONG):
+        found = step(fold, ds)
+        if found is not None:
+            return found if abs(found.turn - fold.turn) > _BENT * _ALONG else None
+    return None
 
 
 def _closed(question: Question, value: float, cycle: LimitCycle) -> LimitCycle | None:
