@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import eppanalysis as epp
-from studies.remedies import CASE, RANGE, REMEDIES, RESULT, Remedy, table
+from studies.remedies import RANGE, REMEDIES, RESULT, Remedy, cured, table
 
 ROWS = [[cell.strip() for cell in line.split("|")[1:-1]] for line in RESULT.read_text("utf-8").splitlines()[2:]]
 
@@ -21,8 +21,7 @@ def test_the_table_has_a_row_for_each_remedy_in_the_units_of_people() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
 def test_cycles_begin_where_the_table_says(row: list[str]) -> None:
-    case = epp.case(CASE)
-    case = case.with_values({name: factor * case.value(name) for name, factor in REMEDIES[row[0]].items()})
+    case = cured(row[0])
     inside, beyond = (case.with_values({RANGE: f"{share * float(row[1])} lbf"}) for share in (1.01, 0.99))
     assert len(epp.find_limit_cycles(inside)) == 0
     assert len(epp.find_limit_cycles(beyond)) > 0

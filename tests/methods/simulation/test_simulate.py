@@ -370,12 +370,13 @@ def test_offset_voltage_jumps_at_the_inner_edges() -> None:
     assert np.abs(voltage[moving]).min() >= 2.0 - 1e-9
 
 
-def test_sensor_filter_is_a_first_order_lag() -> None:
-    """The voltage is the law of the force behind 1/(1 + s T), which scipy computes from the run's own samples."""
-    case = epp.case("fig8b_reduced_backlash").with_values({"sensor.filter": "5 ms"})
+@pytest.mark.parametrize(("lead", "numerator"), [({}, [1.0]), ({"sensor.lead": "20 ms"}, [0.02, 1.0])])
+def test_sensor_filter_is_of_first_order(lead: dict[str, str], numerator: list[float]) -> None:
+    """The voltage is the law of the force behind the filter, which scipy computes from the run's own samples."""
+    case = epp.case("fig8b_reduced_backlash").with_values({"sensor.filter": "5 ms", **lead})
     run = epp.simulate(case.to_system(), case.input, 1.0, np.linspace(0.0, 1.0, 20001))
     force = run.signals["sensor_force"].copy()
-    _, lagged, _ = lsim(([1.0], [5e-3, 1.0]), force - 2.5 * LBF, run.t)
+    _, lagged, _ = lsim((numerator, [5e-3, 1.0]), force - 2.5 * LBF, run.t)
     np.testing.assert_allclose(run.signals["voltage"][1:], five_bands(lagged + 2.5 * LBF)[1:], atol=2e-3)
 
 

@@ -42,6 +42,7 @@ OPTIONS = {
     "quantiser": replace(BALL_BEARING, sensor=Sensor(bits=12)),
     "filter": replace(BALL_BEARING, sensor=Sensor(filter=5e-3)),
     "filter and quantiser": replace(BALL_BEARING, sensor=Sensor(filter=5e-3, bits=8)),
+    "lead": replace(BALL_BEARING, sensor=Sensor(filter=2e-3, lead=20e-3)),
     "sampled": replace(BALL_BEARING, controller=Controller(sample_period=2e-3)),
     "parking": replace(BALL_BEARING, parking=Parking(dwell_time=0.5)),
 }

@@ -77,7 +77,11 @@ def _controller(p, sensed):
         start = [p.bands.parking_centre]
         parts["filter"] = epp.blocks.LowPass(bandwidth=1.0 / p.sensor.filter, start=start)
         connect.append(f"{sensed} -> filter")
-        sensed = "filter"
+        if p.sensor.lead is not None:
+            at_once = p.sensor.lead / p.sensor.filter
+            parts |= {"behind": epp.blocks.Gain(gain=1.0 - at_once), "at_once": epp.blocks.Gain(gain=at_once)}
+            connect += ["filter -> behind", f"{sensed} -> at_once"]
+        sensed = "filter" if p.sensor.lead is None else "behind + at_once"
     if p.sensor.bits is not None:
         needed = int(np.ceil(p.bands.thresholds[3] / p.sensor.force_step)) + 1
         parts["quantiser"] = epp.Quantiser(p.sensor.force_step, min(2**p.sensor.bits - 1, needed))
@@ -161,7 +165,7 @@ VARIANTS = {
     "antagonist": {"cable": {"antagonist": True}},
     "antagonist_with_stiction": {"cable": {"antagonist": True, "pretension": 8.0}, "pulley": {"friction": 0.0526}},
     "quantiser_and_filter": {"sensor": {"bits": 8, "filter": 2e-3}},
-    "antagonist_with_filter": {"cable": {"antagonist": True}, "sensor": {"filter": 5e-3}},
+    "antagonist_with_lead": {"cable": {"antagonist": True}, "sensor": {"filter": 5e-3, "lead": 20e-3}},
     "sampled_law": {"controller": {"sample_period": 5e-3}},
     "no_delay_and_no_friction": {"controller": {"delay": 0.0}, "drive": {"coulomb_friction": 0.0}},
     "offset_and_gravity": {"bands": {"offset_voltage": 1.0}, "forearm": {"gravity_moment": 1.3}},

@@ -270,7 +270,10 @@ def _drive(m: _Matrices, p: ElbowParameters, pade: bool) -> None:
 
 
 def _sensor(m: _Matrices, p: ElbowParameters) -> None:
-    """From the sensor-side tensions through filter and quantiser to the band law, and the clock."""
+    """From the sensor-side tensions through filter and quantiser to the band law, and the clock.
+
+    The filter (lead s + 1)/(filter s + 1) passes lead/filter of the force at once, and the rest behind its lag.
+    """
     weights = np.zeros(m.B.shape[1])
     weights[_sides(m, p, "cable")[0]] = 1.0
     offset = 0.0
@@ -278,15 +281,16 @@ def _sensor(m: _Matrices, p: ElbowParameters) -> None:
         weights[_sides(m, p, "antagonist")[0]] = -1.0
         offset = p.bands.parking_centre
     entry = m.inputs["quantiser" if "quantiser" in m.inputs else "bands"]
+    at_once = 1.0
     if "filtered_force" in m.states:
         state, rate = m.states["filtered_force"], 1.0 / (p.sensor.filter or 1.0)
+        at_once = rate * (p.sensor.lead or 0.0)
         m.A[state, state] = -rate
         m.B[state] = rate * weights
         m.constant_state[state] = rate * offset
-        m.C[entry, state] = 1.0
-    else:
-        m.D[entry] = weights
-        m.constant_input[entry] = offset
+        m.C[entry, state] = 1.0 - at_once
+    m.D[entry] = at_once * weights
+    m.constant_input[entry] = at_once * offset
     if "quantiser" in m.inputs:
         m.D[m.inputs["bands"], m.outputs["quantiser"]] = 1.0
     if "clock" in m.states:

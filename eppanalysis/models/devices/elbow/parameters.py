@@ -217,6 +217,16 @@ class Sensor(Section):
     filter: float | None = quantity(
         None, "Time constant of a first-order filter in front of the converter", "s", "ms", above=0
     )
+    lead: float | None = quantity(
+        None, "Time constant of a lead in that filter, (lead s + 1)/(filter s + 1)", "s", "ms", above=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lead is not None and self.filter is None:
+            raise ModelError(
+                f"Sensor: lead is {self.lead} s, and there is no filter", expected="a filter, which limits the lead"
+            )
 
     @property
     def force_step(self) -> float:
