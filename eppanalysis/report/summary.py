@@ -119,7 +119,7 @@ def first_page(
         verdict=_verdict(run, cycles, largest, signal),
         numbers=tuple(_numbers(case, run, largest, branch, end, signal))[:3],
         advice=_advice(case, run, cycles, branch, end, proof),
-        known=tuple(_known(run, ladder, cycles, proof)),
+        known=tuple(_known(case, run, ladder, cycles, proof)),
         picture=_picture(run, ladder, signal),
     )
 
@@ -230,6 +230,7 @@ def _advice(
 
 
 def _known(
+    case: Case,
     run: Trajectory,
     ladder: Ladder | None,
     cycles: CycleSearch | None,
@@ -240,13 +241,16 @@ def _known(
     if cycles is not None:
         yield "Exact", str(cycles)
     yield "Simulated", str(run)
+    moving = " and ".join(f"{name} {why}" for name, why in case.operating_point.moving.items())
+    held = f" Proofs are of inputs that are held; here {moving}." if moving else ""
     if proof is None:
-        yield "Proved", "Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do."
+        yield "Proved", f"Nothing was asked to be proved; eppanalysis certify and eppanalysis bounds --prove do.{held}"
     elif proof.proved:
         theorem = str(proof).removeprefix("Proved: ")
-        yield "Proved", f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
+        told = f"{theorem[:1].upper()}{theorem[1:]} This sentence is a theorem, all others here are computed."
+        yield "Proved", f"{told}{held}"
     else:
-        yield "Proved", f"Nothing: no sentence here is a theorem. {proof}"
+        yield "Proved", f"Nothing: no sentence here is a theorem. {proof}{held}"
 
 
 def _picture(run: Trajectory, ladder: Ladder | None, signal: str) -> bytes:

@@ -21,6 +21,14 @@ def test_a_loop_that_oscillates_is_told_how_far_its_parameter_must_go():
     assert page.picture.startswith(b"\x89PNG") and 'class="numbers"' in page._repr_html_()
 
 
+def test_of_a_driven_loop_it_is_said_that_proofs_are_of_held_inputs():
+    case = epp.case("fig8a_original")
+    sine = {"kind": "sine", "amplitude": "2 mm", "frequency": "1 Hz"}
+    case = case.with_values({"run.input": sine, "run.t_end": "2 s"})
+    said = dict(epp.first_page(case, epp.simulate(case)).known)["Proved"]
+    assert said.endswith("Proofs are of inputs that are held; here harness_position is a sine.")
+
+
 def test_a_loop_that_rests_is_told_what_was_not_looked_at():
     case = wheelchair().with_values({"loop.gain": 0.5})
     page = epp.first_page(case, epp.simulate(case))
