@@ -39,7 +39,7 @@ Tuned = Annotated[
 ]
 Name = typer.Option(
     metavar="GOAL",
-    help="What is to be as large (as small) as possible: a parameter, or bandwidth, crossover, a margin of the loop.",
+    help="What is to be as large (small) as possible: a parameter, or bandwidth, crossover, a margin, tracking_error.",
 )
 
 
@@ -53,7 +53,7 @@ def design(
         list[str],
         typer.Option(
             "--subject-to",
-            metavar='"MEASURE LEAST"',
+            metavar='"MEASURE LIMIT"',
             help='To be kept, as in "phase_margin 45 deg"; repeatable.',
             show_default=False,
         ),

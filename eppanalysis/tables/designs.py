@@ -70,7 +70,7 @@ def design_table(design: Design) -> Table:
     rows = [("-", design.optimum), *((cell(design.readable[over][1] * v), o) for v, o in design.front)]
     for place, best in rows:
         values = {**best.at, **{name: best.objective for name in own}}
-        shown = [f"{design.readable[n][1] * values[n]:.7g}" if best.feasible else "-" for n in own + names]
+        shown = [cell(design.readable[n][1] * values[n]) if best.feasible else "-" for n in own + names]
         first_order = cell(design.readable[design.limit][1] * best.first_order)
         active = best.active or (best.kind if best.kind is not Turn.END else "own range")
         active = active if best.feasible else "infeasible"

@@ -125,9 +125,11 @@ def design(
     maximise, minimise : str, optional
         The objective; one of the two is given. It is one of the tuned parameters, another number of the case that
         follows from them (an expression), or a measure of the linearised loop: "bandwidth" (of the closed loop, where
-        it is 3 dB below rest), "crossover", "phase_margin", "gain_margin", "disk_margin", "delay_margin".
+        it is 3 dB below rest), "crossover", "phase_margin", "gain_margin", "disk_margin", "delay_margin",
+        "tracking_error" (behind a ramp, over its rate).
     subject_to : mapping of str to quantity, optional
-        Measures of the linearised loop that are kept at least, as in ``{"phase_margin": "45 deg"}``.
+        Measures of the linearised loop that are kept at least, as in ``{"phase_margin": "45 deg"}``; a tracking error
+        at most.
     at : str, optional
         Where the loop is cut for them; by default where :func:`eppanalysis.margins` cuts it.
     allow : str, optional

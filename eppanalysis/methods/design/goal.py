@@ -40,6 +40,12 @@ class Measure(StrEnum):
     GAIN_MARGIN = "gain_margin"
     DISK_MARGIN = "disk_margin"
     DELAY_MARGIN = "delay_margin"
+    TRACKING_ERROR = "tracking_error"
+
+    @property
+    def at_most(self) -> bool:
+        """Whether small values are good, so that what is kept is kept at most."""
+        return self is Measure.TRACKING_ERROR
 
     @property
     def unit(self) -> str:
@@ -52,14 +58,15 @@ class Measure(StrEnum):
         return _IN_HERTZ if self.unit == "rad/s" else None
 
     def of(self, found: Margins) -> float:
-        """The measure [SI]; minus infinity where the loop is unstable or has none."""
+        """The measure [SI]; the worst there is where the loop is unstable or has none."""
         value = float(getattr(found, _ATTRIBUTES.get(self, self)))
         if self is Measure.GAIN_MARGIN:  # a gain that may be lowered so far counts as one that may be raised so far
             value = max(value, 1.0 / value) if value > 0 else math.nan
-        return -math.inf if found.stable is False or math.isnan(value) else value
+        worst = math.inf if self.at_most else -math.inf
+        return worst if found.stable is False or math.isnan(value) else value
 
     def read(self, text: object) -> float:
-        """A least value as people write it [SI]; a frequency in Hz or in rad/s.
+        """A value to be kept as people write it [SI]; a frequency in Hz or in rad/s.
 
         Raises
         ------
@@ -82,28 +89,39 @@ class Measure(StrEnum):
 
 _UNITS = {
     Measure.BANDWIDTH: "rad/s", Measure.CROSSOVER: "rad/s", Measure.PHASE_MARGIN: "rad", Measure.DELAY_MARGIN: "s",
+    Measure.TRACKING_ERROR: "s",
 }  # fmt: skip
 _ATTRIBUTES = {Measure.CROSSOVER: "gain_crossover"}
 
 
 @dataclass(frozen=True)
 class Kept(PlainData):
-    """A measure of the linearised loop that a design keeps at least.
+    """A measure of the linearised loop that a design keeps at least, or at most where small values are good.
 
     Attributes
     ----------
     measure : Measure
-    least : float
+    limit : float
         [SI]
     """
 
     measure: Measure
-    least: float
+    limit: float
 
     def __str__(self) -> str:
         """As people say it."""
-        least = quantity(self.least, self.measure.unit, shown=self.measure.shown)
-        return f"{words(self.measure)} of {least}"
+        return f"{words(self.measure)} of {quantity(self.limit, self.measure.unit, shown=self.measure.shown)}"
+
+    @property
+    def side(self) -> str:
+        """Of the limit."""
+        return "at most" if self.measure.at_most else "at least"
+
+    def slack(self, found: Margins) -> float:
+        """By what share the measure is better than asked for; negative where it is not kept."""
+        value = self.measure.of(found)
+        ratio = self.limit / max(value, 1e-300) if self.measure.at_most else value / self.limit
+        return min(ratio, 1e300) - 1.0
 
 
 @dataclass(frozen=True)
@@ -161,7 +179,7 @@ class Goal:
         value = case.value(self.name) if measure is None or found is None else measure.of(found)
         if found is None or not self.kept:
             return Judged(self.sign * value)
-        slacks = [min(k.measure.of(found), 1e300) / k.least - 1.0 for k in self.kept]
+        slacks = [k.slack(found) for k in self.kept]
         worst = min(range(len(slacks)), key=lambda i: slacks[i])
         return Judged(self.sign * value, slacks[worst], self.kept[worst])
 

@@ -77,7 +77,7 @@ def _front(design: Design, ax: Axes | None) -> Figure:
         if np.any(mask):
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
     for place, value, (_, o) in zip(places, best, rows, strict=True):
-        told = (f"{words(n)} {design.text(n, o.at[n], 3)}" for n in design.tune if n != design.objective)
+        told = (f"{words(n)} {design.text(n, o.at[n])}" for n in design.tune if n != design.objective)
         ax.annotate("\n".join(told), (place, value), fontsize=7, xytext=(4, 4), textcoords="offset points")
     ax.legend(fontsize=7, framealpha=0.9)
     return figure

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eppanalysis.methods.bounds.result import Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.design.goal import Kept, Sense
-from eppanalysis.readable import percent, words
+from eppanalysis.readable import percent, quantity, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -161,10 +161,9 @@ class Design(Result):
         all_of_them = [self.optimum, *(o for _, o in self.front)]
         return Status.CONVERGED if all(o.confirmed or not o.feasible for o in all_of_them) else Status.UNDECIDED
 
-    def text(self, name: str, value: float, digits: int = 5) -> str:
+    def text(self, name: str, value: float) -> str:
         """A value of a parameter in the unit that people use."""
-        unit, factor = self.readable[name]
-        return f"{factor * value:.{digits}g} {unit}".rstrip()
+        return quantity(value, self.units.get(name, ""), shown=self.readable[name])
 
     def __str__(self) -> str:
         return self.sentence
@@ -204,8 +203,8 @@ class Design(Result):
             return f"No design within these ranges has {rule}: {best.message}"
         others = ", ".join(f"{n} {self.text(n, v)}" for n, v in best.at.items() if n != self.objective)
         where = f", at {others}" if others else ""
-        kept = f" and {' and '.join(f'a {k}' for k in self.kept)} at least" if self.kept else ""
-        value = self.text(self.objective, self.value_of(best), 7)
+        kept = "".join(f" and a {k} {k.side}" for k in self.kept)
+        value = self.text(self.objective, self.value_of(best))
         told = f"The {self.goal} {words(self.objective)} with {rule}{kept} is {value}{where}. {self._limits(best)}"
         if best.at_end:
             told += f" {best.at_end}."

@@ -91,6 +91,26 @@ class Linear:
             x = np.stack([_solved(r, b) for r, b in zip(resolvent, B, strict=True)])
         return np.asarray((self.C @ x)[:, 0, 0] + self.D[0, 0], complex)
 
+    def behind_a_ramp(self) -> float:
+        """How far the loop, closed by a feedback of -1, stays behind a ramp in the end, over its rate [s].
+
+        The error 1/(1 + L) to first order in the Laplace variable; infinite where the error is not zero at rest.
+        """
+        A, B = self.all_at_once
+        late = np.sum([delay * np.hstack([a, b]) for delay, a, b in self.terms], axis=0)
+        I = np.eye(self.n)  # noqa: E741  # the unit matrix
+        # Rows of the states and of the error e = 1 - C x - D e: at rest, and their derivative there.
+        still = np.block([[(I if self.time_step else 0.0 * I) - A, -B], [self.C, 1.0 + self.D]])
+        moved = np.zeros_like(still)
+        moved[: self.n] = np.hstack([(self.time_step or 1.0) * I, 0.0 * B]) + late
+        try:
+            rest = np.linalg.solve(still, np.eye(self.n + 1)[:, -1])
+            error = np.linalg.solve(still, moved @ rest)[-1]
+        except np.linalg.LinAlgError:
+            return float("nan")
+        size = 1.0 + np.abs(still[-1]) @ np.abs(rest)
+        return abs(float(error)) if abs(rest[-1]) <= ROUNDING * size else float("inf")
+
     @cached_property
     def rates(self) -> ComplexArray:
         """Poles and zeros [rad/s], those at the origin left out; of the system without its dead times."""

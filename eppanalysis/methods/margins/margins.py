@@ -146,6 +146,7 @@ def _margins(linearised: Linearised, at: str, made_by: Provenance) -> Margins:
         gain_crossover=float(crossovers[best]) if angles.size else _NAN,
         disk_frequency=disk_frequency,
         bandwidth=_NAN if stable is False else response.bandwidth(),
+        tracking_error=_NAN if stable is False else loop.behind_a_ramp(),
         stable=stable,
         omega=response.omega,
         response=response.value,

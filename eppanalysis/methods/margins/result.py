@@ -50,6 +50,9 @@ class Margins(Result):
     bandwidth : float
         Where the closed loop L/(1 + L) first falls 3 dB below what it is at rest [rad/s]; infinite where it never does,
         nan where the loop is unstable or passes nothing at rest.
+    tracking_error : float
+        How far the closed loop stays behind a ramp in the end, over its rate [s]: one over the velocity constant;
+        infinite where it falls behind ever farther, nan where the loop is unstable.
     stable : bool or None
         Whether the linearised closed loop is stable; None where that is not decided.
     omega, response : array, complex array, shape (m,)
@@ -68,13 +71,14 @@ class Margins(Result):
     gain_crossover: float = _NAN
     disk_frequency: float = _NAN
     bandwidth: float = _NAN
+    tracking_error: float = _NAN
     stable: bool | None = None
     omega: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     response: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
 
     in_json = (
         "at status gain_margin phase_margin disk_margin delay_margin phase_crossover gain_crossover disk_frequency "
-        "bandwidth stable rule message provenance"
+        "bandwidth tracking_error stable rule message provenance"
     )
 
     @property

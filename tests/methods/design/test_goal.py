@@ -41,6 +41,26 @@ def test_the_bandwidth_of_a_second_order_loop_is_its_closed_form(k: float, tau: 
     assert epp.margins(loop).bandwidth == pytest.approx(math.sqrt(square), rel=1e-9)
 
 
+@pytest.mark.parametrize(("k", "tau", "delay"), [(1.0, 0.1, 0.05), (0.05, 0.3, 0.1), (5.0, 0.02, 0.0)])
+def test_the_tracking_error_is_one_over_the_velocity_constant(k: float, tau: float, delay: float) -> None:
+    """Whatever lags and dead time there are; with two integrators there is none, without one it has no end."""
+
+    def error(num: list[float], den: list[float]) -> float:
+        return epp.margins(epp.LureSystem.from_tf((num, den), epp.Play(gap=1.0), delay=delay)).tracking_error
+
+    assert error([k], [tau, 1.0, 0.0]) == pytest.approx(1.0 / k, rel=1e-9)
+    assert error([k, k * k / 4.0], [1.0, 0.0, 0.0]) == pytest.approx(0.0, abs=1e-9)
+    assert math.isinf(error([k], [tau, 1.0]))
+    assert math.isnan(error([-k], [tau, 1.0, 0.0]))
+
+
+def test_a_tracking_error_is_kept_at_most(case: epp.Case) -> None:
+    goal = goal_of(case, None, "tracking_error", {"tracking_error": "0.5 s"}, None)
+    assert goal.judge(case.with_values({"k": 4.0})).worth == pytest.approx(-0.25)
+    assert [goal.judge(case.with_values({"k": k})).feasible for k in (1.9, 2.1, 30.0)] == [False, True, True]
+    assert f"{goal.kept[0]} {goal.kept[0].side}" == "tracking error of 0.5 s at most"
+
+
 def test_an_unstable_loop_has_no_bandwidth_and_one_that_passes_all_an_infinite_one() -> None:
     unstable = epp.LureSystem.from_tf(([30.0], [1.0, 3.0, 2.0, 0.0]), epp.Play(gap=1.0))
     assert math.isnan(epp.margins(unstable).bandwidth)
@@ -62,7 +82,7 @@ def test_a_goal_is_a_measure_or_a_number_that_follows_from_the_tuned_ones(case: 
 
 def test_what_is_kept_is_read_with_its_unit(case: epp.Case) -> None:
     goal = goal_of(case, "k", None, {"phase_margin": "45 deg", "bandwidth": "2 Hz", "crossover": "3 rad/s"}, None)
-    assert [k.least for k in goal.kept] == pytest.approx([np.pi / 4, 4 * np.pi, 3.0])
+    assert [k.limit for k in goal.kept] == pytest.approx([np.pi / 4, 4 * np.pi, 3.0])
     assert [str(k) for k in goal.kept][:2] == ["phase margin of 45 deg", "bandwidth of 2 Hz"]
 
 
