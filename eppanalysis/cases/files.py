@@ -149,7 +149,14 @@ def shipped_cases_folder() -> Path:
 
 
 def shipped_cases() -> tuple[str, ...]:
-    """Names of the cases that ship, in alphabetical order."""
+    """Names of the cases that ship, in alphabetical order.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> epp.shipped_cases()[:2]
+    ('actuator_both_limits', 'azimuth_servo')
+    """
     return tuple(sorted(path.stem for path in shipped_cases_folder().glob("*.toml")))
 
 

@@ -51,6 +51,16 @@ def manual_table(result: Guide | DesignBounds, step: float | None = None) -> Man
     ------
     EppError
         If there is no bound to print, the step is not positive, or larger than the smallest bound.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("relay_deadzone")
+    >>> bounds = epp.design_bounds(
+    ...     case, over="loop.gain", limit="relay_dead_zone.threshold", start=1.0, stop=1.0, points=1, starts=20
+    ... )
+    >>> print(str(epp.manual_table(bounds)).splitlines()[4])
+    | 1 | 1.68 | 1.66 | 0.15 | yes, 20 simulations |
     """
     if step is not None and not (math.isfinite(step) and step > 0):
         raise EppError(f"manual_table: step is {shown(step)}; expected a positive number in the unit of the table.")

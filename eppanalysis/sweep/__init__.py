@@ -247,6 +247,16 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     ------
     EppError
         If there is no store of a sweep, or it is damaged; what is damaged of its numbers is refused when it is read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import eppanalysis as epp
+    >>> axes = {"loop.gain": [0.5, 1.0]}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found = epp.sweep(epp.case("relay_deadzone"), axes, store=f"{folder}/map.zarr", progress=False)
+    ...     epp.open_sweep(f"{folder}/map.zarr")["outcome"].values.tolist()
+    [1, 2]
     """
     require_packages("sweep", "sweep", "zarr")
     from eppanalysis.sweep import store

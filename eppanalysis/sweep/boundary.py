@@ -202,6 +202,14 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
     ------
     EppError
         If there are not two axes, one of them is not valid, or no value of the first axis has a fold.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("relay_deadzone")
+    >>> found = epp.fold_boundary(case, {"loop.gain": "1:1.1:2", "relay_dead_zone.threshold": "1.2:2.5:2"})
+    >>> found.points.round(3).tolist()
+    [[1.0, 1.663], [1.1, 1.829]]
     """
     case = as_case(case)
     x, y = _two(axes)

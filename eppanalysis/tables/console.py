@@ -299,8 +299,8 @@ def rungs_table(ladder: Ladder) -> Table:
             frequency, span = row.quantities["frequency"], row.quantities["peak-to-peak"]
             own = row.method.startswith(EXACT_ORBIT)
             errors = ["exact"] * 2 if own else [_error(row.errors.get(k)) for k in ("period", "peak-to-peak")]
-            period = f"{1.0 / frequency:.6g}" if frequency else "-"
-            cells = [period, f"{span * factor:.6g}" if span is not None else "-", *errors, f"{row.seconds:.2g}"]
+            period = cell(1.0 / frequency if frequency else None)
+            cells = [period, cell(None if span is None else span * factor), *errors, f"{row.seconds:.2g}"]
             table.add_row("-" if i is None else str(i + 1), row.method, *cells, row.note)
         table.add_section()
     return table

@@ -110,6 +110,14 @@ def continue_branch(
     EppError
         If no limit cycle is found at either end, the range is empty, or no cycle of twice the period leaves at
         `origin`.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("relay_deadzone")
+    >>> branch = epp.continue_branch(case, "relay_dead_zone.threshold", 1.0, 3.0)
+    >>> print(f"The cycles vanish at a threshold of {branch.folds[0].value:.3f}.")
+    The cycles vanish at a threshold of 1.663.
     """
     case = require_case(case, "continue_branch")
     check_counts(

@@ -134,6 +134,14 @@ def continue_folds(
     ------
     EppError
         If there is no fold at the first value of `other`.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("relay_deadzone")
+    >>> curve = epp.continue_folds(case, "relay_dead_zone.threshold", "loop.gain", (1.0, 3.0), (1.0, 1.1), n_points=2)
+    >>> curve.values.round(3).tolist()
+    [[1.663, 1.0], [1.829, 1.1]]
     """
     case = require_case(case, "continue_folds")
     check_counts("continue_folds", {"n_points": (n_points, 1)})

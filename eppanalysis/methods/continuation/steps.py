@@ -192,7 +192,7 @@ def _corrected(point: Point, row: Array, ds: float, u: Array, slope: Array) -> _
             orbit = evaluate_at(family, like.event_sequence, float(u[-1]), y, u[m:-1], like)
         except (EppError, ModelError):
             return None
-        if not (orbit.residual < 1e3 and orbit.period < _MOST_LONGER * point.orbit.period):
+        if not (orbit.residual < 1e3 and 0.0 < orbit.period < _MOST_LONGER * point.orbit.period):
             return None
         right = -np.concatenate([orbit.r, [row @ (u - point.unknowns) - ds]])
         change = bordered(orbit, slope, row, right)

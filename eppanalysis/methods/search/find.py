@@ -28,7 +28,7 @@ from eppanalysis.methods.search.discrete import search_discrete
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
 from eppanalysis.methods.search.locked import search_locked
 from eppanalysis.methods.search.rests import towards_rests
-from eppanalysis.methods.search.result import CycleSearch, exists, named, undecided
+from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
@@ -282,7 +282,7 @@ class _Search(Ends):
             f"({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles; the mirror image "
             "of each cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
-            f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}{self._open()}"
+            f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
         )
 
     def _pasts(self) -> str:
@@ -304,13 +304,6 @@ class _Search(Ends):
         if not self.n_left:
             return ""
         return f" {self.n_left} more basin boundaries were left: the starts of different outcomes are interwoven."
-
-    def _open(self) -> str:
-        """Sentence on the predictions without an exact orbit."""
-        if not self.unclosed:
-            return ""
-        names = "; ".join(map(named, self.unclosed))
-        return f" Predicted, but not closed to an exact orbit: {names}. What is predicted need not exist."
 
     def _continua(self) -> str:
         """Sentence on cycles that stand for a continuum of cycles."""

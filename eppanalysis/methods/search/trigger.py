@@ -137,7 +137,7 @@ def trigger(
 
     Returns
     -------
-    tuple of Disturbance
+    tuple of Trigger
         Both signs of each, smaller first; empty when there is no stable cycle.
 
     Raises
@@ -146,6 +146,12 @@ def trigger(
         If the loop has no resting state that a run from its start reaches.
     EppError
         If there is no such state, or an input does not stand still.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> print(epp.trigger(epp.case("relay_deadzone"), states=["x1"])[0])
+    A disturbance of x1 by 0.5004 just starts a limit cycle.
     """
     if operating_point is None and cycles is not None:
         operating_point = cycles.operating_point

@@ -184,5 +184,5 @@ def test_a_prediction_that_was_not_closed_is_named():
     # Where the estimate says that it exists, it is missing.
     sure = epp.find_limit_cycles(system, predicted=[replace(missing, error_estimate=0.1)])
     assert sure.status is Status.UNDECIDED and len(sure.unclosed) == 1 and not sure.left_open
-    for text in (found.search, found.message, found.to_dict()["message"]):
+    for text in (found.message, found.to_dict()["message"]):
         assert "0.05063 Hz" in text and "unstable" in text

@@ -152,6 +152,15 @@ def tolerance_bound(
     ------
     EppError
         If there is no bound at the parameters' own values, or a setting is not valid.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> case = epp.case("relay_deadzone")
+    >>> tolerances = {"relay_dead_zone.level": "10 %"}
+    >>> found = epp.tolerance_bound(case, "relay_dead_zone.threshold", tolerances, within=(1.0, 3.0), samples=0)
+    >>> str(found).partition(" wherever")[0]
+    'Free of limit cycles above a relay dead zone threshold of 1.829'
     """
     case = require_case(case, "tolerance_bound")
     spreads = Distribution.called(distribution, "tolerance_bound")
