@@ -315,7 +315,8 @@ class Guide(Result):
         missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
         how = f"{tested} of them verified" if not self.not_covered else "found by search"
         at = strictest.cell.safe_value
-        where = f", tested at {self.case.text(self.limit, at, DIGITS)}" if math.isfinite(at) and not self._applied else ""
+        known_at = math.isfinite(at) and not self._applied
+        where = f", tested at {self.case.text(self.limit, at, DIGITS)}" if known_at else ""
         return (
             f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}, the strictest of "
             f"{count(len(known), 'bound')} (at {self._place(strictest)}){where}; {how}{missing}."
