@@ -314,9 +314,9 @@ class Guide(Result):
         tested = sum(row.cell.verified for row in known)
         missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
         how = f"{tested} of them verified" if not self.not_covered else "found by search"
-        at = strictest.cell.safe_value
-        known_at = math.isfinite(at) and not self._applied
-        where = f", tested at {self.case.text(self.limit, at, DIGITS)}" if known_at else ""
+        safe = strictest.cell.safe_value
+        says = math.isfinite(safe) and not self._applied
+        where = f", tested at {self.case.text(self.limit, safe, DIGITS)}" if says else ""
         return (
             f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}, the strictest of "
             f"{count(len(known), 'bound')} (at {self._place(strictest)}){where}; {how}{missing}."
