@@ -208,7 +208,6 @@ class _Search:
             )
         else:
             text += "no cycle gave a start to seek orbits from that are locked to the samples."
-        text += " All starts have the controllers' own memory; what only other contents of it lead to may be missed."
         if self.others:
             text += (
                 " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
@@ -237,6 +236,7 @@ def search_locked(
         settles=search.ends[End.REST] > 0,
         diverges=search.ends[End.DIVERGENCE] > 0,
         search=search.sentence(),
+        not_covered="Cycles that only other contents of the controllers' memory lead to were not sought",
         rest_state=search.rest,
         unclosed=unclosed,
         left_open=tuple(left),

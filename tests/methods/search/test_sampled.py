@@ -108,6 +108,7 @@ def test_runs_that_use_up_their_events_are_told_from_those_that_cannot_be_judged
     assert found.status is epp.Status.UNDECIDED
     assert f"{found.n_runs} runs had used up all events before anything settled or repeated itself" in str(found)
     assert "neither settled" not in str(found)
+    assert "Cycles that only other contents of the controllers' memory lead to were not sought." in str(found)
 
 
 def test_what_comes_round_to_a_known_cycle_is_not_analysed_again(monkeypatch) -> None:
