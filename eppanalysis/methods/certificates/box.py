@@ -17,6 +17,8 @@ from eppanalysis.models.systems.lure import LureSystem
 
 #: Factor by which the default box reaches beyond the least and the greatest scale of a loop.
 REACH = 1024
+#: Factor by which cuts of a ring's amplitudes miss a threshold.
+_BEYOND = Fraction("1.00005")
 #: What stands for pi in the ends of default boxes, from below.
 _PI = Fraction("3.14")
 
@@ -27,30 +29,36 @@ def box_of(system: LureSystem, stated: Mapping[str, Any], given: Mapping[str, Se
     Parameters
     ----------
     system : LureSystem
-        With one element.
     stated : mapping
-        The element as certificates state it.
+        The loop as certificates state it.
     given : mapping, optional
-        "amplitude" and "omega", each from and to [unit of the element's input; rad/s].
+        "amplitude", "omega" and, where the loop has one, "bias", each from and to [unit of the first element's input;
+        rad/s].
 
     Raises
     ------
     EppError
-        If a side is not two ascending positive numbers, or is none of the two.
+        If a side is not two ascending numbers, positive but for the bias, or is none of these.
     NotCovered
         If the loop has no scale of its own and no box is given.
     """
-    given = {} if given is None else given
+    given, means = {} if given is None else given, [Fraction(x) for x in stated.get("means", ())]
+    names = ("amplitude", "omega", "bias")[: 3 if means else 2]
     for name, ends in given.items():
-        if name not in ("amplitude", "omega"):
-            raise EppError(f"certify: box has a side {name!r}; expected 'amplitude' and 'omega'.")
-        if len(ends) != 2 or not 0 < ends[0] < ends[1] < np.inf:
-            raise EppError(f"certify: {name} of the box is {list(ends)}; expected two ascending positive numbers.")
+        if name not in names:
+            raise EppError(f"certify: box has a side {name!r}; expected {' and '.join(map(repr, names))}.")
+        least, positive = (-np.inf, "") if name == "bias" else (0.0, " positive")
+        if len(ends) != 2 or not least < ends[0] < ends[1] < np.inf:
+            raise EppError(f"certify: {name} of the box is {list(ends)}; expected two ascending{positive} numbers.")
     amplitude = given.get("amplitude") or _amplitudes(system, stated)
-    omega = given.get("omega") or _frequencies(system)
-    sides = [x if isinstance(x, Fraction) else number_of(x) for x in (*amplitude, *omega)]
-    a, b, c, d = (fmpq(x.numerator, x.denominator) for x in sides)
-    return a, b, c, d
+    sides: list[Any] = [*amplitude, *(given.get("omega") or _frequencies(system))]
+    if means:
+        rest = abs(means[2] / means[0]) if means[0] else Fraction(0)
+        largest = amplitude[1] if isinstance(amplitude[1], Fraction) else number_of(amplitude[1])
+        widest = max(largest, 2 * rest)
+        sides += given.get("bias") or (-widest, widest)
+    numbers = [x if isinstance(x, Fraction) else number_of(x) for x in sides]
+    return tuple(fmpq(x.numerator, x.denominator) for x in numbers)
 
 
 def _frequencies(system: LureSystem) -> tuple[Fraction, Fraction]:
@@ -64,7 +72,7 @@ def _frequencies(system: LureSystem) -> tuple[Fraction, Fraction]:
     low, high = _short(scales.min()) / REACH, _short(scales.max()) * REACH
     if system.time_step:
         return low, _PI / number_of(system.time_step)
-    return low, min(high, 2 * _PI / number_of(system.delays[0])) if system.delays[0] else high
+    return low, min(high, 2 * _PI / number_of(system.delays.max())) if np.any(system.delays) else high
 
 
 def _amplitudes(system: LureSystem, stated: Mapping[str, Any]) -> tuple[Fraction, Fraction]:
@@ -72,15 +80,16 @@ def _amplitudes(system: LureSystem, stated: Mapping[str, Any]) -> tuple[Fraction
 
     Without thresholds about where the loop gain is one at its scales, or where a jump at zero is as high as its line.
     """
-    element = system.elements[0]
-    scales = np.sort(element.thresholds())
+    first = system.element_names.index(stated["ring"][0]["name"]) if "ring" in stated else 0
+    scales = np.sort(system.elements[first].thresholds())
     if not scales.size:
         scales = _balanced(system)
     if not scales.size:
-        scales = _as_high(stated)
+        scales = _as_high(stated.get("element", {}))
     if not scales.size:
         raise NotCovered("the element has no amplitude of its own; give a box.")
-    return _short(scales[0]) / REACH, _short(scales[-1]) * REACH
+    # Boxes of a ring are cut by doubling: not on a threshold, next to which play is steep, but a little beyond.
+    return _short(scales[0]) / REACH * (_BEYOND if "ring" in stated else 1), _short(scales[-1]) * REACH
 
 
 def _balanced(system: LureSystem) -> np.ndarray:

@@ -44,7 +44,8 @@ def certify(
     ----------
     loop : LureSystem or Case
         With one element of one input and output that stands at no bias (play may), and a rational linear part; for
-        "roots" with dead time, or in discrete time.
+        "roots" with dead time, or in discrete time. "roots" also takes, in continuous time, one piecewise-linear
+        element, play or relay with hysteresis with a bias, and rings of odd ones of these.
     statement : str, optional
         "roots": all roots of the first-order balance ``1 + N(A) G(j omega) = 0`` in a box, none missed. "absence": no
         periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
@@ -54,8 +55,9 @@ def certify(
         limit cycles, with periods and stability, and nothing else is periodic but rest; for a relay with dead zone
         around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
-        Of "roots": "amplitude" at the element's input and "omega" [rad/s], from and to; by default 1024 times beyond
-        all scales of the loop (to one turn of its dead time, to half of its sampling frequency).
+        Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
+        [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop (to
+        one turn of its dead time, to half of its sampling frequency).
     sectors : int, optional
         Of "absence" with play: most sectors of a quarter plane in which the function is quadratic, 2 to 200; more of
         them come nearer to the exact onset of cycles.
@@ -113,7 +115,7 @@ def certify(
     case = facts_of(loop)
     settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs)}
     try:
-        stated, off = rational_loop(system)
+        stated, off = rational_loop(system) if asked is not Asked.ROOTS else _loop_of_roots(system, at)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made_by)
@@ -126,20 +128,34 @@ def certify(
         return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
 
 
+def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
+    """A loop as certificates of roots state it: one odd element without bias, else a ring, or one with a bias."""
+    from eppanalysis.methods.certificates.rational import rational_loop
+    from eppanalysis.methods.certificates.ring import rational_ring
+    from eppanalysis.models.systems.means import static_balance
+
+    if any(element.of_frequency for element in system.elements):
+        raise NotCovered("the element's describing function depends on the frequency.")
+    inputs = at.vector(system)
+    if (
+        len(system.elements) == 1
+        and system.elements[0].is_single
+        and not static_balance(system, inputs).prescribed.any()
+    ):
+        stated, off = rational_loop(system)
+        if stated["element"]["kind"] not in ("pieces", "biased_relay"):
+            return stated, off
+    return rational_ring(system, inputs)
+
+
 def _roots(
     system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
 ) -> Certificate:
     """The certificate of all roots in a box, checked."""
     from eppanalysis.methods.certificates import roots
     from eppanalysis.methods.certificates.box import box_of
-    from eppanalysis.methods.certificates.rational import require_no_bias
 
-    require_no_bias(system, at.vector(system))
-    if any(element.of_frequency for element in system.elements):
-        raise NotCovered("the element's describing function depends on the frequency.")
-    if stated["element"]["kind"] == "pieces":
-        raise NotCovered("the element is not odd, which biases its oscillation.")
-    document = roots.find(stated, box_of(system, stated["element"], box))
+    document = roots.find(stated, box_of(system, stated, box))
     _accepted(document)
     return Certificate(
         Asked.ROOTS,

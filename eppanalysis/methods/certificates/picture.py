@@ -42,7 +42,9 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
 
     colours = {".": "0.94", "r": BLUE, "?": VERMILLION}
     leaves = [(mark, [float(Fraction(str(x))) for x in leaf]) for mark, leaf in all_leaves(certificate.document)]
-    corners = [[(a, c), (b, c), (b, d), (a, d)] for _, (a, b, c, d) in leaves]
+    # Seen along the bias, what is not empty lies in front.
+    leaves.sort(key=lambda leaf: ".r?".index(leaf[0]) * (len(leaf[1]) > 4))
+    corners = [[(a, c), (b, c), (b, d), (a, d)] for _, (a, b, c, d, *_) in leaves]
     faces = [colours[mark] for mark, _ in leaves]
     ax.add_collection(PolyCollection(corners, facecolors=faces, edgecolors="0.6", linewidths=0.3))
     for k, root in enumerate(certificate.roots):

@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.certificates.numbers import NotCovered, coefficient_of, number_of
@@ -20,6 +21,7 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import static_balance
 
 Row = list[Fraction]
+Array = NDArray[np.float64]
 
 _MOST_PIECES = 401
 
@@ -35,18 +37,23 @@ def rational_loop(system: LureSystem) -> tuple[dict[str, Any], float]:
     if len(system.elements) != 1 or system.elements[0].n_inputs != 1 or system.elements[0].n_outputs != 1:
         ports = ", ".join(system.element_names) or "none"
         raise NotCovered(f"certificates speak of loops with one element of one input and output; here are: {ports}.")
+    link, off = rational_link(system)
+    time_step = None if system.time_step is None else str(number_of(system.time_step))
+    return {"name": system.name, "time_step": time_step} | link, off
+
+
+def rational_link(system: LureSystem) -> tuple[dict[str, Any], float]:
+    """One element and the linear part behind it, and how far its coefficients are from the state space, relatively."""
     if np.any(system.delays) and np.any(system.D):
         raise NotCovered("the linear part passes a share of its input straight through, beside its dead time.")
     num, den, off = transfer_function(system)
-    loop = {
-        "name": system.name,
+    link = {
         "num": [str(c) for c in num],
         "den": [str(c) for c in den],
         "delay": str(number_of(system.delays[0])),
-        "time_step": None if system.time_step is None else str(number_of(system.time_step)),
         "element": element_data(system.elements[0]),
     }
-    return loop, off
+    return link, off
 
 
 def require_no_bias(system: LureSystem, inputs: Any) -> None:
@@ -64,18 +71,32 @@ def require_no_bias(system: LureSystem, inputs: Any) -> None:
 def transfer_function(system: LureSystem) -> tuple[Row, Row, float]:
     """G of ``x = -G y`` in descending powers, the denominator monic, and the greatest relative change by rounding."""
     system = system.with_integrators_apart[0]
-    A, b, c = ([[Fraction(x) for x in row] for row in m.tolist()] for m in (system.A, system.B, system.C))
-    n, direct = len(A), Fraction(float(system.D[0, 0]))
+    num, den = _polynomials(system.A, system.B, system.C, system.D)
+    return _without_rounding(system, [-x for x in num], den)
+
+
+def forced(system: LureSystem, inputs: Array) -> Fraction:
+    """What constant terms and inputs, shape (nv,), add to ``den x + num y`` at rest, in continuous time."""
+    system = system.with_integrators_apart[0]
+    at_rest = system.B_input @ inputs + system.constant_state, system.D_input @ inputs + system.constant_input
+    num, _ = _polynomials(system.A, at_rest[0][:, None], system.C, at_rest[1][:1, None])
+    return coefficient_of(num[-1])
+
+
+def _polynomials(A: Array, B: Array, C: Array, D: Array) -> tuple[Row, Row]:
+    """Exact numerator and denominator of ``C (s - A)^-1 B + D``, of one input and output, in descending powers."""
+    rates, b, c = ([[Fraction(x) for x in row] for row in m.tolist()] for m in (A, B, C))
+    n, direct = len(rates), Fraction(float(D[0, 0]))
     den, num = [Fraction(1)], [direct]
     # Faddeev and Leverrier: the adjugate of s - A power by power.
     M = [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
     for k in range(1, n + 1):
         moment = sum(c[0][i] * M[i][j] * b[j][0] for i in range(n) for j in range(n) if c[0][i] and b[j][0])
-        AM = [[sum((x * M[i][j] for i, x in enumerate(row) if x), Fraction(0)) for j in range(n)] for row in A]
+        AM = [[sum((x * M[i][j] for i, x in enumerate(row) if x), Fraction(0)) for j in range(n)] for row in rates]
         den.append(-sum((AM[i][i] for i in range(n)), Fraction(0)) / k)
         num.append(moment + direct * den[-1])
         M = [[AM[i][j] + (den[-1] if i == j else 0) for j in range(n)] for i in range(n)]
-    return _without_rounding(system, [-x for x in num], den)
+    return num, den
 
 
 def _without_rounding(system: LureSystem, num: Row, den: Row) -> tuple[Row, Row, float]:

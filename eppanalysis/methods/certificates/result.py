@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
 
 class Enclosure(NamedTuple):
-    """A box of amplitude [unit of the element's input] and angular frequency [rad/s], from and to."""
+    """A box of amplitude [unit of the first element's input], angular frequency [rad/s] and bias, from and to."""
 
     amplitude: tuple[float, float]
     omega: tuple[float, float]
+    bias: tuple[float, float] = (0.0, 0.0)
 
 
 class WithFile(Result):
@@ -98,6 +99,7 @@ class Certificate(WithFile):
                 "omega_from": box.omega[0],
                 "omega_to": box.omega[1],
             }
+            | ({"bias_from": box.bias[0], "bias_to": box.bias[1]} if "bias" in self.document.get("box", {}) else {})
             for boxes, proved in ((self.roots, True), (self.undecided, False))
             for box in boxes
         ]
@@ -141,9 +143,9 @@ class Check(PlainData):
 
 
 def enclosure(texts: Sequence[str]) -> Enclosure:
-    """Of four rationals, as certificates write them."""
-    a, b, c, d = [float(Fraction(text)) for text in texts]
-    return Enclosure((a, b), (c, d))
+    """Of four rationals, or six with a bias, as certificates write them."""
+    ends = [float(Fraction(text)) for text in texts]
+    return Enclosure(*((low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)))
 
 
 def sentence(document: Mapping[str, Any]) -> str:
@@ -155,7 +157,7 @@ def sentence(document: Mapping[str, Any]) -> str:
     "Proved of servo: a claim of another kind; {'cycles': 1}."
     """
     name, claim = words(visible(str(document["loop"].get("name", "a loop")))), document["claim"]
-    if document["statement"] == STATEMENTS[Asked.ROOTS].text:
+    if document["statement"] in (STATEMENTS[Asked.ROOTS].text, STATEMENTS["balance"].text):
         return _roots_sentence(name, claim, document["box"])
     if document["statement"] == STATEMENTS[Asked.ABSENCE].text:
         low, high = claim["sector"]
@@ -199,8 +201,10 @@ def cycles_of(claim: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any]) -> str:
-    (a, b), (c, d) = enclosure([*box["amplitude"], *box["frequency"]])
+    (a, b), (c, d), (e, f) = enclosure([x for side in ("amplitude", "frequency", "bias") for x in box.get(side, ())])
     place = f"for amplitudes {a:.4g} to {b:.4g} and {c:.4g} to {d:.4g} rad/s"
+    if "bias" in box:
+        place = f"for amplitudes {a:.4g} to {b:.4g}, {c:.4g} to {d:.4g} rad/s and biases {e:.4g} to {f:.4g}"
     number = claim["roots"]
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
     left = claim["undecided"]

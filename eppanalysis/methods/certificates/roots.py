@@ -6,20 +6,20 @@ of the checker's own functions, so that what is found here is what the checker s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 from flint import fmpq
 
-from eppanalysis.methods.certificates import check_roots
-from eppanalysis.methods.certificates.check_roots import Balance, leaves, within
+from eppanalysis.methods.certificates import check_balance, check_roots
 from eppanalysis.methods.certificates.numbers import middle_of
 from eppanalysis.methods.certificates.registry import sealed
 
-#: Amplitude from, to [unit of the input], angular frequency from, to [rad/s].
-Box = tuple[fmpq, fmpq, fmpq, fmpq]
+#: Amplitude from, to [unit of the input], angular frequency from, to [rad/s], and bias from, to where there is one.
+Box = tuple[fmpq, ...]
+SIDES = ("amplitude", "frequency", "bias")
 
 #: Boxes that are looked at in one piece; what is left then is undecided.
 _MOST_BOXES = 20_000
@@ -40,9 +40,10 @@ class _Root:
 
 @dataclass
 class _Search:
-    """A search in one declared box."""
+    """A search in one declared box, with the functions of its checker."""
 
-    balance: Balance
+    check: Any
+    balance: Any
     box: Box
     roots: list[_Root] = field(default_factory=list)
 
@@ -54,43 +55,40 @@ class _Search:
             box = left.pop()
             mark = self.mark(box, part, len(marks) < _MOST_BOXES)
             marks.append(mark)
-            if mark in "aw":
-                left += [half for _, half in leaves(mark + "..", box)][::-1]
+            if mark in "awb":
+                left += [half for _, half in self.check.leaves(mark + "..", box)][::-1]
         return "".join(marks)
 
     def mark(self, box: Box, part: Box, may_cut: bool) -> str:
         """What becomes of a box."""
         if self.balance.empty(box):
             return "."
-        if any(within(box, root.region) for root in self.roots):
+        if any(self.check.within(box, root.region) for root in self.roots):
             return "r"
-        wide = max(_share(box[:2]), _share(box[2:]))
-        if wide < _NEAR and self.root_near(box, part):
+        shares = _shares(box)
+        if max(shares) < _NEAR and self.root_near(box, part):
             return "r"
-        way = self.direction(box)
-        return way if may_cut and _share(box[:2] if way == "a" else box[2:]) > _LEAST else "?"
+        way = self.direction(box, shares)
+        return "awb"[way] if may_cut and shares[way] > _LEAST else "?"
 
-    def direction(self, box: Box) -> str:
+    def direction(self, box: Box, shares: list[fmpq]) -> int:
         """Which cut makes the balance sharper: that of the unknown that spreads it more."""
-        N, _ = self.balance.gain.over(*box[:2])
-        D, _, M, _ = self.balance.linear(*box[2:])
-        by_amplitude = float(N.rad() * M.abs_upper())
-        by_frequency = float(D.rad() + N.abs_upper() * M.rad())
-        if not by_amplitude + by_frequency < float("inf"):
-            return "a" if _share(box[:2]) > _share(box[2:]) else "w"
-        return "a" if by_amplitude > by_frequency else "w"
+        spreads = _spreads(self.balance, box)
+        if not all(x < float("inf") for x in spreads):
+            return max(range(len(shares)), key=shares.__getitem__)
+        return max(range(len(spreads)), key=spreads.__getitem__)
 
     def root_near(self, box: Box, part: Box) -> bool:
         """Whether a region about the box is proved to hold one root, which is noted."""
         place = self.newton(box, part)
         if place is None:
             return False
-        enclosure = _about(place, (place[0] * _ENCLOSED, place[1] * _ENCLOSED))
-        sides = ((box[1] - box[0]) / 8, (box[3] - box[2]) / 8)
+        enclosure = _about(place, [x * _ENCLOSED for x in _sizes(place)])
+        sides = [(high - low) / 8 for low, high in _sides(box)]
         region = _hull(_grown(box, sides), _about(place, sides))
         known = next((root for root in self.roots if _meet(root.enclosure, enclosure)), None)
         region = _clipped(region if known is None else _hull(region, known.region), part)
-        inside = within(enclosure, self.box) and within(enclosure, region)
+        inside = self.check.within(enclosure, self.box) and self.check.within(enclosure, region)
         if not (inside and region[2] > 0 and self.balance.holds_one(region)):
             return False
         if known is not None:
@@ -101,43 +99,71 @@ class _Search:
         self.roots.append(_Root(enclosure, region))
         return True
 
-    def newton(self, box: Box, part: Box) -> tuple[fmpq, fmpq] | None:
+    def newton(self, box: Box, part: Box) -> list[fmpq] | None:
         """Where Newton's method from the middle of a box ends, where that is near the box."""
-        place = ((box[0] + box[1]) / 2, (box[2] + box[3]) / 2)
-        near = _grown(box, (box[1] - box[0], box[3] - box[2]))
+        place = [(low + high) / 2 for low, high in _sides(box)]
+        near = _sides(_grown(box, [high - low for low, high in _sides(box)]))
         for _ in range(_NEWTON_STEPS):
-            found = self.balance.krawczyk((place[0], place[0], place[1], place[1]))
+            found = self.balance.krawczyk(tuple(x for x in place for _ in "to"))
             if not found:
                 return None
-            place = (place[0] - middle_of(found[0][0]), place[1] - middle_of(found[1][0]))
-            if not (near[0] < place[0] < near[1] and near[2] < place[1] < near[3] and part[0] < place[0] < part[1]):
+            place = [x - middle_of(step) for x, (step, *_) in zip(place, found, strict=True)]
+            inside = all(low < x < high for x, (low, high) in zip(place, near, strict=True))
+            if not (inside and part[0] < place[0] < part[1]):
                 return None
         return place
 
 
-def _share(side: tuple[fmpq, ...]) -> fmpq:
-    return (side[1] - side[0]) / side[1]
+def _spreads(balance: Any, box: Box) -> list[float]:
+    """How much each unknown spreads the balance over a box."""
+    if isinstance(balance, check_roots.Balance):
+        N, _ = balance.gain.over(*box[:2])
+        D, _, M, _ = balance.linear(*box[2:])
+        return [float(N.rad() * M.abs_upper()), float(D.rad() + N.abs_upper() * M.rad())]
+    half = [float(high - low) / 2 for low, high in _sides(box)]
+    found = [0.0] * len(half)
+    for jet in balance.over(box):
+        spread = [float(y.abs_upper()) * h for y, h in zip(jet.slopes, half, strict=True)]
+        # Equations have units of their own: of each, as shares of what it may be.
+        size = sum(spread) + float(jet.x.abs_lower())
+        found = [x + y / size if size else x for x, y in zip(found, spread, strict=True)]
+    return found
 
 
-def _about(place: tuple[fmpq, fmpq], sides: tuple[fmpq, fmpq]) -> Box:
-    return place[0] - sides[0], place[0] + sides[0], place[1] - sides[1], place[1] + sides[1]
+def _sides(box: Box) -> list[tuple[fmpq, fmpq]]:
+    return list(zip(box[::2], box[1::2], strict=True))
 
 
-def _grown(box: Box, sides: tuple[fmpq, fmpq]) -> Box:
-    return box[0] - sides[0], box[1] + sides[0], box[2] - sides[1], box[3] + sides[1]
+def _sizes(place: Sequence[fmpq]) -> list[fmpq]:
+    """What a share of each unknown is a share of: itself, and of a bias, which may be zero, the amplitude too."""
+    return [*place[:2], *(abs(x) + place[0] for x in place[2:])]
+
+
+def _shares(box: Box) -> list[fmpq]:
+    """How wide a box is, as shares of its place."""
+    sizes = _sizes([box[1], box[3], *(max(abs(low), abs(high)) for low, high in _sides(box)[2:])])
+    return [(high - low) / size for (low, high), size in zip(_sides(box), sizes, strict=True)]
+
+
+def _about(place: Sequence[fmpq], half: Sequence[fmpq]) -> Box:
+    return tuple(end for x, h in zip(place, half, strict=True) for end in (x - h, x + h))
+
+
+def _grown(box: Box, by: Sequence[fmpq]) -> Box:
+    return tuple(end for (low, high), h in zip(_sides(box), by, strict=True) for end in (low - h, high + h))
 
 
 def _hull(one: Box, other: Box) -> Box:
-    return min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]), max(one[3], other[3])
+    return tuple((min, max)[i % 2](x, y) for i, (x, y) in enumerate(zip(one, other, strict=True)))
 
 
 def _clipped(box: Box, part: Box) -> Box:
     """A box within the amplitudes of a piece."""
-    return max(box[0], part[0]), min(box[1], part[1]), box[2], box[3]
+    return max(box[0], part[0]), min(box[1], part[1]), *box[2:]
 
 
 def _meet(one: Box, other: Box) -> bool:
-    return one[0] <= other[1] and other[0] <= one[1] and one[2] <= other[3] and other[2] <= one[3]
+    return all(a <= d and c <= b for (a, b), (c, d) in zip(_sides(one), _sides(other), strict=True))
 
 
 def find(loop: Mapping[str, Any], box: Box) -> dict[str, Any]:
@@ -146,19 +172,22 @@ def find(loop: Mapping[str, Any], box: Box) -> dict[str, Any]:
     Parameters
     ----------
     loop : mapping
-        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it.
-    box : tuple of four rationals
+        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, or as
+        :func:`~eppanalysis.methods.certificates.ring.rational_ring` does.
+    box : tuple of four rationals, or six with a bias
 
     Returns
     -------
     dict
         Plain data: statement, loop, box, claim, evidence.
     """
-    balance: Any = Balance(loop)
-    # Many boxes share their sides: what holds over a side is computed once.
-    balance.gain.over, balance.linear = cache(balance.gain.over), cache(balance.linear)
-    search = _Search(balance, box)
-    covers = [search.cover(part) for part in balance.pieces(box)]
+    check = _checker(loop)
+    search = _Search(check, check.Balance(loop), box)
+    if check is check_roots:
+        # Many boxes share their sides: what holds over a side is computed once.
+        balance = search.balance
+        balance.gain.over, balance.linear = cache(balance.gain.over), cache(balance.linear)
+    covers = [search.cover(part) for part in _pieces(search.balance, box)]
     found = sorted(search.roots, key=lambda root: (root.enclosure[0], root.enclosure[2]))
     evidence = {
         "roots": [{"enclosure": _texts(r.enclosure), "region": _texts(r.region)} for r in found],
@@ -166,16 +195,26 @@ def find(loop: Mapping[str, Any], box: Box) -> dict[str, Any]:
     }
     return sealed(
         {
-            "statement": check_roots.STATEMENT,
+            "statement": check.STATEMENT,
             "loop": dict(loop),
-            "box": {"amplitude": _texts(box[:2]), "frequency": _texts(box[2:])},
+            "box": {name: _texts(side) for name, side in zip(SIDES, _sides(box), strict=False)},
             "claim": {"roots": len(search.roots), "undecided": sum(c.count("?") for c in covers)},
             "evidence": evidence,
         }
     )
 
 
-def _texts(numbers: tuple[fmpq, ...]) -> list[str]:
+def _checker(loop: Mapping[str, Any]) -> Any:
+    """The checker of a loop, whose functions the search uses."""
+    return check_balance if "ring" in loop else check_roots
+
+
+def _pieces(balance: Any, box: Box) -> list[Box]:
+    """The parts of which each has a cover of its own."""
+    return balance.pieces(box) if isinstance(balance, check_roots.Balance) else [box]
+
+
+def _texts(numbers: Sequence[fmpq]) -> list[str]:
     return [str(x) for x in numbers]
 
 
@@ -186,7 +225,7 @@ def undecided(document: Mapping[str, Any]) -> list[Box]:
 
 def all_leaves(document: Mapping[str, Any]) -> list[tuple[str, Box]]:
     """Every box of the cover of a certificate, with its mark."""
-    balance = Balance(document["loop"])
-    box = tuple(map(check_roots.rational, document["box"]["amplitude"] + document["box"]["frequency"]))
-    covers = zip(document["evidence"]["cover"], balance.pieces(box), strict=True)
-    return [leaf for cover, part in covers for leaf in leaves(cover, part)]
+    check = _checker(document["loop"])
+    box = tuple(check.rational(x) for name in SIDES for x in document["box"].get(name, ()))
+    covers = zip(document["evidence"]["cover"], _pieces(check.Balance(document["loop"]), box), strict=True)
+    return [leaf for cover, part in covers for leaf in check.leaves(cover, part)]

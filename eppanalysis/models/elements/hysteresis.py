@@ -115,16 +115,9 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
 
     def exact(self, read: Reading) -> Named:
-        """By its name.
-
-        Raises
-        ------
-        ModelError
-            If thresholds or levels are not symmetric.
-        """
-        for lesser, greater in (("lower", "upper"), ("low", "high")):
-            symmetric = getattr(self, lesser) == -getattr(self, greater)
-            require(self, lesser, symmetric, f"a relay that is not biased, with it at minus {greater}", greater)
+        """By its name; one that is not odd, by all its numbers."""
+        if (self.lower, self.low) != (-self.upper, -self.high):
+            return Named.of(self, "biased_relay", read, "lower", "upper", "low", "high")
         return Named("hysteresis_relay", {"threshold": read(self.upper), "level": read(self.high)})
 
     def automaton(self) -> Automaton:

@@ -224,9 +224,8 @@ def test_discrete_time_is_the_response_on_the_unit_circle() -> None:
     ("name", "why"),
     [
         ("belt_leine", "friction"),
-        ("relay_biased_fopdt", "biased"),
-        ("sat_asymmetric", "not odd"),
-        ("wheelchair", "one element"),
+        ("level_valve", "jump_and_follow"),
+        ("two_mass_damped_shaft", "one element"),
         ("fig8a_original", "one element"),
     ],
 )

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import ELEMENTS
 from eppanalysis.models.elements.exact import Exact, Half, Named, Pieces, Reading
 from tests.wrong_arguments import doors
@@ -48,8 +47,8 @@ def test_a_name_comes_with_the_numbers_of_the_element() -> None:
         e for e in MADE.values() if not isinstance(e, epp.HysteresisRelay) and isinstance(e.exact(Fraction), Named)
     ]
     assert {type(e).__name__ for e in named} >= {"Cube", "Drag", "JumpAndFollow", "Play"}
-    with pytest.raises(ModelError, match="lower is 0.1; expected a relay that is not biased, with it at minus upper"):
-        epp.HysteresisRelay(0.1, 0.2).exact(Fraction)
+    biased = {"lower": Fraction(1, 4), "upper": Fraction(1, 2), "low": Fraction(-1), "high": Fraction(1)}
+    assert epp.HysteresisRelay(0.25, 0.5).exact(Fraction) == Named("biased_relay", biased)
 
 
 class Valve(epp.AutomatonElement):

@@ -1,0 +1,133 @@
+"""A ring of odd elements, or one element with a bias, in rational numbers, as certificates of its roots state it."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from eppanalysis.methods.certificates.numbers import NotCovered
+from eppanalysis.methods.certificates.rational import Array, forced, rational_link, require_no_bias
+from eppanalysis.models.systems.lure import LureSystem
+
+
+def rational_ring(system: LureSystem, inputs: Array) -> tuple[dict[str, Any], float]:
+    """A ring, or one element with a bias, as certificates state it, and how far its coefficients are off, relatively.
+
+    Parameters
+    ----------
+    system : LureSystem
+    inputs : array, shape (nv,)
+        Where the external inputs are held.
+
+    Raises
+    ------
+    NotCovered
+        If the elements are no ring, one of them is not covered, or several have a bias.
+    """
+    if system.time_step is not None:
+        raise NotCovered("rings and biases in discrete time have no certificate of roots.")
+    order = _order(system)
+    links, off = [], 0.0
+    for k, here in enumerate(order):
+        link, moved = rational_link(_between(system, here, order[(k + 1) % len(order)]))
+        links.append(link | {"name": system.element_names[here], "element": _steps(link["element"])})
+        off = max(off, moved)
+    means: list[Fraction] = []
+    if len(order) > 1:
+        require_no_bias(system, inputs)
+        if any(link["element"]["biased"] for link in links):
+            raise NotCovered("an element of the ring is not odd, and rings with a bias have no certificate.")
+    else:
+        means = _means(system, links[0], inputs)
+    for link in links:
+        del link["element"]["biased"]
+    return {"name": system.name, "ring": links, "means": [str(x) for x in means]}, off
+
+
+def _means(system: LureSystem, link: dict[str, Any], inputs: Array) -> list[Fraction]:
+    """Balance of the means: what stands before the bias and before the mean output, and their sum."""
+    polynomials = ([Fraction(c) for c in link[name]] for name in ("den", "num"))
+    on_bias, on_mean = (c[-1] for c in polynomials)
+    if not (on_bias or on_mean):
+        raise NotCovered("the linear part hides a mode at zero, and the balance of the means says nothing.")
+    return [on_bias, on_mean, forced(system, inputs)]
+
+
+def _order(system: LureSystem) -> list[int]:
+    """The elements in the order of the ring, from one with memory on: next to where it lets go the balance is steep."""
+    names = ", ".join(system.element_names) or "none"
+    refusal = f"certificates of roots speak of one element, or of a ring of odd ones; here are: {names}."
+    if not system.elements or any((e.n_inputs, e.n_outputs) != (1, 1) for e in system.elements):
+        raise NotCovered(refusal)
+    n = len(system.elements)
+    follows = [[i for i in range(n) if system.D[i, j] or _states(system, j, i).any()] for j in range(n)]
+    order = [next((i for i, e in enumerate(system.elements) if e.output(0.0)[1] is not None), 0)]
+    while len(order) < n and len(follows[order[-1]]) == 1:
+        order.append(follows[order[-1]][0])
+    if sorted(order) != list(range(n)) or (n > 1 and follows[order[-1]] != order[:1]):
+        raise NotCovered(refusal)
+    return order
+
+
+def _states(system: LureSystem, source: int, end: int) -> Array:
+    """States through which the output of an element reaches the input of another, shape (n,) of bool."""
+    linked = system.A != 0
+    reached, seen = system.B[:, source] != 0, system.C[end] != 0
+    for _ in range(len(system.A)):
+        reached, seen = reached | (linked @ reached), seen | (linked.T @ seen)
+    return reached & seen
+
+
+def _between(system: LureSystem, here: int, after: int) -> LureSystem:
+    """An element and the linear part from its output to the input of the one behind it."""
+    if len(system.elements) == 1:
+        return system
+    kept = np.flatnonzero(_states(system, here, after))
+    return LureSystem.build(
+        system.A[np.ix_(kept, kept)],
+        system.B[kept][:, [here]],
+        system.C[[after]][:, kept],
+        [system.elements[here]],
+        D=system.D[[after]][:, [here]],
+        delays=system.delays[[here]],
+        time_step=system.time_step,
+    )
+
+
+def _steps(element: dict[str, Any]) -> dict[str, Any]:
+    """An element as bends and jumps, or as what follows its input; and whether it is not odd."""
+    kind, biased = element["kind"], element["kind"] in ("pieces", "biased_relay")
+    made: dict[str, Any] = {"line": ["0", "0"], "steps": [], "gate": [], "follow": [], "biased": biased}
+    if kind == "play":
+        return made | {"follow": [element["gap"], "1"]}
+    if kind in ("hysteresis_relay", "biased_relay"):
+        v = {name: Fraction(x) for name, x in element.items() if name != "kind"}
+        if kind == "hysteresis_relay":
+            v = {"lower": -v["threshold"], "upper": v["threshold"], "low": -v["level"], "high": v["level"]}
+        rise = str(v["high"] - v["low"])
+        gate = [str(v["lower"]), str(v["upper"])]
+        steps = [[gate[0], rise, -1], [gate[1], rise, 1]]
+        return made | {"line": ["0", str(v["low"])], "steps": steps, "gate": gate}
+    if kind not in ("odd_pieces", "pieces"):
+        raise NotCovered(f"a {kind} has no certificate in a ring or with a bias.")
+    return made | _of_pieces(
+        *((element, element) if kind == "odd_pieces" else (element["positive"], element["negative"]))
+    )
+
+
+def _of_pieces(positive: dict[str, Any], negative: dict[str, Any]) -> dict[str, Any]:
+    """A line from far below on, with what changes along it."""
+
+    def places(half: dict[str, Any], name: str) -> list[tuple[Fraction, Fraction]]:
+        return [(Fraction(at), Fraction(size)) for at, size in half[name]]
+
+    turned, steps = places(negative, "bends"), places(negative, "jumps")
+    up, down = Fraction(positive["slope"]), Fraction(negative["slope"])
+    first = down + sum(x for _, x in turned)
+    offset = sum(b * x for b, x in turned) - sum(h for _, h in steps)
+    bends = [*places(positive, "bends"), (Fraction(0), up - down), *((-b, -x) for b, x in turned)]
+    jumps = [*places(positive, "jumps"), *((-b, h) for b, h in steps)]
+    changes = [[str(b), str(x), "bend"] for b, x in bends if x] + [[str(b), str(h), 0] for b, h in jumps]
+    return {"line": [str(first), str(offset)], "steps": changes}
