@@ -131,7 +131,7 @@ def certify(
 def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
     """A loop as certificates of roots state it: one odd element without bias, else a ring, or one with a bias."""
     from eppanalysis.methods.certificates.rational import rational_loop
-    from eppanalysis.methods.certificates.ring import rational_ring
+    from eppanalysis.methods.certificates.roots.ring import rational_ring
     from eppanalysis.models.systems.means import static_balance
 
     if any(element.of_frequency for element in system.elements):
@@ -152,8 +152,8 @@ def _roots(
     system: LureSystem, stated: dict[str, Any], box: Any, at: OperatingPoint, made_by: Provenance
 ) -> Certificate:
     """The certificate of all roots in a box, checked."""
-    from eppanalysis.methods.certificates import roots
-    from eppanalysis.methods.certificates.box import box_of
+    from eppanalysis.methods.certificates.roots import find as roots
+    from eppanalysis.methods.certificates.roots.box import box_of
 
     document = roots.find(stated, box_of(system, stated, box))
     _accepted(document)

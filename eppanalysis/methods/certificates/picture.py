@@ -38,7 +38,7 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
 
 def _plot_cover(certificate: Certificate, ax: Axes) -> None:
     """Boxes without a root in grey, those in the region of one in blue, undecided ones in red; dots are roots."""
-    from eppanalysis.methods.certificates.roots import all_leaves
+    from eppanalysis.methods.certificates.roots.find import all_leaves
 
     colours = {".": "0.94", "r": BLUE, "?": VERMILLION}
     leaves = [(mark, [float(Fraction(str(x))) for x in leaf]) for mark, leaf in all_leaves(certificate.document)]

@@ -11,10 +11,11 @@ from flint import arb, fmpq
 from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
-from eppanalysis.methods.certificates import check_roots, roots
+from eppanalysis.methods.certificates import check_roots
 from eppanalysis.methods.certificates.check_roots import Gain, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
+from eppanalysis.methods.certificates.roots import find as roots
 
 ELEMENTS = (
     epp.Saturation(-0.7, 0.7, 1.3),

@@ -173,7 +173,7 @@ def find(loop: Mapping[str, Any], box: Box) -> dict[str, Any]:
     ----------
     loop : mapping
         As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, or as
-        :func:`~eppanalysis.methods.certificates.ring.rational_ring` does.
+        :func:`~eppanalysis.methods.certificates.roots.ring.rational_ring` does.
     box : tuple of four rationals, or six with a bias
 
     Returns

@@ -15,7 +15,7 @@ from eppanalysis.methods.certificates import check_balance
 from eppanalysis.methods.certificates.check_balance import Element, Jet, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
-from eppanalysis.methods.certificates.ring import _steps
+from eppanalysis.methods.certificates.roots.ring import _steps
 
 ELEMENTS = (
     epp.Saturation(-0.5, 2.0, 1.3),

@@ -11,7 +11,7 @@ from flint import fmpq
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.numbers import NotCovered, number_of
-from eppanalysis.methods.certificates.roots import Box
+from eppanalysis.methods.certificates.roots.find import Box
 from eppanalysis.methods.describing.search import frequency_scales
 from eppanalysis.models.systems.lure import LureSystem
 
