@@ -81,4 +81,4 @@ def test_a_prediction_says_what_the_samples_leave_out_and_how_many_there_are() -
     (cycle,) = prediction
     # Phase of 1/(s + 1)^3 with hold: 3 atan(w) + w T/2 = pi.
     assert 3.0 * np.arctan(cycle.omega) + 0.1 * cycle.omega == pytest.approx(np.pi, rel=1e-9)
-    assert f"the fastest cycle has {cycle.period / 0.2:.3g} samples a turn" in prediction.warnings[-1]
+    assert f"The fastest cycle has {cycle.period / 0.2:.3g} samples a turn" in prediction.warnings[-1]
