@@ -21,9 +21,15 @@ def relay(gain: float, p: float = 1.0, q: float = 1.0, threshold: float = 1.0) -
     return epp.LureSystem.from_tf(([gain], den), epp.RelayDeadZone(threshold=threshold), name="relay")
 
 
-def proved_cycles(loop: epp.LureSystem) -> list[tuple[float, float, int]]:
+@pytest.fixture(scope="module")
+def five() -> epp.Certificate:
+    """The list at a gain of 5, which takes seconds to find."""
+    return epp.certify(relay(5.0), "cycles")
+
+
+def proved_cycles(found: epp.Certificate) -> list[tuple[float, float, int]]:
     """Periods from and to, and multipliers outside."""
-    return [tuple(row) for row in epp.certify(loop, "cycles").to_frame().itertuples(index=False)]
+    return [tuple(row) for row in found.to_frame().itertuples(index=False)]
 
 
 def next_switch(matrix: np.ndarray, z: np.ndarray, levels: tuple[float, ...]) -> np.ndarray | None:
@@ -98,7 +104,8 @@ def test_absence_is_proved_to_a_hundredth_of_the_fold() -> None:
 
 @pytest.mark.slow
 def test_the_list_is_that_of_the_exact_orbits() -> None:
-    found, exact = proved_cycles(relay(3.2)), epp.find_limit_cycles(relay(3.2)).cycles
+    loop = relay(3.2)
+    found, exact = proved_cycles(epp.certify(loop, "cycles")), epp.find_limit_cycles(loop).cycles
     assert len(found) == len(exact) == 2
     for (low, high, outside), cycle in zip(found, sorted(exact, key=lambda c: c.period), strict=True):
         assert low < cycle.period < high
@@ -106,14 +113,14 @@ def test_the_list_is_that_of_the_exact_orbits() -> None:
 
 
 @pytest.mark.slow
-def test_the_list_is_the_same_with_both_signs_other_levels_and_another_unit_of_time() -> None:
-    first = epp.certify(relay(5.0), "cycles")
+def test_the_list_is_the_same_with_both_signs_other_levels_and_another_unit_of_time(five: epp.Certificate) -> None:
     levels = epp.LureSystem.from_tf(([2.5], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=0.3, level=0.6))
     signs = epp.LureSystem.from_tf(([-5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(threshold=1.0, level=-1.0))
     for same in (levels, signs):
         document = epp.certify(same, "cycles").document
-        assert document["claim"] == first.document["claim"]
-    for (low, high, outside), fast in zip(proved_cycles(relay(5.0)), proved_cycles(relay(40.0, 2.0, 2.0)), strict=True):
+        assert document["claim"] == five.document["claim"]
+    other = epp.certify(relay(40.0, 2.0, 2.0), "cycles")
+    for (low, high, outside), fast in zip(proved_cycles(five), proved_cycles(other), strict=True):
         assert fast == pytest.approx((low / 2, high / 2, outside), rel=1e-11)
 
 
@@ -128,11 +135,10 @@ def test_cycles_of_other_poles(gain: float, p: float, q: float, count: int) -> N
 
 
 @pytest.mark.slow
-def test_changed_lists_are_refused(tmp_path) -> None:
-    found = epp.certify(relay(5.0), "cycles")
-    check = epp.check_certificate(found.write(tmp_path / "cycles.json"))
+def test_changed_lists_are_refused(five: epp.Certificate, tmp_path) -> None:
+    check = epp.check_certificate(five.write(tmp_path / "cycles.json"))
     assert check.accepted and "exactly 2 limit cycles" in str(check)
-    document = dict(found.document)
+    document = dict(five.document)
     claim, evidence = document["claim"], document["evidence"]
     one, other = claim["cycles"]
     (number, form), (another, its_form) = evidence["forms"]
