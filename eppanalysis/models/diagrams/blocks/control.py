@@ -30,23 +30,16 @@ DISCRETISATIONS: dict[str, Any] = {"backward": "backward_diff", "forward": "eule
 
 @dataclass(frozen=True, kw_only=True)
 class Block(Section):
-    """A linear block with named ports; this is what all of them have in common.
-
-    Attributes
-    ----------
-    units : mapping of str to Role
-        What the fields are the units of, where it depends on the signals.
-    port_units : mapping of str to str
-        Units of the ports, where the block has its own.
-    same_unit : bool
-        Whether each output has the unit of the input in its place.
-    """
+    """A linear block with named ports; this is what all of them have in common."""
 
     kind: ClassVar[str] = ""
     inputs: ClassVar[tuple[str, ...]] = ("in",)
     outputs: ClassVar[tuple[str, ...]] = ("out",)
+    #: What the fields are the units of, where it depends on the signals.
     units: ClassVar[Mapping[str, Role]] = {}
+    #: Units of the ports, where the block has its own.
     port_units: ClassVar[Mapping[str, str]] = {}
+    #: Whether each output has the unit of the input in its place.
     same_unit: ClassVar[bool] = False
 
     delay: float = quantity(0.0, "Dead time", "s", "ms", at_least=0)
