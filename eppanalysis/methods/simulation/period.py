@@ -128,11 +128,11 @@ class _Pieces:
         nodes = _rule()[0]
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
-    def coefficients(self, samples: Array) -> Array:
-        """Legendre coefficients of signals (pieces * N_NODES, s) on each piece, shape (s, pieces, N_NODES)."""
+    def coefficients(self, samples: Array, first: int = 0) -> Array:
+        """Legendre coefficients from degree `first` on of signals (pieces * N_NODES, s), shape (s, pieces, degrees)."""
         # einsum, not BLAS: its threads cost far more than these small products.
         by_signal = np.ascontiguousarray(samples.T).reshape(samples.shape[1], -1, N_NODES)
-        return np.einsum("spj,kj->spk", by_signal, _rule()[2])
+        return np.einsum("spj,kj->spk", by_signal, _rule()[2][first:])
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[NDArray[np.bool_], Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
@@ -140,7 +140,7 @@ class _Pieces:
         `before` are the largest tails of the pieces from which these come: where halving no longer shrinks a small
         tail, it is rounding. Returns the tails of these pieces too.
         """
-        tails = np.abs(self.coefficients(values)[:, :, -2:]).max(axis=2)
+        tails = np.abs(self.coefficients(values, N_NODES - 2)).max(axis=2)
         size = np.maximum(np.ptp(values, axis=0), 1e-6 * np.abs(values).max(axis=0))[:, None]
         tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
         coarse = ~(tail <= _RESOLVED)
@@ -198,6 +198,13 @@ def _grid() -> tuple[Array, Array]:
     return grid, np.asarray(legendre.legvander(grid, N_NODES - 1), float)
 
 
+@cache
+def _derivatives() -> tuple[Array, Array]:
+    """Matrices from Legendre coefficients to those of the first and the second derivative."""
+    one, two = (legendre.legder(np.eye(N_NODES), order, axis=1) for order in (1, 2))
+    return np.asarray(one, float), np.asarray(two, float)
+
+
 def _maxima(c: Array, fine: Array, grid: Array) -> Array:
     """Maximum of each signal, shape (signals,): its best grid values, each refined by Newton on its own piece.
 
@@ -207,7 +214,7 @@ def _maxima(c: Array, fine: Array, grid: Array) -> Array:
     best = np.argsort(fine.max(axis=2), axis=1)[:, -_TRIED:]
     rows = np.arange(len(c))[:, None]
     c, fine = c[rows, best], fine[rows, best]
-    slope, bend = (legendre.legder(c, order, axis=2) for order in (1, 2))
+    slope, bend = (np.einsum("spj,jk->spk", c, matrix) for matrix in _derivatives())
     u = grid[np.argmax(fine, axis=2)]
     for _ in range(8):
         basis = legendre.legvander(u, N_NODES - 2)

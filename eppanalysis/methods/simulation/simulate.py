@@ -383,13 +383,11 @@ def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
     scale = np.ptp(run.state[run.order[-p - 1 :]], axis=0)
     # A clock and the input go on for ever and do not belong to the motion.
     scale = np.where((scale > 0) & hybrid.compared, scale, np.inf)
-    place = run.n_kept - 1 - p
-    while place - p >= 0:
-        a, b = run.order[place], run.order[place - p]
-        if run.guard[a] != run.guard[b] or np.max(np.abs(run.state[a] - run.state[b]) / scale) > 1e-3:
-            break
-        place -= p
-    return float(run.time[run.order[place]])
+    turns = run.order[run.n_kept - 1 - p :: -p]
+    moved = np.max(np.abs(np.diff(run.state[turns], axis=0)) / scale, axis=1)
+    other = (run.guard[turns[1:]] != run.guard[turns[:-1]]) | (moved > 1e-3)
+    first = int(np.argmax(other)) if np.any(other) else -1
+    return float(run.time[turns[first]])
 
 
 def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSystem, float]:

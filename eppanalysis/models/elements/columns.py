@@ -55,6 +55,11 @@ class Columns(Sequence[Row]):
         return len(next(iter(self.columns.values())))
 
 
+def name_of(rows: Sequence[Any], i: int) -> str:
+    """Name of a row, which is not made for it."""
+    return rows.name(i) if isinstance(rows, Columns) else str(rows[i].name)
+
+
 def in_columns(kind: type[Any], rows: Sequence[Any], shapes: Mapping[str, tuple[int, ...]]) -> ByName:
     """The fields of rows, but for their names, as one array each; `shapes` are those of the fields that are arrays."""
     if isinstance(rows, Columns):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
 from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.columns import name_of
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
 from eppanalysis.models.systems.linear import fastest_poles
@@ -73,13 +74,13 @@ class HybridSystem:
 
     def mode_name(self, element: int, mode: int) -> str:
         """Name of a mode of an element."""
-        return self.automata[element].modes[mode].name
+        return name_of(self.automata[element].modes, mode)
 
     def guard_name(self, guard: int) -> str:
         """Name of a guard; guards are numbered through all elements and modes."""
         e = int(self.model.guard_element[guard])
         automaton, first = self.automata[e], self.model.guard_first[self.model.mode_first[e]]
-        return automaton.guards[int(automaton.by_mode[guard - first])].name
+        return name_of(automaton.guards, int(automaton.by_mode[guard - first]))
 
     def begun(self, state: Array, memory: Sequence[Any]) -> HybridSystem:
         """The same system, begun at a state of its loop with what its elements remember; see `starting_values`."""
