@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
+from eppanalysis.methods.simulation.workspaces import of_thread
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
@@ -142,7 +143,6 @@ class Arcs:
         ModelError
             If the system has no such arcs, or a delayed output that is not piecewise constant.
         """
-        from eppanalysis.kernels.engine.tables import make_combinations, make_work
         from eppanalysis.kernels.orbits.arcs import READY, SINGULAR, build_arcs
         from eppanalysis.kernels.orbits.flow import Channels
 
@@ -153,7 +153,7 @@ class Arcs:
         F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
         J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
         Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
-        compiled, work = make_combinations(model, 1), make_work(model)
+        compiled, work = of_thread.combination(model)
         modes, guards, timing = event_sequence.modes, event_sequence.guards, event_sequence.timing
         code = build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
         if code != READY:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Model
+    from eppanalysis.kernels.engine.tables import Combinations, Model, Work
     from eppanalysis.kernels.engine.workspace import EventBuffer
 
 
@@ -39,6 +39,7 @@ class _Own(threading.local):
     def __init__(self) -> None:
         self.kept: dict[tuple[Any, ...], _Kept] = {}
         self.events: EventBuffer | None = None
+        self.single: tuple[tuple[Any, ...], Combinations, Work] | None = None
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
@@ -55,6 +56,15 @@ class _Own(threading.local):
         while len(self.kept) > _STRUCTURES:
             del self.kept[next(iter(self.kept))]
         return workspaces
+
+    def combination(self, model: Model) -> tuple[Combinations, Work]:
+        """Room for one mode combination of a model, and for compiling it; that of the last structure is kept."""
+        from eppanalysis.kernels.engine.tables import make_combinations, make_work
+
+        structure = _structure(model)
+        if self.single is None or self.single[0] != structure:
+            self.single = structure, make_combinations(model, 1), make_work(model)
+        return self.single[1:]
 
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""
