@@ -230,8 +230,6 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
             made = element_class(block.kind)(**values, **block.others)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
-    # A memory is a held value, a mode, or a state of the element's own.
-    without = type(made).start is Nonlinearity.start and made.own_states is None and made.inside is None
-    if block.memory is not None and without and not made.automaton().n_memory:
+    if block.memory is not None and not made.remembers:
         raise raw.refused(f"{field}.memory", f"none, as {block.kind} remembers nothing")
     return made

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,13 +53,22 @@ def _mark_run(made: figure, source: ColumnDataSource) -> None:
 
 
 def _legend(made: Any) -> None:
-    """Below the picture, where it hides nothing."""
+    """Below the picture, where it hides nothing; it names what there is."""
     legend = made.legend[0]
+    for item in legend.items:
+        source = item.renderers[0].data_source
+        source.on_change("data", partial(_name_what_is_there, item))
+        _name_what_is_there(item, "data", None, source.data)
     made.add_layout(legend, "below")
     legend.orientation, legend.ncols = "horizontal", 3
     legend.label_text_font_size = "11px"
     legend.border_line_color = None
     legend.padding = legend.spacing = legend.margin = 2
+
+
+def _name_what_is_there(item: Any, attr: str, old: Any, data: Any) -> None:
+    """A name in the legend whose mark has no place would stand alone."""
+    item.visible = any(len(values) for values in data.values())
 
 
 class StepPicture:
@@ -71,7 +81,6 @@ class StepPicture:
         behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.6, "level": "underlay"}
         made.line("x", "y", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
-        self.before.visible = False
         _legend(made)
         made.legend[0].ncols = 1
 
@@ -83,7 +92,7 @@ class StepPicture:
     def keep(self, text: str) -> None:
         """The run of now stays as a ghost behind those that come."""
         self.ghost.data = dict(self.source.data)
-        self.before.update(label={"value": f"before: {text}"}, visible=True)
+        self.before.label = {"value": f"before: {text}"}
 
 
 class NyquistPicture:
@@ -136,20 +145,17 @@ class BranchPicture:
         label = f"{with_unit(words(signal), unit)}, peak to peak"
         made = self.figure = _figure("Limit cycles", "", label, name="branch")
         self.stable, self.unstable = (ColumnDataSource(data={"xs": [], "ys": []}) for _ in range(2))
-        self.folds, self.exact_stable, self.exact_unstable, self.run = (
+        self.begins, self.exact_stable, self.exact_unstable, self.run = (
             ColumnDataSource(data=_NOTHING) for _ in range(4)
         )
         made.multi_line("xs", "ys", source=self.stable, color=BLUE, line_width=2, legend_label="stable")
         style: dict[str, Any] = {"color": VERMILLION, "line_width": 2, "line_dash": "dashed"}
         made.multi_line("xs", "ys", source=self.unstable, legend_label="unstable", **style)
-        made.scatter("x", "y", source=self.folds, marker="diamond", size=11, color=ORANGE, legend_label="fold")
+        made.scatter("x", "y", source=self.begins, marker="diamond", size=11, color=ORANGE, legend_label="cycles begin")
         marks: dict[str, Any] = {"size": 10, "line_color": GREEN, "line_width": 2}
         made.scatter("x", "y", source=self.exact_stable, fill_color=GREEN, legend_label="exact, stable", **marks)
         made.scatter("x", "y", source=self.exact_unstable, fill_color="white", legend_label="exact, unstable", **marks)
         _mark_run(made, self.run)
-        self.lines = made.legend[0].items[:3]  # a name of what is not there yet would stand alone
-        for item in self.lines:
-            item.visible = False
         self.here = Span(location=0, dimension="height", line_color=GREY, line_dash="dotted", line_width=1.5)
         made.add_layout(self.here)
         made.y_range.start = 0
@@ -168,13 +174,11 @@ class BranchPicture:
                 lines[kind]["xs"].append([x_factor * x for x in xs])
                 lines[kind]["ys"].append([y_factor * y for y in ys])
         self.stable.data, self.unstable.data = lines[True], lines[False]
-        self.folds.data = {
-            "x": [x_factor * x for x, _ in facts["folds"]],
-            "y": [y_factor * y for _, y in facts["folds"]],
+        self.begins.data = {
+            "x": [x_factor * x for x, _ in facts["begins"]],
+            "y": [y_factor * y for _, y in facts["begins"]],
         }
         self.figure.xaxis.axis_label = label
-        for item, there in zip(self.lines, (*lines.values(), facts["folds"]), strict=True):
-            item.visible = bool(there["xs"] if isinstance(there, dict) else there)
 
     def show_exact(self, facts: dict[str, Any] | None, place: float, factor: float) -> None:
         """The exact cycles of the case; None takes them away."""
@@ -207,7 +211,7 @@ class MapPicture:
         ranges = {"x_range": Range1d(start=xs[0], end=xs[1]), "y_range": Range1d(start=ys[0], end=ys[1])}
         made = self.figure = _figure("Design map", x_label, y_label, name="map", **ranges)
         self.cells = ColumnDataSource(data={"image": [], "x": [], "y": [], "dw": [], "dh": []})
-        self.star, self.folds = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
+        self.star, self.begins = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
         colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
         for code, word in ((1, "settles"), (2, "oscillates"), (3, "diverges"), (0, "not decided")):
@@ -215,7 +219,9 @@ class MapPicture:
                 [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
             )
         edged: dict[str, Any] = {"fill_color": "white", "line_color": "black", "line_width": 1.5}
-        made.scatter("x", "y", source=self.folds, marker="diamond", size=13, legend_label="exact fold", **edged)
+        made.scatter(
+            "x", "y", source=self.begins, marker="diamond", size=13, legend_label="cycles begin, exactly", **edged
+        )
         # Black with a white edge: the map's colours are light by day and by night, and its paper is dark at night.
         star: dict[str, Any] = {"marker": "star", "size": 19, "fill_color": "black", "line_color": "white"}
         made.scatter("x", "y", source=self.star, legend_label="the case", **star)
@@ -226,9 +232,9 @@ class MapPicture:
         self.star.data = {"x": [x], "y": [y]}
         self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g} (drag or tap)"}
 
-    def show_folds(self, places: Sequence[tuple[float, float]]) -> None:
+    def show_begins(self, places: Sequence[tuple[float, float]]) -> None:
         """Where cycles appear exactly, which cells tell to their width only."""
-        self.folds.data = {"x": [x for x, _ in places], "y": [y for _, y in places]}
+        self.begins.data = {"x": [x for x, _ in places], "y": [y for _, y in places]}
 
     def on_drag(self, begin: Callable[[], None], move: Callable[[float, float], None], end: Callable[[], None]) -> None:
         """Say what is done when the design is dragged on the map, or put to where the map is tapped."""

@@ -423,15 +423,15 @@ class Page:
         self.exact.text = _in_words(facts, self.unit, self.factor)
 
     def _show_branch(self, over: Slider, here: Values, facts: slow.Facts) -> None:
-        """The branch, and its folds on the map at the values `here` of its axes, if it runs over one of them."""
+        """The branch, and where its cycles begin on the map at the values `here` of its axes."""
         none = facts.get("error") or ("" if facts["pieces"] else "none found")
         self.branch.figure.title.text = f"Limit cycles: {none}" if none else "Limit cycles"
         if "error" in facts:
-            facts = {"pieces": [], "folds": []}
+            facts = {"pieces": [], "begins": []}
         self.branch.show_branch(facts, over.label(), 1.0 / over.per_unit, self.factor)
         if self.map is not None:
-            places = [{**here, over.name: value / over.per_unit} for value, _ in facts["folds"] if over.name in here]
-            self.map.show_folds([(x, y) for x, y in map(dict.values, places)])
+            places = [{**here, over.name: value / over.per_unit} for value, _ in facts["begins"] if over.name in here]
+            self.map.show_begins([(x, y) for x, y in map(dict.values, places)])
 
     def _show_map(self, facts: slow.Facts) -> None:
         assert self.map is not None and self.axes is not None

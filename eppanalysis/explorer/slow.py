@@ -70,7 +70,11 @@ def all_cycles(given: Given) -> Facts:
 
 
 def branch(given: Given, over: str, low: float, high: float) -> Facts:
-    """The branch over a parameter between two values [SI], through its folds; in pieces where no end has a cycle."""
+    """The branch over a parameter between two values [SI], and where its cycles begin to exist.
+
+    In pieces where no end has a cycle.
+    """
+    from eppanalysis.methods.bounds.exact import BORN
     from eppanalysis.methods.continuation.branch import continue_branch
 
     case = given.case()
@@ -93,9 +97,11 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
                     | {"size": p.points[given.signal].tolist()}
                     for p in pieces
                 ],
-                "folds": [[s.value, s.cycle.peak_to_peak[given.signal]] for p in pieces for s in p.folds],
+                "begins": [
+                    [s.value, s.cycle.peak_to_peak[given.signal]] for p in pieces for s in p.special if s.kind in BORN
+                ],
             }
-    return {"pieces": [], "folds": [], "reason": reason}
+    return {"pieces": [], "begins": [], "reason": reason}
 
 
 def design_map(given: Given, x: str, y: str, xs: tuple[float, float], ys: tuple[float, float]) -> Facts:

@@ -34,8 +34,11 @@ _INSIDE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 _OUTSIDE = 0.25
 #: Where families of cycles end, and what that is to a bound; with an infinite period a cycle is born as at a fold.
 BORN = {
-    Change.FOLD: Turn.FOLD, Change.INFINITE: Turn.FOLD, Change.TURNING: Turn.CORNER, Change.LINEAR: Turn.LINEAR,
-}  # fmt: skip
+    Change.FOLD: Turn.FOLD,
+    Change.INFINITE: Turn.FOLD,
+    Change.TURNING: Turn.CORNER,
+    Change.LINEAR: Turn.LINEAR,
+}
 #: Where an orbit is looked for beyond a border collision, relative to its value, and how often.
 _BEYOND, _MOST_COLLISIONS = (2e-4, 1e-3, 4e-3), 6
 #: Values from a bound by harmonic balance to the far end of the range at which exact orbits are searched for.

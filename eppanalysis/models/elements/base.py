@@ -277,6 +277,12 @@ class Nonlinearity(ABC):
             stored[0] = memory
         return automaton.start_mode, stored
 
+    @property
+    def remembers(self) -> bool:
+        """Whether a start may give it a memory: a held value, a mode, or a state of its own."""
+        has_states = self.own_states is not None or self.inside is not None
+        return has_states or type(self).start is not Nonlinearity.start or self.automaton().n_memory > 0
+
     def memory_at(
         self, mode: int, stored: NDArray[np.float64], x: NDArray[np.float64], output: NDArray[np.float64]
     ) -> Any:
