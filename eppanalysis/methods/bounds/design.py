@@ -361,6 +361,7 @@ def _check(question: Question, near: Cycle | None, sign: float, settings: Settin
     """Correct and test one bound; what fails is said in its cell and does not end the sweep."""
     try:
         found = ExactBound() if near is None else correct(question, near, sign)
+        # Harmonic balance may be off by more than a branch is followed, or see no cycle at all, as with hunting.
         if found.cycle is None:
             end = question.low if sign > 0 else question.high
             other = searched(question, end if near is None else near.value, sign)

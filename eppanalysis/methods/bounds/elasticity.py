@@ -92,6 +92,8 @@ def harmonic_slopes(
     out = {}
     for name, size in sizes.items():
         slope = _slope(question, name, fold, _STEP * size)
+        # A number that is zero at the bound has no symbol in the equations: where the parameter moves it the derivative
+        # is unknown, not zero.
         known = slope is not None and not np.any(slope[~used] != 0.0)
         out[name] = float(gradient @ slope) if known and slope is not None else float("nan")
     return out
@@ -140,6 +142,9 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
     """
     orbit = point.orbit
     A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    # At a fold the derivative A by the unknowns is singular, and the row psi with psi A = 0 leaves psi (r_limit dlimit
+    # + r_q dq) = 0. At a border collision one arc keeps having no duration, so its column is no unknown
+    # (docs/howto/bounds.md).
     if point.arc is not None:
         A = np.delete(A, orbit.arcs.free.size + point.arc, axis=1)
     psi = np.linalg.svd(A)[0][:, -1] / orbit.row_scale
@@ -184,6 +189,7 @@ def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dic
     by_limit = _growth(at_bound, question.limit, bound, point, allowed)
     if by_limit is None or by_limit == 0.0:
         return {}
+    # The size stays what is allowed: d ln limit / d ln q = -(d ln size / d ln q) / (d ln size / d ln limit).
     out = {"allowed": 1.0 / by_limit}
     for name in parameters_of(question):
         grown = _growth(at_bound, name, question.case.value(name), point, allowed)
@@ -199,6 +205,7 @@ def _growth(case: CaseLike, name: str, value: float, point: Point, allowed: Allo
             changed = case.with_values({name: factor * value})
             hybrid = steady_case(changed)
             y = point.orbit.y.copy()
+            # Behind the states of the loop stand its inputs, which the changed parameter may have moved.
             y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
             orbit = solve(hybrid, replace(point.orbit.guess, y=y))
         except (EppError, IndexError, ValueError):

@@ -127,6 +127,8 @@ def write(
     theta = ca.SX.sym("theta", int(np.sum(used)))
     numbers = _Symbols.of(shape, used, theta)
     equations = _Writer(layout, plan, X, numbers, kinds, pivot).equations()
+    # Elasticities need the multipliers times the derivative by the numbers alone: one gradient in place of a Jacobian
+    # with a column for every number.
     weights = ca.SX.sym("weights", equations.numel())
     gradient = ca.gradient(ca.dot(weights, equations), theta)
     return Expressions(
@@ -206,6 +208,7 @@ class _Writer:
         w = ca.vertcat(*outputs)
         late = self._delayed(w, delays)
         forced = ca.vertcat(*[ca.SX(v) for v in state]) if len(state) else ca.SX(0, 1)
+        # States are unknowns of their own: eliminated, they would put the inverse of jk omega - A into every equation.
         x, omega, k = self.x, self.omega, self.k
         real, imag = slice(1, n + 1), slice(n + 1, 2 * n + 1)
         rate = A @ x + B @ late
@@ -217,6 +220,7 @@ class _Writer:
         ]
         z = C @ x + D @ w - self.z
         z[:, 0] += ca.vertcat(*[ca.SX(v) for v in inputs])
+        # One phase is free; the anchor makes the fundamental of one input a sine (docs/theory/harmonic_balance.md).
         return ca.vertcat(*rows, ca.vec(z), self.z[self.pivot, 1], *rest)
 
     def _delayed(self, w: Any, delays: NDArray[Any]) -> Any:
@@ -336,6 +340,8 @@ class _Element:
             # The trapezium rule is spectrally exact for a smooth periodic function.
             count = 8 * self.layout.order + 32
             return ca.SX(TURN * np.arange(count) / count), ca.SX(np.full(count, 1.0 / count))
+        # Gauss's rule on each piece by itself: the integrand has a corner or a jump at a switch, which the trapezium
+        # rule would smear.
         node, weight = np.polynomial.legendre.leggauss(min(_NODES_MOST, 12 + 2 * self.layout.order))
         width = self.share[piece] * TURN
         return self.phi[piece] + width * (node + 1) / 2, self.share[piece] * weight / 2

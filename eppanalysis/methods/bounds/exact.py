@@ -85,6 +85,7 @@ def correct(question: Question, near: Cycle, sign: float) -> ExactBound:
         1 where the cycles lie above the bound.
     """
     message = "no exact orbit was found near the cycles of harmonic balance"
+    # At the bound two orbits meet and Newton's matrix is singular, so the first orbit is closed some way inside.
     for share in _INSIDE:
         inside = near.value * (1.0 + sign * share)
         if not question.low <= inside <= question.high:

@@ -131,6 +131,7 @@ def _solver(expressions: Expressions, dependence: Dependence) -> Any:
     sign = ca.SX.sym("sign")
     theta = polynomials(dependence, expressions.used, V[-1], constants, coefficients)
     equations = expressions.residual(V[:-1] * scales, theta) / sizes
+    # Switches of an element stay in their order: for another order these equations do not hold.
     dwells = [_dwells(V[s] * scales[s]) for s in layout.phases if s.stop > s.start]
     problem = {
         "x": V,
@@ -376,6 +377,8 @@ class _Step:
         equations = Equations(self.numbers.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
         loop = equations.loop
         try:
+            # The programme solves its own equations whatever the elements do, so these are asked for their true
+            # switches.
             W, _ = loop.answers(cycle.Z, cycle.omega)
         except Unsettled:
             return float("inf")
@@ -435,6 +438,7 @@ def _scales(loop: Loop, expressions: Expressions, start: Array, Z: ComplexArray)
 
 def _sizes(expressions: Expressions, theta: Array, start: Array, scales: Array) -> Array:
     """Sizes of the equations: the largest change that a scaled unknown makes."""
+    # IPOPT has one tolerance for all equations, whose units differ; divided by these sizes each counts alike.
     jacobian = expressions.slope(start, theta)
     J = np.abs(np.array(jacobian)) * scales
     size = J.max(1)

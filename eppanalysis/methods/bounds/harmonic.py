@@ -184,6 +184,8 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
         return Outlook(Finding.IDLE)
     seen = list(each(partial(_seen_at, question), values))
     own = value_of(question.case, question.limit)
+    # Before it is said that no value is free of cycles the case's own is asked, too: a design may sit in a gap of the
+    # scan.
     if all(s.there for s in seen) and own is not None and question.low < own < question.high:
         seen = sorted([*seen, _seen_at(question, own)], key=lambda s: s.value)
     return _outlook(question, seen)
@@ -268,6 +270,7 @@ def scales(question: Question, cycle: Cycle) -> bool:
     if true is None:
         return False
     cycle = Cycle(cycle.value, *true)
+    # The enlarged motion is put into the balance and not searched for: what scales leaves no residual at all.
     for factor in _SCALED:
         value = cycle.value * factor
         try:
@@ -378,6 +381,8 @@ class HarmonicSweep:
 
     def _ready(self, question: Question, numbers: Numbers) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
+        # Newton's method from the last value's cycles is cheap; the exact search over the range is asked again only
+        # where all are lost.
         carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
         if carried and self.outlook is not None:
             self.far = carried
@@ -390,6 +395,7 @@ class HarmonicSweep:
     def _first(self, numbers: Numbers, sign: float) -> Fold | None:
         """First order: from the last folds of all families; where one is lost, and now and then, from far away too."""
         found = [extreme(numbers, self.programmes, f, sign) for f in self.families]
+        # A family that appears on the way has no last fold to be followed from, and is only found from afar.
         if self.done % _AFRESH == 0 or not found or None in found:
             found += self._from_far(numbers, sign)
         self.done += 1
@@ -416,6 +422,8 @@ class HarmonicSweep:
             self.folds[n] = fold
             apart = _apart(fold, found)
             found.append(fold)
+            # Neighbouring orders alone would flatter: short contacts enter the harmonics by groups, so that two orders
+            # may agree and both be off. All orders from half on must agree (docs/howto/bounds.md).
             if apart < CHANGE and found[0].cycle.order <= _half(n):
                 break
         if not found:

@@ -56,6 +56,8 @@ class Sequence:
         for s in regime.switches:
             steps.append((mode, s.mode_guard.number, s.mode, bool(s.phase == last)))
             mode, last = s.mode, s.phase
+        # One cyclic sequence must be one key of the programmes already written, wherever the period happens to begin:
+        # of all turned forms the first in order is taken.
         turned = [(tuple(steps[i:] + steps[:i]), i) for i, step in enumerate(steps) if not step[3]]
         if not turned:
             return cls(regime.mode), 0
@@ -218,6 +220,7 @@ class Numbers:
         """A part of the range around a value; windows overlap."""
         if not self.low > 0:
             return self.low, self.high
+        # Windows stand on a fixed grid of factors, so that neighbouring values share one fit.
         k = np.floor(np.log(max(value, self.low) / self.low) / np.log(_WINDOW))
         low, high = self.low * _WINDOW ** (k - 0.5), self.low * _WINDOW ** (k + 1.5)
         return max(self.low, float(low)), min(self.high, float(high))
@@ -230,6 +233,7 @@ class Numbers:
         EppError
             If the numbers are no smooth function of the parameter there.
         """
+        # The numbers do not know the order of the balance: all orders share one fit.
         shape, whole, window = Plan(1, plan.sequences), (self.low, self.high), self.window(value)
         # Most parameters enter so simply that no windows are needed.
         found = self._known(shape, whole, _DEGREES[:1]) or self._known(shape, window, _DEGREES)
@@ -258,6 +262,7 @@ class Numbers:
             c = np.zeros((places.size, DEGREE + 1))
             c[:, : degree + 1] = (to_coefficients @ rows[:, places]).T
             found = Dependence(low, high, base, places, c, np.any(rows != 0.0, axis=0) | np.any(checks != 0.0, axis=0))
+            # A polynomial meets its nodes whatever the case does; a kink in a parameter shows only between them.
             at_checks = np.array([found.at(middle + half * u) for u in _CHECKED])
             if np.all(np.abs(at_checks - checks) <= _AGREEMENT * size):
                 return found

@@ -70,6 +70,7 @@ def _nearest(tried: Iterator[tuple[float, T | None, str]]) -> tuple[float, T | N
     """The last proof that succeeds, of those that come nearer and nearer to the bound."""
     kept: tuple[float, T | None, str] = (_NAN, None, "")
     for value, proof, why in tried:
+        # Proofs grow harder towards the bound: the first that fails ends the row.
         if proof is None:
             return kept if kept[1] is not None else (_NAN, None, why)
         kept = (value, proof, "")

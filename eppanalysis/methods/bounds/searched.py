@@ -130,6 +130,8 @@ def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
     ordered = asked if sign > 0 else asked[::-1]
     first = next(k for k, a in enumerate(ordered) if not a.free)
     beyond, safer = ordered[first:], ordered[:first][::-1]
+    # The last free value may be free only because no start led to the cycle: it is asked again from the cycles known
+    # beyond, and gives way while that finds one.
     while safer and (known := _nearest(beyond).cycles) and not asking.own_run:
         again = asking.answer(question, safer[0].value, known)
         if again.free:

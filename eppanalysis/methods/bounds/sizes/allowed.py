@@ -115,6 +115,7 @@ class Allowed(PlainData):
         if self.measure is Measure.PEAK_TO_PEAK:
             return cycle.peak_to_peak[self.signal]
         wave = cycle.waveform.get(self.signal)
+        # Without a waveform the mean square is that of the harmonics, by Parseval.
         if wave is None or not wave.size:
             return float(np.sqrt(0.5 * np.sum(np.abs(cycle.harmonics[self.signal][1:]) ** 2)))
         time = np.append(cycle.time, cycle.time[0] + cycle.period)

@@ -363,13 +363,17 @@ class _Box:
         guesses = self.centre.value * np.exp(np.clip(spread @ np.nan_to_num(share), -2.0, 2.0))
         cases = [self.question.case.with_values(self.values(tuple(row))) for row in spread.tolist()]
         found = self._bracketed([*cases, self.question.case], np.append(guesses, self.centre.value), threads)
+        # Runs see stable cycles alone, and only those that they reach: by how much that shifts the nominal bound is
+        # taken off every draw (docs/howto/bounds.md).
         offset = float(found[-1] / self.centre.value - 1.0)
         return found[:-1] / (1.0 + offset), offset
 
     def _bracketed(self, cases: Sequence[CaseLike], guesses: Array, threads: int) -> Array:
-        """Bounds by halving; a guess whose bracket does not hold the bound is widened once."""
+        """Bounds by halving; a guess whose bracket does not hold the bound is widened, twice at most."""
         low, high = guesses * (1.0 - _BRACKET), guesses * (1.0 + _BRACKET)
         safe_end = low if self.sign > 0 else high
+        # `safe_end` is `low` or `high` itself. With a run that oscillates there, halving would close in on it and not
+        # on the bound.
         for _ in range(2):
             wrong = self._oscillating(cases, safe_end, threads)
             safe_end[wrong] *= 1.0 - self.sign * 2 * _BRACKET
