@@ -138,6 +138,7 @@ class Rig:
 
     def _spans(self, amplitude: float, start: Start, periods: float) -> Array | None:
         """Peak-to-peak of the slow motion in three windows of a run, each twice as late; None where it ends early."""
+        # Whole periods of the dither: seen once in each of them, what is left is the slow motion.
         end = np.ceil(periods * self.cycle.period * self.frequency)
         long = np.ceil(_LENGTH * self.cycle.period * self.frequency)
         counts = np.concatenate(

@@ -95,6 +95,8 @@ class Smoothed(Nonlinearity):
     def _some_means(self, of: Any, x: Array, reach: Array, first: int) -> Array:
         edges = self.element.breakpoints
         corners = np.concatenate([edges - x[:, None] - reach[:, None], edges - x[:, None] + reach[:, None]], axis=1)
+        # Panels end where a breakpoint comes within reach, in a variable in which the dither's density is even: of a
+        # sine its arcsine (docs/theory/dither.md, The equivalent describing function).
         share = np.clip(corners / self.dither, -1.0, 1.0)
         place = np.arcsin(share) if self.wave == "sine" else share
         end = np.full((x.size, 1), 0.5 * np.pi if self.wave == "sine" else 1.0)

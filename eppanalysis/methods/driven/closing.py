@@ -75,6 +75,7 @@ def passed(start: HybridSystem, duration: float) -> Orbit | None:
     modes = np.vstack([start.modes0, run.modes[rows]])
     guards = run.guard[rows]
     marks = np.append(brought_about(start.model, guards, tau[:-1]) if rows.size else _nothing(), 0)
+    # The last arc ends when the time is over and on no guard: -1 (docs/theory/driven.md, Periodic responses).
     sequence = EventSequence(modes, np.append(guards, -1), np.full((rows.size + 1, 3), -1), marks)
     starts = np.vstack([np.append(start.x0, start.H0), np.hstack([run.state[rows], run.memory_values[rows]])])
     try:
@@ -104,6 +105,7 @@ def quiet(start: HybridSystem, duration: float) -> HybridSystem | None:
     if times.size == 0:
         return start
     gaps = np.diff(times, append=times[0] + duration)
+    # Newton's steps move the events: one near the begin would pass it, and the sequence would be another.
     longest = int(np.argmax(gaps))
     return later(start, float(times[longest] + 0.5 * gaps[longest]) % duration)
 
@@ -150,6 +152,8 @@ def close(start: HybridSystem, duration: float) -> Orbit | None:
     for _ in range(_MOST_ITERATIONS):
         if orbit is None:
             return None
+        # Far off each step takes the events that the engine meets from there; near by they are kept, for Newton to
+        # reach rounding.
         if orbit.residual < _NEAR and ends_as_it_begins(orbit):
             closed = solve(orbit.hybrid, orbit.guess, orbit.arcs)
             if closed.residual < CONVERGED and is_true(closed):

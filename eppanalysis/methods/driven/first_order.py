@@ -130,6 +130,8 @@ class _Equations:
             np.add.at(loop.T, self.owner, (self.L * gain).T)
             if not (np.all(np.isfinite(loop)) and np.all(np.isfinite(self.driven))):
                 continue  # beyond all range; LAPACK would complain on the terminal
+            # With given gains the balance is linear. Only its phases are kept, for the size is the one that is tried
+            # (docs/theory/driven.md, First order).
             Z = np.linalg.lstsq(np.eye(self.m) - loop, self.driven, rcond=None)[0]
             Z *= size / max(float(np.max(np.abs(Z))), 1e-300)
             found.append(np.concatenate([Z.real, Z.imag, b]))
@@ -192,6 +194,7 @@ def sinusoid_branches(
     Begun at both ends and in the middle of the range.
     """
     branches: list[tuple[Array, list[Sinusoid]]] = []
+    # Branches that close on themselves between these three values are not seen.
     for value in (limits[0], limits[1], 0.5 * sum(limits)):
         for one in sinusoids(road(value)):
             if not any(_passes(branch, value, one) for branch in branches):
@@ -232,6 +235,7 @@ class _Curve:
             plane = direction / scale
             plane = plane / np.linalg.norm(plane)
             new = self._corrected(old, plane, ds, scale)
+            # A step that turns sharply may have come to another branch; a shorter one tells.
             if new is None or (len(points) > 1 and self._turn(points[-2], old, new, scale) < 0.9):
                 ds *= 0.5
                 continue

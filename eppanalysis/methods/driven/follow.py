@@ -112,6 +112,8 @@ class Place:
         """Whether `singular`, gone on as from the place before to this one, has passed zero at a distance."""
         if self.before is None:
             return False
+        # `singular` is the product of all 1 - mu: where it should have passed zero and has not, the step ended on
+        # another response, as beyond a branch point (docs/theory/driven.md, Branches).
         before = self.before[2]
         return (self.singular + ds / self.before[0] * (self.singular - before)) * self.singular < 0.0
 
@@ -163,6 +165,8 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
             orbit = passed(*road.at(float(u[-1]), like))
             if orbit is None or not orbit.residual < 1e3:
                 return None
+            # The derivative by the parameter sets the speed of convergence alone, so that it need not be made anew in
+            # each step.
             if i < _FRESH or slope.size != orbit.r.size:
                 slope = _slope(road, float(u[-1]), orbit)
         except (EppError, ModelError, OverflowError):
@@ -331,6 +335,7 @@ class Walk:
                 best, least = found, abs(f_c)
             if least < _ZERO or abs(b - a) < 1e-13:
                 return best
+            # Illinois: the end that stays counts half, or all secants would come from one side.
             if f_c * f_b > 0:
                 b, f_b, f_a = c, f_c, 0.5 * f_a
             else:

@@ -256,10 +256,13 @@ class Search:
         span = np.ptp(states, axis=0)[compared]
         for n in range(1, self.most_periods + 1):
             change = np.abs(states[-1] - states[-1 - n])[compared] / np.where(span > 0, span, np.inf)
+            # Closing is dear: several periods are tried only where the run nearly repeats itself after as many.
             if n > 1 and np.max(change, initial=0.0) > _RETURNS:
                 continue
             found = self.closed(now, n)
             if found is not None and is_stable(found[1].multipliers, found[1].one_of_many):
+                # A response that closes near the run is not yet where it goes: the run must come nearer to it, or be on
+                # it (docs/theory/driven.md, How they are found).
                 away = [self._from(found, state) for state in (now, later(now, 10 * found[0] * self.drive.period))]
                 if away[1] < _ON_IT or (away[0] < _NEAR and away[1] < _NEARER * away[0]):
                     return found[0]
@@ -296,6 +299,7 @@ class Search:
                 return Motion.UNDECIDED, float("nan")
             total, direction = total + np.log(size), direction / size
             now = later(now, self.drive.period)
+        # The direction began with length sqrt(n), not one.
         rate = (total - 0.5 * np.log(self.drive.hybrid.n_plant)) / _PARTING
         if rate > _NO_RATE:
             return Motion.IRREGULAR, rate
@@ -313,6 +317,7 @@ def periodic_response(drive: Drive, multiple: int, orbit: Orbit) -> PeriodicResp
     placed = later(begun(orbit), ahead / drive.omega)
     if placed is not None:
         x = placed.x0.copy()
+        # At phase zero exactly, without the rounding of the way there.
         x[drive.sine] = 0.0, 1.0
         moved = passed(replace(placed, x0=x), orbit.period)
         if moved is not None and moved.residual < CONVERGED and ends_as_it_begins(moved):

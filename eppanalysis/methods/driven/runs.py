@@ -103,6 +103,7 @@ def _cycle(drive: Drive, periods: int, multiple: int, distance: float) -> LimitC
     run = _run(drive, periods, np.array([begin, end]))
     assert run is not None  # the same run was made a moment ago
     switches = [event.time for event in run.events if begin < event.time < end]
+    # Corners would spoil the quadrature of means and harmonics: its pieces end at them.
     marks = np.unique(np.concatenate([[begin, end], switches, *_ticks(drive, begin, end)]))
 
     def sample(times: Array) -> Array:
