@@ -183,6 +183,7 @@ def design(
     fixed = {name: case.value(name) for name in frontier.widths if name not in ranges}
     found: list[Optimum] = []
     for moved in [{}, *({over: value} for value in values)]:
+        # Along the front optima move little: each climb begins from the last ones.
         near = [tuple(o.at[n] for n in task.others) for o in found if o.feasible]
         found.append(_optimum(task.search(frontier, {**fixed, **moved}), task, near))
         if progress is not None:
@@ -259,6 +260,7 @@ def _optimum(search: Search, task: _Task, near: Sequence[Place]) -> Optimum:
         found, tested = _tested(search, task, best, found)
         if found.confirmed or tested is None or not tested.cycles:
             return found
+        # A family that the tests found bounds other places as well: all of them are asked anew.
         search.picks.clear()
         if not search.frontier.add(search.full(best.place, best.corner), tested.safe_value, tested.cycles):
             return found
@@ -344,6 +346,8 @@ def _tested(search: Search, task: _Task, best: Pick, found: Optimum) -> tuple[Op
                 f"{n_machines - n_good} of {n_machines} machines within the tolerances do not come to rest. {message}"
             )
     case = here.case_at(tested.safe_value)
+    # Beside a fold motions pass the ghost of the cycle slowly: runs that are slow and nothing else go on until they are
+    # seen to shrink.
     slow = _only_slow(tested) and all(shrinks(case, x, best.bound.cycle) for x in tested.slow)
     found = replace(
         found,

@@ -150,6 +150,8 @@ class Frontier:
         if moved is not None:
             family.append(replace(moved, place=place))
             return moved.bound
+        # Where the fold itself is not found, the cycle nearby is closed a little beyond it, and its branch followed
+        # back.
         for share in _BEYOND:
             value = float(np.clip(foretold * (1.0 + self.sign * share), here.low, here.high))
             bound = self._followed(here, value, near.cycle)
@@ -166,6 +168,7 @@ class Frontier:
         """The bound at a place as its slopes at the nearest one foretell it."""
         value, point = near.bound.value, near.bound.point
         moves = {n: b - a for n, a, b in zip(self.widths, near.place, place, strict=True) if a != b}
+        # Slopes of the orbit's equations foretell folds and border collisions alone.
         if point is None or (point.arc is None and abs(point.turn) > FLAT) or self.allowed is not None:
             return value
         slopes = exact_slopes(self.here(near.place), point, {name: self.widths[name] for name in moves})
@@ -209,6 +212,7 @@ class Frontier:
                     continue
                 if bound.kind is Turn.END:
                     return self._beyond(here)
+                # Where motions grow without bound nearer to the safe end, this fold is not what bounds the design.
                 if self.sign * (grows - bound.value) < 0:
                     break
                 self.families.append([Known(place, value, cycle, bound)])

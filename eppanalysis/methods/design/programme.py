@@ -58,6 +58,7 @@ class Programme:
     def _bound(self, place: Place) -> Fold | None:
         here = self.here(place)
         n_states = here.case_at(here.high).to_system().A.shape[0]
+        # The unknowns of a loop with another number of states do not fit this one's equations.
         known = {at: fold for at, (n, fold) in self.known.items() if n == n_states}
         try:
             numbers = here.numbers()

@@ -184,6 +184,8 @@ class Search:
             return Pick(place, np.nan, -np.inf, ExactBound(), message=_not_kept(judged))
         i = max(fit, key=lambda k: judged[k].worth)
         found = [Pick(place, values[i], judged[i].worth, ExactBound(), inside=i < len(values) - 1)]
+        # The best value may lie between two of the grid: on the border of what is kept, or where the goal rises beside
+        # the best one.
         for k in (k for k in (i - 1, i + 1) if 0 <= k < len(values)):
             if not judged[k].feasible:
                 found.append(self._border(here, place, values[i], values[k]))
@@ -257,6 +259,7 @@ class Search:
         give = slope(limit, size, slack) if pick.kept is not None else np.nan
         out = {}
         for name, large in names.items():
+            # On the border the slack stays zero: d limit/dq = -(d slack/dq)/(d slack/d limit).
             moved = moves.get(name, 0.0) if pick.kept is None else -slope(name, large, slack) / give
             out[name] = slope(name, large, worth) + by_limit * moved
         return out
@@ -275,6 +278,7 @@ class Search:
         else:
             found = {n: self._by_neighbour(pick, n) for n in names if n in frontier.widths}
         corner, shares = pick.corner, self.shares
+        # At the corner a parameter is (1 + tolerance) times its nominal value, by which the derivative is wanted.
         scale = self.nominal(1.0)
         return {n: scale * s * (1.0 + corner.get(n, 0.0) * shares.get(n, 0.0)) for n, s in found.items()}
 
@@ -324,6 +328,7 @@ class Search:
         for corner in [down, *({**down, n: -down[n]} for n in most)]:
             if corner in self.corners:
                 continue
+            # So far the nominal case alone counts, and downhill of it the bound is worse by its slopes.
             if not any(self.corners[0]):
                 return corner
             if self.frontier.worth(self.frontier.at(self.full(best.place, corner))) < self.frontier.worth(best.bound):

@@ -379,6 +379,7 @@ def between(road: Road, one: Place, other: Place, value: float) -> Place | None:
 def _crossing(old: Place, new: Place) -> tuple[Turning, Callable[[Place], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     values = (new if not new.stable else old).orbit.multipliers
+    # Multipliers are sorted, so that the last one outside is the nearest to the circle: the one that has just crossed.
     leading = values[np.abs(values) >= 1.0][-1]
     if abs(leading.imag) > 1e-9:
         return Turning.TORUS, lambda p: float(np.max(np.abs(p.orbit.multipliers))) - 1.0

@@ -60,6 +60,7 @@ class Response:
         nodes = _nodes(loop, np.concatenate([rates, 1j * _candidates(loop)]))
         with np.errstate(all="ignore"):
             value = loop.response(nodes)
+            # Behind a dead time the phase turns for ever: it is followed only while the loop gain is not small.
             follow = 0.0 if loop.rational or loop.time_step else _FAR_GAIN
             while (between := _between(nodes, value, follow)).size and nodes.size < _MOST_NODES:
                 nodes = np.concatenate([nodes, between])
@@ -82,6 +83,8 @@ class Response:
         roots = np.array(self._roots(lambda L: L.imag / np.abs(L), sine, shown, nearest=True))
         value = self.loop.response(roots) if roots.size else np.zeros(0, complex)
         with np.errstate(all="ignore"):
+            # The sine changes its sign across a pole on the axis and where the response is positive, too: no
+            # crossovers.
             crosses = np.isfinite(value) & (value.real < 0.0) & (np.abs(value.imag) < 1e-6 * np.abs(value))
         ends = [end for end in (self._slow_end(), self._fast_end()) if end is not None and end[1] < 0.0]
         omega = np.append(roots[crosses], [end[0] for end in ends])
@@ -139,6 +142,7 @@ class Response:
         omega, values = self.omega[used], at_nodes[used]
         changes = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
         if nearest:
+            # A dead time makes crossovers without end; those of a gain near one decide the margins.
             negative = (self.value[used].real[changes] < 0.0) | (self.value[used].real[changes + 1] < 0.0)
             changes = changes[negative]
             size = np.abs(np.log(np.abs(self.value[used])))
@@ -225,6 +229,7 @@ def _between(omega: Array, value: ComplexArray, follow: float) -> Array:
     """
     with np.errstate(all="ignore"):
         a, b = value[:-1], value[1:]
+        # On the Riemann sphere a way through a pole is as smooth as one through zero.
         chord = np.abs(a - b) / np.sqrt((1.0 + np.abs(a) ** 2) * (1.0 + np.abs(b) ** 2))
         phase = np.abs(np.angle(b / a))
         far = (
@@ -247,6 +252,7 @@ def _candidates(loop: Linear) -> Array:
     A, B = loop.all_at_once
     C, D = loop.C, loop.D
     if loop.time_step:
+        # The bilinear map takes the unit circle to the imaginary axis, where the eigenvalues below are asked for.
         shifted = A + np.eye(loop.n)
         if np.linalg.cond(shifted) > 1e12:
             return np.zeros(0)

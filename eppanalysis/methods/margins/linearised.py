@@ -108,6 +108,7 @@ class Linear:
             error = np.linalg.solve(still, moved @ rest)[-1]
         except np.linalg.LinAlgError:
             return float("nan")
+        # An error that is left behind a step grows for ever behind a ramp.
         size = 1.0 + np.abs(still[-1]) @ np.abs(rest)
         return abs(float(error)) if abs(rest[-1]) <= ROUNDING * size else float("inf")
 
@@ -121,6 +122,7 @@ class Linear:
             found: ComplexArray = np.concatenate([poles(A), zeros(A, B, self.C, self.D)])
         else:
             I = np.eye(self.n)  # noqa: E741  # the unit matrix
+            # Slow poles crowd at z = 1: from A - 1 they come out with all their digits.
             z = np.concatenate([poles(A - I), zeros(A - I, B, self.C, self.D)]) + 1.0
             found = np.asarray(np.log(z[np.abs(z) > 1e-9]) / self.time_step, complex)
         size = np.abs(found)
@@ -253,6 +255,7 @@ class Linearised:
         d = np.hstack([np.zeros((1, n)), [[1.0]]]) - y
         own = ((float(cuts.delays[i]), cuts.B[:, [i]] @ d),)
         terms = self._terms(w[:, :n], w[:, n:], system.A, np.zeros((n, 1)), own)
+        # A direct path that rounding alone leaves is none: it would hold up the loop gain at all high frequencies.
         size = share * abs(cuts.F[i]) + (np.abs(dw) @ np.abs(self.gains) @ np.abs(z[:, n:]))
         D = np.where(np.abs(y[:, n:]) <= ROUNDING * size, 0.0, -y[:, n:])
         return _in_even_units(Linear(terms, -y[:, :n], D, system.time_step))
@@ -301,6 +304,7 @@ class Linearised:
         # Rows of z, then of y and d; columns x, z, d, and what the elements send off.
         seen = np.hstack([system.C, system.D @ self.gains, cuts.E[:, [i]], system.D])
         back = np.hstack([cuts.C[[i]], cuts.D[[i]] @ self.gains, [[cuts.F[i]]], cuts.D[[i]]])
+        # At one frequency alone a path may happen to vanish.
         for omega in scale * np.array([0.13, 0.71, 1.9]):
             s = np.exp(1j * omega * system.time_step) if system.time_step else 1j * omega
             late, own = np.exp(-1j * omega * system.delays), np.exp(-1j * omega * cuts.delays[i])

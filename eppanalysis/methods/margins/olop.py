@@ -90,6 +90,8 @@ def olop(
         rates = np.concatenate([opened.rates, closed.rates])
         response = Response.of(opened, rates)
         moves = _moves(linearised, name, limiter, column)
+        # The limiter's output moves at A omega |T|: the lowest frequency at which that is the limit is the onset
+        # (docs/theory/rate_limit.md, The onset point).
         omega = _onset(response.omega, lambda w: amplitude * w * np.abs(moves(w)) - limiter.rate)
         value = complex(opened.response(np.array([omega]))[0])
         stable = is_stable(closed, rates)

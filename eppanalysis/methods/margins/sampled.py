@@ -29,11 +29,13 @@ def from_sample_to_sample(system: LureSystem, gains: Array) -> LureSystem | None
     """
     p = Places.of(system)
     times = {(c.sample_time, c.delay, c.offset) for c in p.controllers}
+    # Controllers that are executed at other times have no common sample from which to which the loop could be taken.
     if len(times) > 1 or np.any(system.delays > 0) or any(c.state_last for c in p.controllers):
         return None
     step, late, _ = times.pop()
     x_x, x_h, r_x, r_h = _between_samples(system, gains, p)
     n, k = x_h.shape
+    # What is held has no rate of its own, so that one exponential carries it and the plant.
     generator = np.vstack([np.hstack([x_x, x_h]), np.zeros((k, n + k))])
     before, behind = scipy.linalg.expm(generator * late), scipy.linalg.expm(generator * (step - late))
     A_d, B_d, C_d, D_d = (

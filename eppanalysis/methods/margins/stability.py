@@ -40,6 +40,7 @@ def is_stable(loop: Linear, rates: ComplexArray) -> bool | None:
 def _by_poles(A: Array, discrete: bool) -> bool | None:
     """By eigenvalues, each with the error that rounding may have given it."""
     unit = np.eye(len(A)) if discrete else 0.0
+    # Poles at zero do not grow, but rounding would put them on either side of the border: they are taken off first.
     apart, _, k = integrators_apart(balanced(A - unit)[0])
     if not k:
         return True
@@ -48,6 +49,7 @@ def _by_poles(A: Array, discrete: bool) -> bool | None:
     left /= np.linalg.norm(left, axis=0)
     with np.errstate(all="ignore"):
         worst = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
+    # To first order rounding moves an eigenvalue by its own size over the cosine between left and right eigenvector.
     error = 10.0 * np.finfo(float).eps * k * np.linalg.norm(apart[:k, :k]) * worst
     growth = np.abs(found + 1.0) - 1.0 if discrete else found.real
     if np.any(growth > error):
@@ -86,6 +88,7 @@ def _by_turns(loop: Linear, rates: ComplexArray) -> bool | None:
     phase = _phase(loop, aside, omega, norm)
     while True:
         step = np.abs(np.angle(phase[1:] / phase[:-1]))
+        # A step of nearly pi may as well be one the other way round.
         coarse = step > 0.5
         coarse &= omega[1:] - omega[:-1] > 1e-12 * omega[1:]
         if not np.any(coarse) or omega.size > _MOST_NODES:
