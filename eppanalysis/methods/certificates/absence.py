@@ -96,6 +96,8 @@ def _not_covered(loop: Mapping[str, Any]) -> str:
     if low is None or low == high:
         return "the element lies in no sector, or is linear."
     num, den = (rational(loop[name][-1]) for name in ("num", "den"))
+    # The criteria know the loop by what the element sees: an integrator that cancels is beyond them
+    # (docs/theory/certificates.md, No periodic motion).
     unseen = num == 0 == den + low * num and loop["element"]["kind"] != "play"
     return "the element does not see an integrator of the loop." if unseen else ""
 
@@ -110,6 +112,7 @@ def _multiplier(
     circle = criterion(num, den, low, high, Fraction(0))
     if positive(circle):
         return Fraction(0)
+    # With memory the integral of w dx/dt over a period need not vanish, so that no multiplier but zero is allowed.
     if remembers:
         return None
     # The criterion is linear in its multiplier: two of them give the polynomial of any (docs/theory/certificates.md, No

@@ -108,6 +108,7 @@ class Graph:
         start, end = pairs = np.concatenate([np.zeros((2, 0), int), *met], axis=1)
         graph = csr_matrix((np.ones(len(start)), (start, end)), (len(leaves), len(leaves)))
         count, label = connected_components(graph, connection="strong")
+        # A periodic motion stays in one group; a cell by itself is a circle only where it may come back to itself.
         loops = np.bincount(label, minlength=count) > 1
         loops[label[start[start == end]]] = True
         return cls(pairs, label, count, np.flatnonzero(loops).tolist())
@@ -120,6 +121,8 @@ class Graph:
         """A number for each group, smaller than those of all groups that lead to it."""
         rows, columns = self.label[self.pairs]
         pairs = np.unique(np.stack([rows, columns], axis=1)[rows != columns], axis=0)
+        # From the cells that lead nowhere upwards: the checker asks that every image has a smaller number
+        # (docs/theory/cells.md).
         left = np.bincount(pairs[:, 0], minlength=self.count)
         before: list[list[int]] = [[] for _ in range(self.count)]
         for start, end in pairs.tolist():
@@ -171,6 +174,7 @@ def find(loop: Mapping[str, Any], cycles: bool = False) -> dict[str, Any] | str:
             returns = ReturnMap(loop)
         except (Refused, LookupError):
             return ""
+        # With a cycle there is no such cover, and halving would go on to its end: one run tells that first.
         if not cycles and _goes_on(returns):
             return f"; a motion has not come to rest after {_MOST_RETURNS} returns"
         return _search(loop, returns, cycles)
@@ -232,6 +236,8 @@ def _clusters(returns: ReturnMap, leaves: list[Node], graph: Graph) -> list[Clus
 def _form(slope: np.ndarray) -> list[str]:
     """A quadratic form that rises along a linear map, shape (2, 2): positive where it stretches, else negative."""
     values, rows = np.linalg.eig(slope.T)
+    # With slope^T f = mu f the sum of f f*/(|mu|^2 - 1) has A^T Q A - Q = sum of f f*, which is positive definite
+    # (docs/theory/cells.md, Cycles).
     squares = np.abs(values) ** 2 - 1.0
     Q = sum(np.outer(f, f.conj()).real / s for f, s in zip(rows.T, squares, strict=True))
     Q = Q / np.abs(Q).max()

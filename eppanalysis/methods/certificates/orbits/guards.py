@@ -178,6 +178,8 @@ def weights_of(stage: Stage, moving: list[int], scale: np.ndarray) -> np.ndarray
 
     rate, scale = stage.rate.tolist(), np.asarray(scale, float)[moving]
     size = np.array([[abs(float(arb(rate[i][j]))) for j in moving] for i in moving]).reshape(len(moving), len(moving))
+    # The Perron vector makes all weighted row sums equal, and no scaling has a smaller largest one. A trifle in every
+    # place keeps the matrix irreducible; powers of two scale without rounding.
     relative = size / scale[:, None] * scale
     relative = relative + 1e-4 * max(float(relative.max(initial=0.0)), 1e-300)
     weights = np.ones(len(scale))
@@ -252,6 +254,8 @@ class _Pieces:
         limit = -(stray * self.sizes[g])
         if order == 0:
             return all(v < limit for v in (self._form(level, g) * state).entries())
+        # At the start of an arc a guard may be exactly zero; over that power of the time it has one sign
+        # (docs/theory/certified_orbits.md, No event earlier).
         return _all_below((self._series(level, g, False) * state).entries()[order:], limit)
 
     def _ends_below(self, level: int, g: int) -> bool:

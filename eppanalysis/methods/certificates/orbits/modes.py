@@ -165,6 +165,7 @@ class ExactModes:
         for e, mode in enumerate(modes):
             m = int(model.mode_first[e]) + mode
             (z0, w0, h0), (z1, w1, h1) = (tuple(int(v) for v in model.first[k]) for k in (e, e + 1))
+            # What sticks holds its input still: c (A x + B w) = 0 stands in place of the mode's own equation.
             if model.mode_stick[m]:
                 c = as_row(on_input.tolist()[z0][: self.n])
                 left[w0], right[w0] = (c * B).tolist()[0], (-(c * on_state)).tolist()[0]

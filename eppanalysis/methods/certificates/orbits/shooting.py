@@ -83,6 +83,7 @@ class Shooting:
             _, through = path.since(path.timed[(place + 1) % self.n_legs])
             stage = path.stages[a]
             self.legs.append(Leg(arb_mat(stage.rate), arb_mat(stage.fired_row), arb_mat(through)))
+        # Scales are powers of two, by which balls are multiplied without rounding.
         timed = np.array(path.timed, int)
         state, T = np.ones(self.m), float(_power_of_two(np.array(orbit.period)))
         # One row and one column of the equations for each unknown, leg by leg: m states, then the length.
@@ -189,6 +190,8 @@ class Shooting:
         from flint import arb_mat
 
         size, best = len(x), None
+        # Iterates are points, whose errors need not be carried: the residual of the last one is bounded by itself.
+        # Where a step is no longer half the one before, rounding is reached.
         for _ in range(_MOST_STEPS):
             r = arb_mat(size, 1, self._residual(x, self._flows(x)))
             step = (Y * r).entries()

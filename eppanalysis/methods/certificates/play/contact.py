@@ -41,6 +41,8 @@ def _with_second(num: Vector, den: Vector, first: Fraction) -> tuple[list[Vector
     rest = [Fraction(1), d1 - first, d2 - first * (d1 - first)]
     slow = _slower_pole(rest)
     fast, second = rest[1] - slow, slow
+    # The last input, (n1 m3 - n0)/c^2, must not be positive, so that m3 is at most n0/n1
+    # (docs/theory/absence_with_play.md, Contact coordinates).
     if len(num) == 2 and num[0] > 0:
         second = max(slow, rest[1] - num[1] / num[0])
     choices = [[first, pole] for pole in dict.fromkeys((second, fast) if len(num) == 2 else (second,))]

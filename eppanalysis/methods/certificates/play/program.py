@@ -71,8 +71,10 @@ def largest_margin(matrices: list[Array], numbers: list[Array], bounded: int) ->
     size, root = len(numbers[0]), math.sqrt(2.0)
     rows = [np.array(numbers)]
     for matrix in matrices:
+        # Off the diagonal times the root of two: the scalar product of triangles is then that of the matrices.
         rows.append(np.array([matrix[i, j] * (1.0 if i == j else root) for i, j in upper(len(matrix))]))
     each = np.eye(size)
+    # The inequalities are homogeneous: without a bound on the unknowns the margin would have none.
     box = np.vstack([each[:bounded], -each[:bounded], each[-1:]])
     left = scipy.sparse.csc_matrix(np.vstack([box, -np.vstack(rows)]))
     right = np.concatenate([np.ones(len(box)), np.zeros(sum(len(part) for part in rows))])

@@ -33,6 +33,7 @@ def rays_of(count: int, n_digits: int = 100) -> Matrix:
     """Borders of 2 `count` sectors of equal angles, in rationals, from (0, 1) by (1, 0) to (0, -1)."""
     angles = [math.pi / 2 * k / count for k in range(1, count)]
     upper = [
+        # Any rays will do; short numbers keep the certificate short.
         [Fraction(round(n_digits * math.sin(a)), n_digits), Fraction(round(n_digits * math.cos(a)), n_digits)]
         for a in angles
     ]
@@ -179,6 +180,7 @@ def _inequalities(
     stuck = np.array(A, dtype=float)
     flow = stuck + np.outer(np.array(b, dtype=float), np.eye(n)[0])
 
+    # (1), (4), (3) and (5) of docs/theory/absence_with_play.md, The function and its inequalities; (2) is in the forms.
     quiet = falling(Q, stuck)
     matrices = [spare(quiet[1:, 1:] if unknowns.rests else quiet, margin)]
     numbers = [*moving, *released, (P[-1] - Q)[1, 1] - margin]
