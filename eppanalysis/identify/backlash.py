@@ -148,6 +148,7 @@ def _find_stays(recording: Recording, radius: float) -> _Stays:
     low, high = np.quantile(angle, [0.02, 0.98])
     span = float(high - low)
     noise = float(np.std(np.diff(angle))) / math.sqrt(2)
+    # The median step, 0.954 standard deviations of noise, does not see the few in which the forearm moves.
     steps = np.abs(np.diff(angle))
     noise = min(noise, float(np.median(steps)) / 0.954 + recording.resolution[Role.ANGLE] / math.sqrt(12))
     if not span > 6 * noise:
@@ -268,6 +269,8 @@ def _held_back(recording: Recording, stays: _Stays, case: Case) -> Array | None:
         return share
     width = max(1, int(0.2 * float(np.mean(stays.ends - stays.starts))))
     angle = uniform_filter1d(recording[Role.ANGLE], width, mode="nearest")
+    # The stretch follows from the forces without friction, and the share that friction holds from the stretch: in
+    # turns.
     for _ in range(6):
         force = stays.force / share
         slope = -_contrast(force, stays.side) / _contrast(stays.angle, stays.side)

@@ -111,7 +111,9 @@ def weighted(jacobian: Array, residual: Array, floor: float = 0.0) -> Weighted:
         step = np.linalg.solve(normal, -(JW.T @ r))
         left = r + J @ step
         level = max(float(np.sum(left**2 / shape)) / freedom, least)
+        # The restricted likelihood: the determinant counts what the fitted parameters take off the residuals.
         logs[i] = -0.5 * (freedom * math.log(level) + np.sum(np.log(shape)) + np.linalg.slogdet(normal)[1])
+        # White noise is one pair, any other ratio has one for each corner: all ratios are to count alike.
         if ratio == 0:
             logs[i] += math.log(_CORNERS)
         fits.append((step, level * np.linalg.inv(normal), level * shape))
@@ -160,4 +162,5 @@ def rounding(resolution: float, scatter: float) -> float:
     if not resolution > 0:
         return 0.0
     noise = max(scatter**2 - resolution**2 / 12.0, 0.0)
+    # The mean rounding error is a sawtooth over the value; noise damps its first harmonic by exp(-2 pi^2 sigma^2/q^2).
     return 0.5 * resolution * math.exp(-2.0 * noise * (math.pi / resolution) ** 2)

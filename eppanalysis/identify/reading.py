@@ -272,6 +272,7 @@ class _Table:
         except (ValueError, OverflowError, MemoryError):
             return None
         rows = frame[places].to_numpy(np.float64)
+        # pandas fills short rows up; the number of separators gives them away.
         complete = piece.count(self.separator.encode()) == len(rows) * (self.n_cells - 1)
         return rows if complete and not np.isinf(rows).any() else None
 

@@ -121,6 +121,7 @@ def _weights(
 ) -> tuple[Array, float, float]:
     """Weights of all draws against the mixture that they come from, what they are worth, and their temper."""
     p = places.shape[1]
+    # Against the mixture of all rounds: a draw that its own round hardly expected gets no boundless weight.
     density = np.zeros(len(places))
     for centre, spread in proposals:
         root = _root(spread)
@@ -130,6 +131,8 @@ def _weights(
     base = -np.log(np.maximum(density, 1e-300))
     wanted = min(3.0 * p, 0.3 * len(places))
     temper = 1.0
+    # Where few draws carry all the weight, costs count less until enough of them do: the intervals are then wider than
+    # the data ask for, which the fit says.
     while True:
         logs = base - 0.5 * temper * (costs - least)
         weights = np.exp(logs - logs.max())

@@ -288,6 +288,7 @@ def _hold(response: Response, q: Array, matrix: Array, name: str) -> Array:
     follow = matrix[:, place] / matrix[place, place]
     start = q[place]
     low, high = _bounds(response.unknowns)
+    # In short steps, or the fit leaves the ridge along which the others stand in for this parameter.
     for share in np.linspace(0.0, 1.0, max(2, math.ceil(abs(target - start) / 0.3) + 1))[1:]:
         at = start + share * (target - start)
         response.replace(place, replace(unknown, start=unknown.value(float(at)), prior=1e-4))
@@ -372,6 +373,7 @@ def _local(response: Response, q: Array) -> tuple[_Whitener, Array]:
         noises.append(weighted(_independent(moving), r + moving @ step, 1e-3))
         whitened = noises[-1].whiten(columns)
         bases.append(np.linalg.qr(whitened[:, q.size :])[0])
+        # Zero and drift are fitted along: what they can explain is taken out of the derivatives.
         J = whitened[:, : q.size] - bases[-1] @ (bases[-1].T @ whitened[:, : q.size])
         normal = normal + J.T @ J
     # Directions without information reach as far as the starts do.

@@ -109,6 +109,7 @@ def sensor_force(load: Array, pieces: tuple[Stroke, ...], pulley: Pulley) -> Arr
     for piece in pieces:
         loads = load[piece.first : piece.last]
         if piece.direction > 0:
+            # Small reverses within a stroke are noise: the pulley does not follow them.
             loads = np.maximum.accumulate(loads)
             line = loads * pulley.rises
             moves = np.ones(loads.size, bool) if held is None else loads * pulley.breaks_up > held

@@ -71,6 +71,7 @@ def explore(
         places, values = np.vstack([places, draws]), np.vstack([values, fresh])
         costs = np.sum(values**2, axis=1)
         best = places[int(np.argmin(costs))]
+        # Draws are from the surface: their weights take back what it has wrong.
         logs = -0.5 * (np.sum(fresh**2, axis=1) - surface.cost(draws))
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
@@ -132,6 +133,8 @@ class _Surface:
         weight = 1.0 / (1.0 + (costs - costs.min()) / (4.0 * centre.size))
         features = _features(u) * weight[:, None]
         coefficients = np.linalg.lstsq(features, values * weight[:, None], rcond=1e-10)[0]
+        # The sum of squares is the squared length of this triangle times the features; the residuals are needed no
+        # more.
         return cls(centre, root, np.asarray(np.linalg.qr(coefficients.T, mode="r")))
 
     def cost(self, places: Array) -> Array:
@@ -147,6 +150,8 @@ class _Surface:
         u = 0.3 * rng.normal(size=(_CHAINS, p))
         cost, half = self._at(u), _CHAINS // 2
         for turn in range(_TURNS):
+            # A Markov chain by differential evolution (ter Braak, Statistics and Computing 16, 2006): each half steps
+            # along differences of the other; a stride of one now and then leads from one ridge to another.
             for move, other in ((slice(0, half), half), (slice(half, None), 0)):
                 pair = other + rng.integers(0, half, (2, half))
                 stride = 1.0 if turn % 10 == 0 else 2.38 / np.sqrt(2.0 * p)

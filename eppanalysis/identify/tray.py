@@ -94,6 +94,7 @@ def _best(loop: _Loop, start: Array) -> tuple[Array, float]:
     both, there = loop.search(guess)
     before, after = (float(np.sum(loop.residual(p, e) ** 2)) for p, e in ((plain, where), (both, there)))
     seen = np.linalg.norm(loop.jacobian(both, there)[:, 4]) > 0
+    # One more parameter always leaves less, by about the variance of a reading; twelve of them are asked for.
     return (both, there) if seen and after < before * (1.0 - 12.0 / len(loop.data.force)) else (plain, where)
 
 
@@ -228,6 +229,8 @@ class _Loop:
     def search(self, start: Array) -> tuple[Array, float]:
         """Best fit over all standstills."""
         best, where, least = start, 0.0, math.inf
+        # With the standstill rows change from standing to sliding, and the sum of squares jumps: it is scanned, and
+        # only the others are fitted by derivatives.
         for share in (0.0, *np.geomspace(0.002, 0.35, 36)):
             p, cost = self.fit(np.where(np.arange(start.size) == 3, share, start), share)
             if cost < least:
@@ -278,6 +281,7 @@ def _posterior(loop: _Loop, best: Array, where: float, noise: Weighted) -> _Post
     b = 2.0 * grid[:, None] - a[None, :]
     with np.errstate(all="ignore"):
         ratio = a[None, :] / b
+        # Even over the ratio a/b, whose derivative by b is a/b^2 in size.
         prior = np.where((b > 0) & (ratio >= KINETIC_RATIOS[0]) & (ratio <= KINETIC_RATIOS[1]), a[None, :] / b**2, 0.0)
     weight = normal * prior * cells[:, None]
     if not weight.sum() > 0:

@@ -400,6 +400,7 @@ def _agreement(
     if run.status is Status.LIMIT_CYCLE:
         return Agreement.AGREE if matched is not None else Agreement.NOT_PREDICTED
     predicted = any(c.stable for c in prediction.cycles)
+    # A stable cycle that first order misses outweighs a run at rest, which another start would have taken to it.
     if found.missed and not (stays or found.confirmed):
         return Agreement.MISSED
     if run.status is not Status.SETTLED:

@@ -274,6 +274,7 @@ def _simulated(run: Trajectory, seconds: float, signal: str) -> Rung:
 
 def _belonging(rows: tuple[Rung, ...], truth: Sequence[LimitCycle], signal: str) -> tuple[Rung, ...]:
     """The rungs with the exact cycles that they belong to, and their errors."""
+    # From the best pair on: cycles of one stability first, then the nearest; no exact cycle serves two of a method.
     pairs = sorted(
         (row.cycle.stable not in (None, cycle.stable), distance(row.cycle, cycle, signal), i, j)
         for i, row in enumerate(rows)

@@ -95,6 +95,7 @@ def check_element(
         sizes, described = np.zeros(0), (np.zeros(0), np.zeros(0, complex))
     # Of the first output.
     mean, gain = (np.asarray(part).reshape(sizes.size, -1)[:, 0] if sizes.size else part for part in described)
+    # With y = mean + a (Re N sin + Im N cos): over a period y dx adds up to pi a^2 Im N, and y x dt to the last line's.
     turn = 2.0 * np.pi / omega
     return ElementCheck(
         name or type(element).__name__.lower(),

@@ -126,6 +126,7 @@ class Region:
         fixed = self._fixed()
         if fixed is None:
             return -np.inf, np.full(n, np.nan)
+        # What the equations fix by themselves is put in first, without the tolerance of the linear programme.
         known = np.append(fixed, 1.0)
         below = [float(row @ np.where(row != 0.0, known, 0.0)) for row in map(self._scaled, rows)]
         if min((value for value in below if value == value), default=0.0) < -ROUNDING:

@@ -278,6 +278,8 @@ def _moved(data: _Data, poles: ComplexArray) -> ComplexArray:
     H = data.H[:, None]
     straight = np.ones((len(data.s), 0 if data.degree else 1))
     rows = weight[:, None] * np.hstack([basis, straight, -H * basis])
+    # The data times sigma = 1 + c (s - A)^-1 b are rational with these poles, so that the poles of the data are the
+    # zeros of sigma, the eigenvalues of A - b c (docs/theory/measured.md, A rational model).
     c = _least(rows, weight * data.H)[-len(A) :]
     return _left(np.linalg.eigvals(A - b @ c[None]), data.omega)
 

@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 def rays_of(count: int, n_digits: int = 100) -> Matrix:
     """Borders of 2 `count` sectors of equal angles, in rationals, from (0, 1) by (1, 0) to (0, -1)."""
     angles = [math.pi / 2 * k / count for k in range(1, count)]
+    # Any rays will do; short numbers keep the certificate short.
     upper = [
-        # Any rays will do; short numbers keep the certificate short.
         [Fraction(round(n_digits * math.sin(a)), n_digits), Fraction(round(n_digits * math.cos(a)), n_digits)]
         for a in angles
     ]
