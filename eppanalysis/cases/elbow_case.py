@@ -209,6 +209,7 @@ def other_bands(parameters: ElbowParameters, kept: set[str], given: set[str]) ->
     Bands that are not symmetric about their centre have no widths that could stay.
     """
     slack, low, high, top = parameters.bands.thresholds
+    # Widths say bands that are symmetric; others have thresholds alone.
     symmetric = abs(low + high - slack - top) <= _SYMMETRIC * abs(top)
     groups = ((_WIDTHS, _THRESHOLDS, symmetric), (_THRESHOLDS, _WIDTHS, True))
     for these, those, known in groups:

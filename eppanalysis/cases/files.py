@@ -206,6 +206,7 @@ def _follow(data: dict[str, Any], path: Path, source: str) -> RawCase:
     origins: dict[str, str] = {}
     for label, data in reversed(chain):
         merged = merge(without_answers(merged), data)
+        # A list takes the place of the inherited one as a whole: where parts of that came from is no longer true.
         replaced = tuple(f"{name}." for name, value in _dotted(data) if isinstance(value, list))
         origins = {name: place for name, place in origins.items() if not name.startswith(replaced)}
         origins.update(dict.fromkeys((name for name, _ in _dotted(data)), label))
@@ -269,6 +270,7 @@ def _find_base(base: Any, child: Path, source: str) -> Path:
     for folder in (child.parent, shipped_cases_folder()):
         found = folder / file_name
         if found.is_file():
+            # A case from elsewhere must not lead out of its folder by a link.
             if found.resolve().parent != folder.resolve():
                 raise CaseError(source, "base", base, "a case that lies in the same folder, not a link out of it")
             return found

@@ -115,6 +115,7 @@ class _Reading:
         if section != "connect" or not place.isdigit():
             return error
         number = int(place)
+        # Each connection that was taken out before this one has moved it up.
         for taken in sorted(self.cut):
             number += taken <= number
         return CaseError(error.source, f"{section}.{number}", error.value, error.expected, error.fault)

@@ -373,6 +373,7 @@ class Case:
         """What a result needs to be traced back: file, checksum, version and every parameter with its mark."""
         from eppanalysis import __version__
 
+        # One content has one checksum, in whatever order its fields were written.
         content = json.dumps(self._raw.data, sort_keys=True, ensure_ascii=True)
         return {
             "case": self.name,

@@ -324,6 +324,7 @@ def validate(raw: RawCase, files: Mapping[str, type[CaseFile]]) -> Any:
         return model.model_validate(raw.data)
     except ValidationError as error:
         found = error.errors(include_url=False)
+        # An unknown field tells more than the missing one that it was meant for, and goes first; missing ones go last.
         first = min(found, key=lambda e: (e["type"] != "extra_forbidden", e["type"] == "missing"))
         raise _case_error(dict(first), raw, model) from None
 

@@ -185,6 +185,7 @@ def _implied(known: Sequence[_Fact], role: Role, name: str) -> float | None:
     """Exponent of a base unit in a field of this role, None where what is known does not tell."""
     rows = np.array([f.role[:2] for f in known], float).reshape(-1, 2)
     right = np.array([_right(f, name) for f in known], float)
+    # Exponents add up as roles do: a role that is a combination of known ones has that combination of their exponents.
     weights = np.linalg.lstsq(rows.T, np.array(role[:2], float), rcond=None)[0] if len(known) else np.zeros(0)
     if not np.allclose(weights @ rows if len(known) else np.zeros(2), role[:2]):
         return None

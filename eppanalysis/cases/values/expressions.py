@@ -156,6 +156,7 @@ class Expression:
             if name not in values:
                 raise unknown_name(name, values)
         found = self._compute(self._tree, values)
+        # Radians are plain numbers, of which a broken power says nothing.
         unit = {name: power for name, power in found.unit.items() if name != "radian" or power.denominator == 1}
         if any(power.denominator != 1 or abs(float(power)) > LARGEST_POWER for power in unit.values()):
             raise QuantityError(f"whole powers of units, at most {LARGEST_POWER}: {self.text} is in {_shown(unit)}")
@@ -336,6 +337,7 @@ def parse(text: str) -> Expression:
         raise QuantityError(f"{_WANTED}, at most {LONGEST} characters long")
     plain = text.translate(SPELLINGS).strip().replace("^", "**")
     try:
+        # Python's parser sees nothing but tokens of arithmetic.
         if not _TOKENS.fullmatch(plain):
             raise QuantityError(_wanted(text))
         tree = ast.parse(plain, mode="eval").body

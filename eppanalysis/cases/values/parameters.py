@@ -198,6 +198,7 @@ def resolve(tables: Mapping[str, Any], place: str, raw: RawCase) -> dict[str, Na
     found: dict[str, Named] = {}
     for name in order:
         named = read(tables[name], f"{place}.{name}", raw, found)
+        # What is given is a variable of its own; what is computed hangs on such ones by its slopes.
         slopes = named.value.gradient if is_expression(_text(tables[name])) else {name: 1.0}
         found[name] = named._replace(value=replace(named.value, gradient=slopes))
     return {name: found[name] for name in tables}

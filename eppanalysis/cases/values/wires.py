@@ -81,6 +81,7 @@ def check_wires(
         if isinstance(part, Block) and fields.get(f"blocks.{name}"):
             for port, unit in part.port_units.items():
                 signals.join((name, port), _ONE, dimensions(unit))
+    # Numbers come last, so that one which contradicts the wires is refused itself.
     _check_connections(diagram, signals, raw)
     _check_given(diagram, units, signals, raw)
     for place, typed in fields.items():
