@@ -157,6 +157,8 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
     if family.in_proportion:
         size = factor
     else:
+        # The size of a cycle is nearly a power of that of its element: secants in the logarithms, of which the exponent
+        # also carries the error over.
         for _ in range(_SIZES):
             if abs(np.log(factor)) < _NEAR:
                 break
@@ -175,6 +177,8 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
         if abs(np.log(factor)) >= 10 * _NEAR:
             return None
     misfit = yard.of_shape(harmonics) + yard.of_frequency(cycle.omega) + yard.of_growth(0.0)
+    # A cycle chooses neither its frequency nor its growth, so that both densities count in full
+    # (docs/howto/diagnose.md, What the verdict rests on).
     evidence = -0.5 * misfit - np.log(yard.period) - np.log(yard.growth) - 2 * _ROOT
     return Fit(evidence, misfit, yard.count - 2, cycle.period, harmonics, size, error / abs(exponent), cycle)
 
@@ -212,6 +216,7 @@ def of_linear(yard: Yardstick, linear: Linear) -> list[Fit]:
     spread = _spread(lambda x: _pole_cost(yard, linear, x), q, cost) if linear.turned >= 0 else 0.0
     pole, seen = _pole(yard.found, linear, q)
     harmonics = _one_harmonic(yard, seen)
+    # The gain is chosen out of a spread of `_GAIN` to within `spread`: what fits by choosing is less likely by as much.
     prior = (q / _GAIN) ** 2 + 2 * np.log(_GAIN / spread) if spread > 0.0 else 0.0
     misfit = cost + yard.of_shape(harmonics)
     evidence = -0.5 * (misfit + prior) - np.log(yard.period) - np.log(yard.growth) - 2 * _ROOT
@@ -254,6 +259,8 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
     for place, seen in _responses(yard.found, linear):
         harmonics = _one_harmonic(yard, seen)
         misfit = yard.of_shape(harmonics) + yard.of_growth(0.0)
+        # A disturbance may have any frequency of a decade, and is less likely by as much than what has to have this
+        # one.
         evidence = -0.5 * misfit - np.log(_ANY_FREQUENCY) - np.log(yard.growth) - _ROOT
         yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, place=place)
 

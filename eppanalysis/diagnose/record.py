@@ -239,6 +239,7 @@ def _fundamental(t: Array, Y: Array, line: float) -> float:
         K = _count(t, line) * part
         omega = _refined(t, Y, line / part, K, grows=False)[0][0]
         rest = _fitted(t, Y, omega, 0.0, K)[1]
+        # Schwarz's criterion: more harmonics always fit better, and must pay for it.
         cost = Y.size * np.log(max(float(np.mean(rest**2)), 1e-12)) + 2 * K * Y.shape[1] * np.log(len(t))
         costs.append((cost, omega))
     return min(costs)[1]

@@ -337,6 +337,7 @@ def _beyond(
         return OwnRuns(), None
     low, high = within
     if math.isfinite(own):
+        # The range of the bound may end before the case's own value, of which it is to be said what it does.
         low, high = (low, max(high, 2.0 * own)) if cell.sign > 0 else (min(low, 0.5 * own), high)
     question = Question(case, limit, low, high)
     hit = smallest_trigger(question, own) if cell.sign * (own - cell.bound) > 0 else None

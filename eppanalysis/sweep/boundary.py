@@ -165,6 +165,7 @@ def outcome_boundary(
         edges = _edges(inside)
         ends = np.array([[grid[a], grid[b]] if inside[a] else [grid[b], grid[a]] for a, b in edges]).reshape(-1, 2, 2)
         for _ in range(halvings if len(edges) else 0):
+            # All edges at once, so that a round is one sweep on all workers.
             middle = ends.mean(axis=1)
             points = Zipped({x: middle[:, 0].tolist(), y: middle[:, 1].tolist()})
             found = sweep(case, points, run, scheduler=place, workers=workers, progress=progress)
@@ -273,6 +274,7 @@ class _FoldSearch:
         from eppanalysis.methods.continuation.folds import continue_folds
 
         over, n, step = (self.rows[i], self.rows[end]), abs(end - i) + 1, 1 if end >= i else -1
+        # A fold is reached along a branch from the side that has cycles; which that is is not known.
         for limits in (window[::-1], window):
             try:
                 with np.errstate(over="ignore"):  # trial orbits that run away are refused

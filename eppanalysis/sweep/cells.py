@@ -267,9 +267,11 @@ def _part(builder: Builder, made: _Made, key: tuple[int, ...]) -> _Part | None:
         tuple(np.any(line != one, axis=0) for line in these)
         for one, these in zip(_arrays(base), zip(*map(_arrays, lines), strict=True), strict=True)
     )
+    # What moves along two axes is no matter of one of them: such cells are made in full.
     if any(np.any(np.sum(where, axis=0) > 1) for where in changed):
         return None
     n = start.n_plant
+    # The time scale hangs on A: it goes along with the only axis that moves A, and is computed anew where several do.
     moves = [bool(np.any(line.model.A[:, :n, :n] != base.model.A[:, :n, :n])) for line in lines]
     clock = moves.index(True) if sum(moves) == 1 else -1
     if sum(moves) == 0:

@@ -65,6 +65,7 @@ def write_sheet(path: Path, place: str, facts: Mapping[str, Any]) -> None:
     part = path.with_name(f"{path.name}.partial")
     with part.open("w", encoding="utf-8") as file:
         json.dump({"digest": digest_of([place, facts]), "facts": facts}, file)
+        # On the disk before it gets its name: a crash leaves the old file or the new one, and none that is torn.
         file.flush()
         os.fsync(file.fileno())
     part.replace(path)
