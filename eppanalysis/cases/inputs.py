@@ -136,6 +136,7 @@ def read_recording(path: Path, unit: str, label: str, raw: RawCase) -> Recorded:
     CaseError
         If the file is not there, a row has a hole, or times do not increase.
     """
+    # A case from elsewhere must not read outside its folder, by a link either.
     if not path.is_file() or path.resolve().parent != path.parent.resolve():
         field = "run.input.file"
         raise CaseError(raw.origin(field), field, label, "the name of a CSV file in the case's folder")

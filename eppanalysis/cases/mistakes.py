@@ -126,6 +126,7 @@ class _Reading:
         self.left = replace(self.left, data=data)
         match error.fault:
             case OpenInput(port):
+                # A source that stands for nothing, so that the rest of the diagram can be read.
                 data["connect"].append(f"{NOTHING} -> {port}")
                 return True
             case AlgebraicLoop(parts):

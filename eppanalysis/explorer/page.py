@@ -197,6 +197,7 @@ class Page:
     def _move(self, slider: Slider, value: float) -> None:
         if self.setting:
             return
+        # A whole drag is one step of Undo.
         if not self.shown.get("moving"):
             self._remember()
             self.shown["moving"] = True
@@ -405,6 +406,7 @@ class Page:
         before = self.running.pop(kind, None)
         if before is not None:
             before.cancel()
+        # What has begun is not cancelled; its answer comes with an old token, and is left.
         token = object()
         self.shown[f"{kind} token"] = token
 

@@ -147,6 +147,7 @@ class _Guarded(BokehTornado):
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
         """What answers a request: a refusal unless it has the token and one of the names."""
         given = request.path.split("/")[1] if request.path.startswith("/") else ""
+        # In a time that does not tell how much of the token is right.
         known = hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
         if not known or request.host.lower() not in self._hosts:
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})

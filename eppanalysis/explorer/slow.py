@@ -80,6 +80,7 @@ def branch(given: Given, over: str, low: float, high: float) -> Facts:
     case = given.case()
     middle = case.value(over)
     reason = ""
+    # From the upper end in one piece; where that has no cycle, from the case's own value to both sides.
     for ends in (((high, low),), ((middle, low), (middle, high))):
         pieces = []
         for start, stop in ends:

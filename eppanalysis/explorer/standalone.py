@@ -29,6 +29,7 @@ def standalone(doc: Document, heading: str, sentences: Sequence[str], pictures: 
     str
         HTML that holds all that it needs.
     """
+    # Models belong to one document, and the page goes on with its own.
     copy = Document.from_json(doc.to_json())
     shown = [model for name in pictures if (model := copy.get_model_by_name(name)) is not None]
     copy.clear()

@@ -214,6 +214,7 @@ def _means(recording: Recording, found: list[tuple[int, int]], sides: Array, noi
     creep = [_creep(recording[Role.ANGLE][a:b]) for a, b in found]
     pieces, side = [], []
     for (a, b), s in zip(found, sides, strict=True):
+        # Within a stay the hand's torque varies, which tells how the pin yields: each of its parts counts by itself.
         parts = 1 if torque is None else max(1, min(PARTS, (b - a) // FEWEST_ROWS))
         cuts = np.linspace(a, b, parts + 1).astype(int)
         pieces += list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
@@ -269,8 +270,6 @@ def _held_back(recording: Recording, stays: _Stays, case: Case) -> Array | None:
         return share
     width = max(1, int(0.2 * float(np.mean(stays.ends - stays.starts))))
     angle = uniform_filter1d(recording[Role.ANGLE], width, mode="nearest")
-    # The stretch follows from the forces without friction, and the share that friction holds from the stretch: in
-    # turns.
     for _ in range(6):
         force = stays.force / share
         slope = -_contrast(force, stays.side) / _contrast(stays.angle, stays.side)

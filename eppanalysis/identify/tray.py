@@ -110,6 +110,7 @@ def _prepare(recording: Recording) -> _Data:
     starts = np.flatnonzero(np.diff(force, prepend=np.nan) != 0)
     lengths = np.diff(np.append(starts, force.size))
     weight = np.ones(force.size)
+    # A force that stays for many readings is a weight; of a steadily rising one each row counts by itself.
     if starts.size < force.size / 3:
         typical = float(np.median(lengths))
         kept = lengths >= 0.2 * typical

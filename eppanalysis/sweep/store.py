@@ -131,6 +131,7 @@ class ZarrStore:
         self.blocks, self.stamp = blocks, _stamp(blocks, self.identity)
         marked = [key for key in map(self._key, self._bounds()) if (self.path / integrity.DONE / key).exists()]
         names = tuple(self.variables)
+        # A mark says that a block was written; what stands there now may be damaged, and is held against its digests.
         self.whole = {key for key in marked if integrity.is_whole(self.path, key, self.stamp, names)}
         self.damaged = len(marked) - len(self.whole)
         if marked and not resume:
@@ -192,6 +193,7 @@ class ZarrStore:
             file.replace(self.path / name)
         shutil.rmtree(part)
         facts = {"format": _FORMAT, "blocks": self.blocks, **self.identity, "files": digests}
+        # The sheet comes last: where it is missing, or a file is not as it says, the next call lays all of this out anew.
         integrity.write_sheet(self.path / integrity.SHEET, _SHEET_PLACE, facts)
 
     def _bounds(self) -> Iterator[Bounds]:
@@ -381,6 +383,7 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "analyses": list(task.analyses),
         "variables": list(task.variables()),
         "signals": list(task.signals),
+        # Another version may compute other numbers.
         "version": __version__,
     }
 

@@ -58,6 +58,7 @@ def _found(name: Any, field: str, raw: RawCase) -> Path:
     if not (isinstance(name, str) and len(name) <= 200 and _PATH.fullmatch(name)):
         raise raw.refused(field, _WANTED)
     path = raw.folder / name
+    # A case from elsewhere must not read outside its folder, by a link either.
     if not path.is_file() or not path.resolve().is_relative_to(raw.folder.resolve()):
         raise raw.refused(field, _WANTED)
     if path.stat().st_size > _LARGEST_FILE:

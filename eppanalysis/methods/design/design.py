@@ -79,6 +79,7 @@ class _Task:
         """1 where the bounded parameter is to be large."""
         if self.goal.name == self.bounded:
             return self.goal.sign
+        # Which way is better is asked of the goal itself, over the range of the bounded parameter.
         rows = []
         for value in spread(question.low, question.high, N_SCAN):
             try:
@@ -271,6 +272,7 @@ def _described(search: Search, task: _Task, best: Pick) -> Optimum:
     """The optimum without its tests."""
     limit, by_cycle = task.bounded, best.by_cycle
     others = dict(zip(search.others, best.place, strict=True))
+    # A margin is taken off where cycles, or what is kept, limit the design; the end of its own range needs none.
     safe = best.value * (1.0 - search.frontier.sign * task.margin) if by_cycle or best.kept else best.value
     case = search.here(best.place).case
     return Optimum(

@@ -173,6 +173,7 @@ def tolerance_bound(
         raise EppError(f"tolerance_bound: {limit} is sought within {within[0]} to {within[1]}; expected low < high.")
     question = Question(case, limit, low, high)
     widths = check_tolerances(question, tolerances)
+    # How far the bounded parameter is itself off does not move the bound: that is taken off in the end.
     own = widths.pop(limit, 0.0)
     box = _Box.of(question, widths, sweep)
     worst, message, n_corners = box.worst()

@@ -33,6 +33,7 @@ def document_of(name: str, path: ExactPath, shooting: Shooting, enclosure: Enclo
     solution, sizes = [middle_of(v) for v in x], [rational_of(float(c)) for c in columns]
     radius = middle_of(enclosure.radius * _ROOM)
     period = sum(solution[path.m :: path.m + 1], solution[0] * 0)
+    # The period is the sum of all lengths, each of which is off by its share of the radius at most.
     off = radius * sizes[-1] * len(path.timed)
     box = rational_of(float(enclosure.unique_within))
     return sealed(

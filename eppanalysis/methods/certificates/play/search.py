@@ -133,6 +133,7 @@ class SectorSearch:
             "poles": self.poles,
             "unit": self.unit,
             "rays": rays,
+            # Half of the margin is what V falls by, the other half is room for rounding to rationals.
             "decrease": self.unit * margin / 2,
             "stuck": Q.tolist(),
             "moving": [form.tolist() for form in P],
