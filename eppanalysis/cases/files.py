@@ -300,6 +300,7 @@ def merge(base: dict[str, Any], child: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, dict) and isinstance(inherited, dict) and not _is_parameter(value):
             out[key] = merge(drop_alternatives(key, inherited, set(value)), value)
         elif isinstance(value, dict) and not _is_parameter(value) and _is_scalar(inherited):
+            # A mark, a note or a tolerance alone leaves the inherited number as it is.
             out[key] = {"value": inherited, **value} if set(value) <= {"mark", "note", "tolerance"} else value
         else:
             out[key] = value

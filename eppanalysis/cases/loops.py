@@ -261,8 +261,8 @@ def _cuts(loop: LoopSection, elements: list[Nonlinearity], gain: float, raw: Raw
     lengths = {"to_state": len(loop.A or []), "to_inputs": nz, "state": len(loop.A or []), "output": nw}
     rows: dict[str, list[list[float]]] = {part: [] for part in lengths}
     for name, row in loop.cuts.items():
-        # The gain scales what the elements' outputs do to the states, so also what a disturbance of such an output
-        # does.
+        # The gain scales what the elements' outputs do to the
+        # states, so also what a disturbance of such an output does.
         before = gain if row.output is not None and not np.any(row.state or [0.0]) else 1.0
         for part, length in lengths.items():
             given = getattr(row, part)

@@ -343,6 +343,7 @@ class Case:
         for name in values:
             section, _, last = str(name).partition(".")
             given.setdefault(section, set()).add(last)
+        # A field takes the place of those that stand in for it, and may need others beside it.
         for section, names in given.items():
             if isinstance(data.get(section), dict):
                 data[section] = drop_alternatives(section, data[section], names)

@@ -97,6 +97,8 @@ class _Command(TyperCommand):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        # The parser tells every option that was given, as often as
+        # it was given; typer keeps the last of them in silence.
         values, _, options = self.make_parser(ctx).parse_args(args=list(args))
         hints = get_type_hints(self.callback)
         for option in options:

@@ -109,8 +109,8 @@ def explained(
     yard = Yardstick(found, model_error)
     fits = [(name, some, why) for name, some, why in all_fits(yard, candidates)]
     weights = np.array([_evidence(some) for _, some, _ in fits])
-    # Candidates are equally likely beforehand, so that their shares are those of the evidence (docs/howto/diagnose.md,
-    # What the verdict rests on).
+    # Candidates are equally likely beforehand, so that their shares are those
+    # of the evidence (docs/howto/diagnose.md, What the verdict rests on).
     shares = np.exp(weights - weights.max()) if np.any(np.isfinite(weights)) else np.zeros(len(fits))
     shares /= max(float(shares.sum()), 1e-300)
     made = [

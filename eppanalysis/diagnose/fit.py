@@ -157,8 +157,8 @@ def _of_cycle(yard: Yardstick, family: Family, cycle: LimitCycle) -> Fit | None:
     if family.in_proportion:
         size = factor
     else:
-        # The size of a cycle is nearly a power of that of its element: secants in the logarithms, of which the exponent
-        # also carries the error over.
+        # The size of a cycle is nearly a power of that of its element: secants
+        # in the logarithms, of which the exponent also carries the error over.
         for _ in range(_SIZES):
             if abs(np.log(factor)) < _NEAR:
                 break
@@ -259,8 +259,8 @@ def of_disturbance(yard: Yardstick, linear: Linear) -> Iterator[Fit]:
     for place, seen in _responses(yard.found, linear):
         harmonics = _one_harmonic(yard, seen)
         misfit = yard.of_shape(harmonics) + yard.of_growth(0.0)
-        # A disturbance may have any frequency of a decade, and is less likely by as much than what has to have this
-        # one.
+        # A disturbance may have any frequency of a decade, and is
+        # less likely by as much than what has to have this one.
         evidence = -0.5 * misfit - np.log(_ANY_FREQUENCY) - np.log(yard.growth) - _ROOT
         yield Fit(evidence, misfit, yard.count - 4, yard.found.period, harmonics, place=place)
 
@@ -271,6 +271,7 @@ def _responses(found: Oscillation, linear: Linear) -> Iterator[tuple[str, Comple
     K = np.zeros((loop.B.shape[1], loop.C.shape[0]))
     for i, gain in linear.gains.items():
         K[loop.output_slices[i], loop.input_slices[i]] = gain
+    # What comes in behind an element first goes round the paths without states.
     through = np.eye(len(K)) + K @ np.linalg.solve(np.eye(K.shape[1]) - loop.D @ K, loop.D)
     rows = [closed.signals.names.index(name) for name in found.names]
     B = np.hstack([closed.B_input, loop.B @ through])

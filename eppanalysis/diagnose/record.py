@@ -216,6 +216,7 @@ def _strongest_line(t: Array, Y: Array) -> float:
     """Frequency [rad/s] at which the signals together have most power."""
     span = float(np.ptp(t))
     n = 1 << int(np.ceil(np.log2(len(t))))
+    # A start for the fit, so that uneven samples may be interpolated; below one and a half periods it is drift.
     grid = np.linspace(t[0], t[-1], n)
     even = np.column_stack([np.interp(grid, t, y) for y in Y.T]) * np.hanning(n)[:, None]
     power = np.sum(np.abs(np.fft.rfft(even, 4 * n, axis=0)) ** 2, axis=1)

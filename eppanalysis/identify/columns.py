@@ -109,6 +109,7 @@ def _place(header: Sequence[str], role: str, choice: tuple[str, str] | None, sou
         places = [i for i, cell in enumerate(header) if _split(cell)[0].lower() == role.lower()]
     else:
         places = [i for i, cell in enumerate(header) if cell.strip() == choice[0]]
+        # Headers may differ by their units alone, so that the whole one counts first.
         places = places or [i for i, cell in enumerate(header) if _split(cell)[0] == choice[0]]
     if len(places) > 1:
         both = " and ".join(repr(header[i].strip()) for i in places[:2])

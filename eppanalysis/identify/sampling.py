@@ -131,8 +131,8 @@ def _weights(
     base = -np.log(np.maximum(density, 1e-300))
     wanted = min(3.0 * p, 0.3 * len(places))
     temper = 1.0
-    # Where few draws carry all the weight, costs count less until enough of them do: the intervals are then wider than
-    # the data ask for, which the fit says.
+    # Where few draws carry all the weight, costs count less until enough of them
+    # do: the intervals are then wider than the data ask for, which the fit says.
     while True:
         logs = base - 0.5 * temper * (costs - least)
         weights = np.exp(logs - logs.max())

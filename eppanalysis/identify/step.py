@@ -175,6 +175,8 @@ def _round(response: Response, seed: int, progress: Progress) -> Array:
     for i, q in enumerate(starts):
         costs.append(float(np.sum(response.residual(q, windows[0]) ** 2)))
         progress(i, 2 * len(starts), "")
+    # Over the whole record the sum of squares is a comb, with a tooth for each oscillation that a candidate is off by;
+    # over its begin it has few, and the best go on to more of it.
     places = [starts[i] for i in np.argsort(costs)]
     for k, (until, kept) in enumerate(zip(windows, KEPT_STARTS, strict=True)):
         found = []

@@ -133,8 +133,8 @@ class _Surface:
         weight = 1.0 / (1.0 + (costs - costs.min()) / (4.0 * centre.size))
         features = _features(u) * weight[:, None]
         coefficients = np.linalg.lstsq(features, values * weight[:, None], rcond=1e-10)[0]
-        # The sum of squares is the squared length of this triangle times the features; the residuals are needed no
-        # more.
+        # The sum of squares is the squared length of this triangle
+        # times the features; the residuals are needed no more.
         return cls(centre, root, np.asarray(np.linalg.qr(coefficients.T, mode="r")))
 
     def cost(self, places: Array) -> Array:

@@ -230,8 +230,8 @@ class _Loop:
     def search(self, start: Array) -> tuple[Array, float]:
         """Best fit over all standstills."""
         best, where, least = start, 0.0, math.inf
-        # With the standstill rows change from standing to sliding, and the sum of squares jumps: it is scanned, and
-        # only the others are fitted by derivatives.
+        # With the standstill rows change from standing to sliding, and the sum of
+        # squares jumps: it is scanned, and only the others are fitted by derivatives.
         for share in (0.0, *np.geomspace(0.002, 0.35, 36)):
             p, cost = self.fit(np.where(np.arange(start.size) == 3, share, start), share)
             if cost < least:
@@ -312,6 +312,7 @@ def _densest(values: Array, weight: Array, floor: float, ceiling: float) -> tupl
     i = int(np.argmin(widths))
     low, high = float(v[i]), float(v[min(int(ends[i]), v.size - 1)])
     span = high - low
+    # An end that is nearly at the border of what is possible says nothing against the border itself.
     low = floor if low - floor < 0.1 * span else low
     high = ceiling if ceiling - high < 0.1 * span else high
     return float(v @ w / w.sum()), low, high

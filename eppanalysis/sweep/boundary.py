@@ -262,6 +262,7 @@ class _FoldSearch:
         while 0 <= i < self.rows.size:
             k = 0
             for share in _NEAR:
+                # The farther the last fold is behind, the farther its successor may have moved.
                 half = share * (self.limits[1] - self.limits[0]) * abs(i - last)
                 near = self.found[last, 1]
                 window = max(near - half, self.limits[0]), min(near + half, self.limits[1])

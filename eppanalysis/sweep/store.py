@@ -193,8 +193,8 @@ class ZarrStore:
             file.replace(self.path / name)
         shutil.rmtree(part)
         facts = {"format": _FORMAT, "blocks": self.blocks, **self.identity, "files": digests}
-        # The sheet comes last: where it is missing, or a file is not as it says, the next call lays all of this out
-        # anew.
+        # The sheet comes last: where it is missing, or a file is
+        # not as it says, the next call lays all of this out anew.
         integrity.write_sheet(self.path / integrity.SHEET, _SHEET_PLACE, facts)
 
     def _bounds(self) -> Iterator[Bounds]:

@@ -239,8 +239,8 @@ def write_dataset(dataset: xarray.Dataset, path: Path) -> None:
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder that takes the place of `path` when the block ends well, else vanishes."""
-    # A link stays one: what it leads to is replaced. Beside it, as only within one file system a file takes the place
-    # of another in one step.
+    # A link stays one: what it leads to is replaced. Beside it, as only
+    # within one file system a file takes the place of another in one step.
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")
     try:

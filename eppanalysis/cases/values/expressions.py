@@ -224,6 +224,7 @@ class Expression:
             raise QuantityError(f"a divisor that is not zero: {self._at(node)} divides by 0")
         if a < 0 and not b.is_integer():
             raise QuantityError(f"a whole power of what is negative: {self._at(node.left)} is {a:g}")
+        # Units take powers that are fractions, of which an exponent is the float.
         power = Fraction(b).limit_denominator(24)
         if abs(power - Fraction(b)) > 1e-12 * max(1.0, abs(b)) and not plain:
             raise QuantityError(f"a simple fraction as exponent of what has a unit: {self._at(node.right)} is {b:g}")

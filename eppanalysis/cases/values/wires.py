@@ -40,6 +40,8 @@ class _Signals:
     def join(self, port: Port, other: Port, unit: Unit) -> Unit | None:
         """Let a signal have the unit of another one times this; what it has beside that one where it is not this."""
         (top, own), (other_top, others) = self._top(port), self._top(other)
+        # In one tree the quotient is known already; else one tree is
+        # hung below the other by the quotient that makes it true.
         if top == other_top:
             known = times(own, others, -1)
             return None if alike(known, unit) else known

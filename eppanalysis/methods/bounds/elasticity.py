@@ -92,8 +92,8 @@ def harmonic_slopes(
     out = {}
     for name, size in sizes.items():
         slope = _slope(question, name, fold, _STEP * size)
-        # A number that is zero at the bound has no symbol in the equations: where the parameter moves it the derivative
-        # is unknown, not zero.
+        # A number that is zero at the bound has no symbol in the equations:
+        # where the parameter moves it the derivative is unknown, not zero.
         known = slope is not None and not np.any(slope[~used] != 0.0)
         out[name] = float(gradient @ slope) if known and slope is not None else float("nan")
     return out
@@ -142,9 +142,9 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
     """
     orbit = point.orbit
     A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
-    # At a fold the derivative A by the unknowns is singular, and the row psi with psi A = 0 leaves psi (r_limit dlimit
-    # + r_q dq) = 0. At a border collision one arc keeps having no duration, so its column is no unknown
-    # (docs/howto/bounds.md).
+    # At a fold the derivative A by the unknowns is singular, and the row psi with psi
+    # A = 0 leaves psi (r_limit dlimit + r_q dq) = 0. At a border collision one arc
+    # keeps having no duration, so its column is no unknown (docs/howto/bounds.md).
     if point.arc is not None:
         A = np.delete(A, orbit.arcs.free.size + point.arc, axis=1)
     psi = np.linalg.svd(A)[0][:, -1] / orbit.row_scale

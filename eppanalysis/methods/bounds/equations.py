@@ -127,8 +127,8 @@ def write(
     theta = ca.SX.sym("theta", int(np.sum(used)))
     numbers = _Symbols.of(shape, used, theta)
     equations = _Writer(layout, plan, X, numbers, kinds, pivot).equations()
-    # Elasticities need the multipliers times the derivative by the numbers alone: one gradient in place of a Jacobian
-    # with a column for every number.
+    # Elasticities need the multipliers times the derivative by the numbers
+    # alone: one gradient in place of a Jacobian with a column for every number.
     weights = ca.SX.sym("weights", equations.numel())
     gradient = ca.gradient(ca.dot(weights, equations), theta)
     return Expressions(
@@ -340,8 +340,8 @@ class _Element:
             # The trapezium rule is spectrally exact for a smooth periodic function.
             count = 8 * self.layout.order + 32
             return ca.SX(TURN * np.arange(count) / count), ca.SX(np.full(count, 1.0 / count))
-        # Gauss's rule on each piece by itself: the integrand has a corner or a jump at a switch, which the trapezium
-        # rule would smear.
+        # Gauss's rule on each piece by itself: the integrand has a corner
+        # or a jump at a switch, which the trapezium rule would smear.
         node, weight = np.polynomial.legendre.leggauss(min(_NODES_MOST, 12 + 2 * self.layout.order))
         width = self.share[piece] * TURN
         return self.phi[piece] + width * (node + 1) / 2, self.share[piece] * weight / 2

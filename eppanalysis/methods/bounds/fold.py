@@ -377,8 +377,8 @@ class _Step:
         equations = Equations(self.numbers.loop(cycle.value), cycle.order, 0, np.ones(cycle.order))
         loop = equations.loop
         try:
-            # The programme solves its own equations whatever the elements do, so these are asked for their true
-            # switches.
+            # The programme solves its own equations whatever the
+            # elements do, so these are asked for their true switches.
             W, _ = loop.answers(cycle.Z, cycle.omega)
         except Unsettled:
             return float("inf")

@@ -184,8 +184,8 @@ def look(question: Question, n_scan: int = N_SCAN, each: Each = map) -> Outlook:
         return Outlook(Finding.IDLE)
     seen = list(each(partial(_seen_at, question), values))
     own = value_of(question.case, question.limit)
-    # Before it is said that no value is free of cycles the case's own is asked, too: a design may sit in a gap of the
-    # scan.
+    # Before it is said that no value is free of cycles the case's
+    # own is asked, too: a design may sit in a gap of the scan.
     if all(s.there for s in seen) and own is not None and question.low < own < question.high:
         seen = sorted([*seen, _seen_at(question, own)], key=lambda s: s.value)
     return _outlook(question, seen)
@@ -381,8 +381,8 @@ class HarmonicSweep:
 
     def _ready(self, question: Question, numbers: Numbers) -> bool:
         """Cycles to begin from: carried over from the last value, or sought anew."""
-        # Newton's method from the last value's cycles is cheap; the exact search over the range is asked again only
-        # where all are lost.
+        # Newton's method from the last value's cycles is cheap; the exact
+        # search over the range is asked again only where all are lost.
         carried = tuple(c for c in (balanced(numbers, c.value, c) for c in self.far) if c is not None)
         if carried and self.outlook is not None:
             self.far = carried

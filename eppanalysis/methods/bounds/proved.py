@@ -92,6 +92,7 @@ def _orbits(
     if near is None:
         yield _NAN, None, "No exact orbit is known beyond the bound."
         return
+    # Farther out than the tested value a proof would say less than the one of that value's known orbit.
     distances = [d for d in _DISTANCES if d < 0.9 * abs(tested / bound - 1.0)]
     for value in (tested, *(bound + sign * d * abs(bound) for d in distances)):
         case = question.case_at(value)

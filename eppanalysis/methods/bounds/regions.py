@@ -61,8 +61,8 @@ def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
         values = spread(inside, outside, _GRID if halving == 0 else 8)
         ends = _ends(question, values)
         rests = next((i for i, status in enumerate(ends) if status is not Status.SETTLED), len(ends))
-        # Only where all up to the bracket came to rest may a finer row push `rests_to` on; an undecided run stays its
-        # end.
+        # Only where all up to the bracket came to rest may a finer
+        # row push `rests_to` on; an undecided run stays its end.
         if rests and (halving == 0 or rests_to == inside):
             rests_to = values[rests - 1]
         starting = [status is Status.LIMIT_CYCLE for status in ends]

@@ -269,8 +269,8 @@ def cloud(hybrid: HybridSystem, rest: Array, v0: Array, size: Array, n: int, see
     n_steps = int(_STEPS * n) if np.any(hybrid.x0[hybrid.n_plant :] != v0) else 0
     n_moved = n - n_steps
     direction = rng.uniform(-1.0, 1.0, (n_moved, size.size))
-    # Displacements from a hundredth of the orbit to four times it, even in the logarithm: what guards rest may be
-    # small.
+    # Displacements from a hundredth of the orbit to four times
+    # it, even in the logarithm: what guards rest may be small.
     reach = _REACH * 10.0 ** rng.uniform(-2.6, 0.0, (n_moved, 1))
     starts[:n_moved] += np.where(hybrid.compared, reach * direction * size, 0.0)
     if n_steps:

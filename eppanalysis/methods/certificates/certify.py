@@ -260,8 +260,8 @@ def check_certificate(path: str | Path) -> Check:
     except LookupError:
         return Check(False, named, f"{path}: refused: there is no checker for the statement {named!r}.")
     try:
-        # Isolated (-I): neither this package nor the folder lends the checker anything (docs/theory/certificates.md,
-        # What "proved" means).
+        # Isolated (-I): neither this package nor the folder lends the checker
+        # anything (docs/theory/certificates.md, What "proved" means).
         run = subprocess.run(
             [sys.executable, "-I", str(known.program)],
             input=text,

@@ -102,8 +102,8 @@ def _polynomials(A: Array, B: Array, C: Array, D: Array) -> tuple[Row, Row]:
 def _without_rounding(system: LureSystem, num: Row, den: Row) -> tuple[Row, Row, float]:
     """Coefficients that are zero but for rounding left out, the others as the numbers that they stand for."""
     n = len(den) - 1
-    # Rounding leaves small numbers where coefficients are zero: how many zeros there are, and how many poles at the
-    # origin, is asked of the state space.
+    # Rounding leaves small numbers where coefficients are zero: how many zeros
+    # there are, and how many poles at the origin, is asked of the state space.
     finite = zeros(system.A, system.B, system.C[:1], system.D[:1])
     num = num[n - len(finite) :] if any(num) else [Fraction(0)]
     at_zero = 0 if system.time_step else int(np.sum(poles(system.A) == 0))

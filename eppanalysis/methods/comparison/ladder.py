@@ -373,6 +373,7 @@ def _errors(predicted: LimitCycle, reached: LimitCycle, oscillations: int) -> di
         fundamental = (
             float(abs(reached.harmonics[name][oscillations])) if len(reached.harmonics[name]) > oscillations else 0.0
         )
+        # A mean may be zero: its error is relative to the size.
         out[name] = {
             "peak_to_peak": predicted.peak_to_peak[name] / size - 1.0,
             "fundamental": predicted.amplitude(name) / fundamental - 1.0 if fundamental > 0 else float("nan"),

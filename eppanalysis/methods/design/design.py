@@ -348,8 +348,8 @@ def _tested(search: Search, task: _Task, best: Pick, found: Optimum) -> tuple[Op
                 f"{n_machines - n_good} of {n_machines} machines within the tolerances do not come to rest. {message}"
             )
     case = here.case_at(tested.safe_value)
-    # Beside a fold motions pass the ghost of the cycle slowly: runs that are slow and nothing else go on until they are
-    # seen to shrink.
+    # Beside a fold motions pass the ghost of the cycle slowly: runs that
+    # are slow and nothing else go on until they are seen to shrink.
     slow = _only_slow(tested) and all(shrinks(case, x, best.bound.cycle) for x in tested.slow)
     found = replace(
         found,

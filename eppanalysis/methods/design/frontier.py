@@ -150,8 +150,8 @@ class Frontier:
         if moved is not None:
             family.append(replace(moved, place=place))
             return moved.bound
-        # Where the fold itself is not found, the cycle nearby is closed a little beyond it, and its branch followed
-        # back.
+        # Where the fold itself is not found, the cycle nearby is
+        # closed a little beyond it, and its branch followed back.
         for share in _BEYOND:
             value = float(np.clip(foretold * (1.0 + self.sign * share), here.low, here.high))
             bound = self._followed(here, value, near.cycle)

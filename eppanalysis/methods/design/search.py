@@ -184,8 +184,8 @@ class Search:
             return Pick(place, np.nan, -np.inf, ExactBound(), message=_not_kept(judged))
         i = max(fit, key=lambda k: judged[k].worth)
         found = [Pick(place, values[i], judged[i].worth, ExactBound(), inside=i < len(values) - 1)]
-        # The best value may lie between two of the grid: on the border of what is kept, or where the goal rises beside
-        # the best one.
+        # The best value may lie between two of the grid: on the border
+        # of what is kept, or where the goal rises beside the best one.
         for k in (k for k in (i - 1, i + 1) if 0 <= k < len(values)):
             if not judged[k].feasible:
                 found.append(self._border(here, place, values[i], values[k]))

@@ -152,8 +152,8 @@ class _Search:
         """The least amplitude without a stable cycle in the smoothed loop, in first order; nan where there is none."""
         before = 0.0
         for amplitude in (float(share) * 0.5 * self.size for share in _ASKED):
-            # Not where rest becomes stable: under a sine the cycle may live on beside it (docs/theory/dither.md, The
-            # least dither that removes a cycle).
+            # Not where rest becomes stable: under a sine the cycle may live on beside
+            # it (docs/theory/dither.md, The least dither that removes a cycle).
             if not self.first_order(amplitude):
                 for _ in range(_HALVINGS):
                     middle = 0.5 * (before + amplitude)
@@ -179,8 +179,8 @@ class _Search:
         """Amplitudes at which the cycle stays and goes in runs, near each other; 0 and nan where runs show no such."""
         near = proposed if np.isfinite(proposed) else float(_ASKED[-1]) * 0.5 * self.size
         stays, goes = 0.0, float("nan")
-        # Half a tolerance above what first order says: where it is right, this run and the next, a tolerance lower,
-        # will do.
+        # Half a tolerance above what first order says: where it is
+        # right, this run and the next, a tolerance lower, will do.
         amplitude = near * (1.0 + 0.5 * self.tolerance)
         for _ in range(_MOST_STEPS):
             if self._goes(amplitude):

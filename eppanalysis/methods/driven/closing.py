@@ -152,8 +152,8 @@ def close(start: HybridSystem, duration: float) -> Orbit | None:
     for _ in range(_MOST_ITERATIONS):
         if orbit is None:
             return None
-        # Far off each step takes the events that the engine meets from there; near by they are kept, for Newton to
-        # reach rounding.
+        # Far off each step takes the events that the engine meets from
+        # there; near by they are kept, for Newton to reach rounding.
         if orbit.residual < _NEAR and ends_as_it_begins(orbit):
             closed = solve(orbit.hybrid, orbit.guess, orbit.arcs)
             if closed.residual < CONVERGED and is_true(closed):

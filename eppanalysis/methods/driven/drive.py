@@ -90,8 +90,8 @@ class Drive:
         """The hybrid system, begun at the loop's own start with the input at phase zero."""
         unit, s = self._unit, self.sine.start
         A, C, Yx = (getattr(unit.model, name).copy() for name in ("A", "C", "Yx"))
-        # Amplitude and frequency enter by the sine's own two states alone (docs/theory/driven.md), so that nothing of
-        # the loop is built anew along a branch.
+        # Amplitude and frequency enter by the sine's own two states alone
+        # (docs/theory/driven.md), so that nothing of the loop is built anew along a branch.
         for matrix in (A[: unit.n_plant], C, Yx):
             matrix[:, s] *= self.amplitude
         A[s, s + 1], A[s + 1, s] = self.omega, -self.omega

@@ -130,8 +130,8 @@ class _Equations:
             np.add.at(loop.T, self.owner, (self.L * gain).T)
             if not (np.all(np.isfinite(loop)) and np.all(np.isfinite(self.driven))):
                 continue  # beyond all range; LAPACK would complain on the terminal
-            # With given gains the balance is linear. Only its phases are kept, for the size is the one that is tried
-            # (docs/theory/driven.md, First order).
+            # With given gains the balance is linear. Only its phases are kept, for
+            # the size is the one that is tried (docs/theory/driven.md, First order).
             Z = np.linalg.lstsq(np.eye(self.m) - loop, self.driven, rcond=None)[0]
             Z *= size / max(float(np.max(np.abs(Z))), 1e-300)
             found.append(np.concatenate([Z.real, Z.imag, b]))

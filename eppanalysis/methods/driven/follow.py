@@ -139,6 +139,8 @@ def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | N
     slope = _slope(road, value, orbit) if slope is None or slope.size != orbit.r.size else slope
     m, p = orbit.arcs.free.size, orbit.tau.size
     row, right = np.zeros(m + p + 1), np.zeros(m + p + 1)
+    # The equations do not change along the tangent; of all its
+    # multiples the one with a unit share of `along` is solved for.
     row[:m], row[-1], right[-1] = (w * along)[orbit.arcs.free], (w * along)[-1], 1.0
     t = bordered(orbit, slope, row, right)
     tangent = np.zeros(w.size)
@@ -165,8 +167,8 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
             orbit = passed(*road.at(float(u[-1]), like))
             if orbit is None or not orbit.residual < 1e3:
                 return None
-            # The derivative by the parameter sets the speed of convergence alone, so that it need not be made anew in
-            # each step.
+            # The derivative by the parameter sets the speed of convergence
+            # alone, so that it need not be made anew in each step.
             if i < _FRESH or slope.size != orbit.r.size:
                 slope = _slope(road, float(u[-1]), orbit)
         except (EppError, ModelError, OverflowError):

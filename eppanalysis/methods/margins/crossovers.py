@@ -83,8 +83,8 @@ class Response:
         roots = np.array(self._roots(lambda L: L.imag / np.abs(L), sine, shown, nearest=True))
         value = self.loop.response(roots) if roots.size else np.zeros(0, complex)
         with np.errstate(all="ignore"):
-            # The sine changes its sign across a pole on the axis and where the response is positive, too: no
-            # crossovers.
+            # The sine changes its sign across a pole on the axis and
+            # where the response is positive, too: no crossovers.
             crosses = np.isfinite(value) & (value.real < 0.0) & (np.abs(value.imag) < 1e-6 * np.abs(value))
         ends = [end for end in (self._slow_end(), self._fast_end()) if end is not None and end[1] < 0.0]
         omega = np.append(roots[crosses], [end[0] for end in ends])
@@ -113,6 +113,7 @@ class Response:
             size = _disk(self.value)
         size = np.where(np.isnan(size), np.inf, size)
         padded = np.concatenate([[np.inf], size, [np.inf]])
+        # The grid shows every dip, as neighbours on it are joined by a straight line: only its bottom is sought.
         minima = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
         minima = minima[np.argsort(size[minima], kind="stable")[:_MOST_MINIMA]]
         best = (float("inf"), float("nan"))

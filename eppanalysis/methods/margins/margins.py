@@ -166,8 +166,8 @@ def _delay_margin(angles: Array, omega: Array, stable: bool | None, straight: fl
     """Least dead time that brings a stable loop to the border [s]; nan where it is not stable."""
     if not stable:
         return 0.0 if stable is False else _NAN
-    # With a gain of one at frequencies without end, the least dead time turns the phase to -180 degrees at some of
-    # them.
+    # With a gain of one at frequencies without end, the least
+    # dead time turns the phase to -180 degrees at some of them.
     if abs(straight) >= 1.0:
         return 0.0
     return float(np.min(np.mod(angles, 2.0 * np.pi) / omega, initial=_INF))

@@ -184,8 +184,8 @@ def _passage(question: Question, allowed: Allowed, value: float, cycle: LimitCyc
         points, _ = walk.along(begin, _MOST)
     except (EppError, np.linalg.LinAlgError):
         return None
-    # Only stable cycles count: the bound is at the special point beside the last stable one that is too large, wherever
-    # the branch goes on.
+    # Only stable cycles count: the bound is at the special point beside
+    # the last stable one that is too large, wherever the branch goes on.
     too_large = [is_stable(p.multipliers) and excess(p) > 0 for p in points]
     last = min((k for k, true in enumerate(too_large) if true), key=lambda k: sign * points[k].value, default=None)
     if last is None:

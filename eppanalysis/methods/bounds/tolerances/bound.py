@@ -340,6 +340,7 @@ class _Box:
 
     def _check(self, worst: _Place) -> tuple[_Place | None, int]:
         """The other corners in the most influential parameters: a worse one, and how many could be checked."""
+        # Slopes know their own corner: where the bound is not monotone another one may be worse.
         influence = [abs(self.centre.slopes.get(n, 0.0)) * w for n, w in self.widths.items()]
         most = sorted(range(len(influence)), key=lambda i: -influence[i])[:_CHECKED]
         count, better = 0, None
@@ -373,8 +374,8 @@ class _Box:
         """Bounds by halving; a guess whose bracket does not hold the bound is widened, twice at most."""
         low, high = guesses * (1.0 - _BRACKET), guesses * (1.0 + _BRACKET)
         safe_end = low if self.sign > 0 else high
-        # `safe_end` is `low` or `high` itself. With a run that oscillates there, halving would close in on it and not
-        # on the bound.
+        # `safe_end` is `low` or `high` itself. With a run that oscillates
+        # there, halving would close in on it and not on the bound.
         for _ in range(2):
             wrong = self._oscillating(cases, safe_end, threads)
             safe_end[wrong] *= 1.0 - self.sign * 2 * _BRACKET

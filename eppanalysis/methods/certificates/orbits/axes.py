@@ -97,8 +97,8 @@ def _signals(orbit: Orbit, places: NDArray[np.int64]) -> Array | None:
     every = every / np.linalg.norm(away @ every.T, axis=0)[:, None]
     if len(every) < n:
         return None
-    # Pivoting takes the most independent signals first; the last number on the diagonal says whether they tell the
-    # state.
+    # Pivoting takes the most independent signals first; the last
+    # number on the diagonal says whether they tell the state.
     _, found, order = linalg.qr(away @ every.T, mode="economic", pivoting=True)
     if not abs(found[n - 1, n - 1]) > _LEAST:
         return None

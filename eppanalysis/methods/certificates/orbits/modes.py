@@ -214,6 +214,7 @@ class ExactModes:
             for b in range(h1 - h0):
                 J[n + h0 + a][n + h0 + b] += rational(model.reset_h[g, a, b])
             J[n + h0 + a][-1] += rational(model.reset_0[g, a])
+        # The output has an impulse at the event, by which the states that integrate it jump.
         if np.any(model.guard_impulse[g]):
             kick = self._spread(model.guard_impulse[g, : z1 - z0], z0, int(model.first[-1, 0])) * before.inputs
             for row, weight in zip(J[:n], self._tables[1].tolist(), strict=True):

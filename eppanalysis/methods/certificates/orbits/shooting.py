@@ -153,6 +153,8 @@ class Shooting:
         across = (leg.guard * flow).tolist()[0]
         slope = leg.rate * (flow * start)
         moved, speed = (leg.jump * slope).entries(), (leg.guard * slope).entries()[0]
+        # v_next - J e^(F tau) v and g e^(F tau) v, by v and by tau
+        # (docs/theory/certified_orbits.md, Existence and uniqueness).
         rows = [[*(-v for v in onward[j][: self.m]), -moved[j]] for j in range(self.m)]
         rows.append([*across[: self.m], speed])
         sizes = self.rows[place : place + self.m + 1].tolist()

@@ -106,6 +106,7 @@ class _Search:
         place = [(low + high) / 2 for low, high in _sides(box)]
         near = _sides(_grown(box, [high - low for low, high in _sides(box)]))
         for _ in range(_NEWTON_STEPS):
+            # Over a box without width the first part of Krawczyk's operator is Newton's step.
             found = self.balance.krawczyk(tuple(x for x in place for _ in "to"))
             if not found:
                 return None

@@ -103,6 +103,8 @@ def _steps(element: dict[str, Any]) -> dict[str, Any]:
     if kind == "play":
         return made | {"follow": [element["gap"], "1"]}
     if kind in ("hysteresis_relay", "biased_relay"):
+        # Its low level, and at each threshold a step that is met on one way only: -1 falling, 1 rising
+        # (docs/theory/certificates.md, With a bias, and in a ring).
         v = {name: Fraction(x) for name, x in element.items() if name != "kind"}
         if kind == "hysteresis_relay":
             v = {"lower": -v["threshold"], "upper": v["threshold"], "low": -v["level"], "high": v["level"]}
@@ -125,6 +127,7 @@ def _of_pieces(positive: dict[str, Any], negative: dict[str, Any]) -> dict[str, 
 
     turned, steps = places(negative, "bends"), places(negative, "jumps")
     up, down = Fraction(positive["slope"]), Fraction(negative["slope"])
+    # Far on the left all bends and jumps of the negative half have been passed.
     first = down + sum(x for _, x in turned)
     offset = sum(b * x for b, x in turned) - sum(h for _, h in steps)
     bends = [*places(positive, "bends"), (Fraction(0), up - down), *((-b, -x) for b, x in turned)]
