@@ -278,6 +278,8 @@ def _refined(t: Array, Y: Array, omega: float, K: int, grows: bool = True) -> tu
 
 def _noise_between(t: Array, rest: Array, omega: float, K: int) -> tuple[Array, float]:
     """Variance of each harmonic from what is left beside it, and that of the first in units of white noise."""
+    # What is left between the harmonics is the noise about them, whatever
+    # its colour (docs/howto/diagnose.md, What the verdict rests on).
     places = omega * (np.arange(1, K + 1)[:, None] + _BETWEEN)
     power = np.abs(_amplitudes(t, rest, places.ravel())) ** 2
     variance = power.reshape(K, len(_BETWEEN), -1).mean(axis=1).T

@@ -179,6 +179,7 @@ class Response:
             values = np.empty(times.size)
             values[: times.size - after.size] = 0.0 if channel.role == Role.ANGLE else self.base.bands.parking_centre
             values[times.size - after.size :] = run.samples[:, place]
+            # A run that stops early stands still from there on, and fits no more.
             values[times.size - after.size + done :] = run.samples[max(done - 1, 0), place]
             out[channel.role] = values
         return out
@@ -189,6 +190,7 @@ class Response:
             found = self.signals(q, until)
             parts = [c.residual(found[c.role]) for c in self._cut(until)]
         except (EppError, ArithmeticError, ValueError):
+            # A candidate without a solution is far off, and does not end the fit.
             parts = [np.full(int(c.live.sum()), 1e3) for c in self._cut(until)]
         return np.concatenate([*parts, self.beliefs(q)])
 
@@ -224,6 +226,7 @@ def _channel(recording: Recording, role: Role, time: Array) -> Channel:
     # Most second differences are noise; the few at switches are not.
     noise = float(np.median(np.abs(steps))) / 0.6745
     step = recording.resolution[role]
+    # What is rounded scatters by its step over the root of twelve, seen or not.
     noise = max(noise, step / np.sqrt(12.0), rounding(step, noise) / np.sqrt(3.0), 1e-12)
     span = float(np.ptp(time))
     columns = np.column_stack([np.ones(time.size), (time - time.mean()) / span])

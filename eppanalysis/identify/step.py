@@ -249,6 +249,7 @@ class _Solution:
 def _settle(response: Response, q: Array, names: Sequence[str], seed: int) -> _Solution:
     """What the data leave possible; one parameter after the other is held until the data identify the rest."""
     low, high = _bounds(response.unknowns)
+    # Noise is read off what the best place leaves, and where that is hangs on the noise: once more from there.
     for _ in range(2):
         whitener, matrix = _local(response, q)
         spread = np.minimum(np.sqrt(np.diag(matrix)), _WIDEST_START)

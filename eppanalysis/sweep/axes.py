@@ -253,6 +253,7 @@ def _points(kind: type, dimensions: int, n: int, seed: int) -> Array:
         raise EppError("sweep: the sample has no parameter; expected at least one.")
     if kind is LatinHypercube:
         return qmc.LatinHypercube(d=dimensions, rng=np.random.default_rng(seed)).random(n)
+    # Sobol's points are even over the ranges in powers of two alone.
     if n & (n - 1):
         near = 1 << n.bit_length()
         raise EppError(f"sweep: a Sobol sample has {n} cells; expected a power of two, such as {near}.")

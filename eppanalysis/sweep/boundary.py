@@ -160,6 +160,7 @@ def outcome_boundary(
     where = nullcontext(scheduler) if scheduler == schedule.Scheduler.THREADS else schedule.address(scheduler, workers)
     with where as place:
         coarse = sweep(case, axes, run, scheduler=place, workers=workers, progress=progress)
+        # What is undecided counts with what does not oscillate.
         inside = coarse[outcome].values == Outcome.OSCILLATES
         grid = np.stack(np.meshgrid(coarse[x].values, coarse[y].values, indexing="ij"), axis=-1)
         edges = _edges(inside)

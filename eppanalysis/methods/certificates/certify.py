@@ -177,6 +177,7 @@ def _absence(
     from eppanalysis.methods.certificates.rational import require_no_bias
 
     play = stated["element"]["kind"] == "play"
+    # Of play it is proved for every constant input (docs/theory/absence_with_play.md, What is claimed).
     if not play:
         require_no_bias(system, at.vector(system))
     document = absence.find(stated, sectors)

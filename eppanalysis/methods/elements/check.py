@@ -95,7 +95,8 @@ def check_element(
         sizes, described = np.zeros(0), (np.zeros(0), np.zeros(0, complex))
     # Of the first output.
     mean, gain = (np.asarray(part).reshape(sizes.size, -1)[:, 0] if sizes.size else part for part in described)
-    # With y = mean + a (Re N sin + Im N cos): over a period y dx adds up to pi a^2 Im N, and y x dt to the last line's.
+    # Of y = m + a (Re N sin + Im N cos) and x = bias + a sin: over a period T the
+    # integral of y dx is pi a^2 Im N, that of y x dt is T (a^2 Re N/2 + bias m).
     turn = 2.0 * np.pi / omega
     return ElementCheck(
         name or type(element).__name__.lower(),

@@ -170,4 +170,5 @@ def _delay_margin(angles: Array, omega: Array, stable: bool | None, straight: fl
     # dead time turns the phase to -180 degrees at some of them.
     if abs(straight) >= 1.0:
         return 0.0
+    # The crossover whose phase a dead time brings to -180 degrees first is not always that of the least phase margin.
     return float(np.min(np.mod(angles, 2.0 * np.pi) / omega, initial=_INF))

@@ -402,6 +402,8 @@ class _Box:
     def _starts(self, base: HybridSystem) -> list[HybridSystem]:
         """The system on and around the orbit at the nominal bound."""
         n = base.n_plant
+        # At its bound a stable cycle meets an unstable one; beyond
+        # it the stable one is larger, and is reached from outside.
         corners = self.orbit.event_states
         centre = corners.mean(axis=0)
         chosen = corners[:: max(1, len(corners) // _POINTS)][:_POINTS]
