@@ -164,9 +164,7 @@ def _header(stream: BinaryIO, source: str) -> tuple[list[str], str, int]:
         raw = stream.readline(LONGEST_LINE)
         number += 1
         if not raw:
-            raise CaseError(
-                source, "", "empty", "a header such as 'time [s],force [lbf],voltage [V]', and rows of numbers"
-            )
+            raise CaseError(source, "", "empty", f"{_HEADER_WANTED}, and rows of numbers")
         text = _text(raw, source).lstrip("\ufeff") if number == 1 else _text(raw, source)
         if len(raw) >= LONGEST_LINE:
             raise _too_long(source, number)

@@ -393,8 +393,6 @@ def _difference(key: str, held: Any, wanted: Any) -> str:
     """Which of several things differs, for a message."""
     if key == "axes" and isinstance(held, dict):
         names = [n for n in dict.fromkeys([*held, *wanted]) if held.get(n) != wanted.get(n)]
-        if not names:
-            return ""
         return f" ({', '.join(n.partition('/')[2] for n in names)})" if names else ""
     if key in ("version", "analyses", "signals"):
         return f" ({held if isinstance(held, str) else ', '.join(held or [])})"

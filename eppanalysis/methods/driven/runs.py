@@ -61,7 +61,7 @@ def by_runs(drive: Drive) -> str:
 def steady_of_run(drive: Drive, most_periods: int) -> Steady:
     """The response on which the run from the loop's own start ends; of at most so many periods of the input."""
     reached = 0
-    for made in (max(n, 4 * most_periods) for n in _LOOKED_AT):
+    for made in dict.fromkeys(max(n, 4 * most_periods) for n in _LOOKED_AT):
         last = 2 * most_periods
         times = np.linspace(made - last, made, last * _SAMPLES + 1) * drive.period
         run = _run(drive, made, times)
