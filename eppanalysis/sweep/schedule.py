@@ -215,6 +215,7 @@ def _on_cluster(client: Client, task: Task, blocks: Sequence[Bounds], store: Sto
     lost = 0
     for bounds, future in window.results(iter(blocks)):
         if future.status == "finished":
+            # Workers compute and this process writes, as a store has one writer.
             store.write(bounds, future.result())
             del window.tries[bounds]
             advance(cells_in(bounds))

@@ -372,6 +372,7 @@ class _Element:
                     total += row[3 + h] * before[h]
                 return total
 
+            # A switch that follows another one at once stands at its instant, for its guard has been passed already.
             out.append(self.phi[i] - self.phi[i - 1] if at_once else affine(self.numbers.guard[i]))
             out += [self.memory[h, i] - affine(self.numbers.reset[i, h]) for h in range(n_memory)]
         return out

@@ -284,6 +284,7 @@ def plan_of(loop: Loop, Z: NDArray[np.complex128], omega: float) -> tuple[Plan, 
         phi = np.array([s.phase for s in regime.switches])
         values = np.array([s.memory for s in regime.switches]).reshape(phi.size, element.automaton.n_memory)
         sequences.append(sequence)
+        # Turned as the sequence is, and ascending still.
         phases.append(np.concatenate([phi[first:], phi[:first] + TURN]))
         memory.append(np.roll(values, -first, axis=0))
     return Plan(Z.shape[1] - 1, tuple(sequences)), tuple(phases), tuple(memory)

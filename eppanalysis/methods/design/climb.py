@@ -54,6 +54,7 @@ def climb(ask: Callable[[Array], Slope | None], start: Slope, reach: float, clos
         if expected - here.value <= _NOTHING * abs(here.value):
             break
         found = ask(place)
+        # A lower place counts as well: what is expected round it keeps the next step away.
         if found is not None:
             seen.append(found)
         if found is not None and found.value > here.value:

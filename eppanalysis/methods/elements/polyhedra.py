@@ -219,6 +219,7 @@ def _sizes(rows: Array) -> Array:
     for j in places:
         read = (coefficients[:, j] > 0) & (constants > 0)
         size[j] = np.max(constants[read] / coefficients[read, j], initial=0.0)
+    # An entry without a threshold of its own takes its size from those beside it in a guard, and passes it on once.
     for _ in range(2):
         for j in (j for j in places if size[j] == 0.0):
             beside = coefficients[coefficients[:, j] > 0]

@@ -220,6 +220,7 @@ def _poles_by_aaa(data: _Data, order: int) -> ComplexArray:
 def _paired(poles: ComplexArray, order: int, omega: Array) -> ComplexArray:
     """As many poles, in pairs, real ones last, all left of the axis; what is missing is spread over the data."""
     poles = poles[np.isfinite(poles)]
+    # Poles to the right of the axis are turned over (docs/theory/measured.md, A rational model).
     poles = -np.abs(poles.real) - _DAMPED * np.abs(poles) + 1j * np.abs(poles.imag)
     pairs: list[complex] = []
     real: list[float] = []

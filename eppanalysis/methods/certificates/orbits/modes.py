@@ -227,6 +227,7 @@ class ExactModes:
         """Let the map J end with the input of what sticks on its level, as the engine does."""
         left = (as_row(level) * _matrix(J)).tolist()[0]
         used = [i for i in range(self.n) if level[i] != 0]
+        # A level of one state is that state's; else all move along B, as an impulse of this element would move them.
         if len(used) == 1:
             J[used[0]] = [x - y / level[used[0]] for x, y in zip(J[used[0]], left, strict=True)]
             return
