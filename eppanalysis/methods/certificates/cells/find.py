@@ -237,7 +237,7 @@ def _form(slope: np.ndarray) -> list[str]:
     """A quadratic form that rises along a linear map, shape (2, 2): positive where it stretches, else negative."""
     values, rows = np.linalg.eig(slope.T)
     # With slope^T f = mu f the sum of f f*/(|mu|^2 - 1) has A^T Q A - Q =
-    # sum of f f*, which is positive definite (docs/theory/cells.md, Cycles).
+    # sum of f f*, which is positive definite (docs/theory/cells.md).
     squares = np.abs(values) ** 2 - 1.0
     Q = sum(np.outer(f, f.conj()).real / s for f, s in zip(rows.T, squares, strict=True))
     Q = Q / np.abs(Q).max()
