@@ -58,6 +58,8 @@ def _level(table, pieces, p, o):
 @njit(**_INNER)
 def _product(S, n, k, m):
     """What real and imaginary part m of a series are to coefficient k of its product with a real function S."""
+    # A real series has a wave at m and one at -m: what S has at k - m and at k + m brings them to k. The mean is no
+    # pair.
     q = k - m
     minus = S[q] if q >= 0 else S[-q].conjugate()
     plus = S[k + m]
@@ -207,11 +209,14 @@ def _move(table, pieces, z, omega, here, moved, memory, by_x):
             memory[0, h, x] = here[h, x]
     for i in range(pieces.fired.size):
         g, phi = pieces.fired[i], pieces.edges[i + 1]
+        # Of switches at one phase the later ones move with the first: they do not wait for a zero of their own guard.
         if i and phi == pieces.edges[i]:
             for x in range(moved.shape[1]):
                 moved[i, x] = moved[i - 1, x]
         else:
             speed = _read(table.on_free[g], table.on_rate[g], table.on_clock[g], z, omega, phi, moved[i])
+            # The guard stays zero where its switch moves: by the implicit function theorem the phase moves by minus the
+            # guard's derivative over its rate (docs/theory/harmonic_balance.md, Coefficients without sampling).
             speed = speed if abs(speed) > _GRAZES else _GRAZES
             for x in range(moved.shape[1]):
                 for h in range(here.shape[0]):
@@ -222,6 +227,7 @@ def _move(table, pieces, z, omega, here, moved, memory, by_x):
         for x in range(moved.shape[1]):
             here[h, x] = memory[pieces.fired.size, h, x]
         if clocked:
+            # Times count from the begin of a period: in the next one a time that is kept has become less by 2 pi/omega.
             here[h, moved.shape[1] - 1] += TURN / (omega * omega)
 
 
@@ -289,6 +295,8 @@ def slopes(table, pieces, z, omega, S, R, jump, moved, memory, wave, work, dW):
     n_switches, n_memory = pieces.fired.size, pieces.memory.shape[1]
     # Where the output is continuous a moving switch changes nothing to first order.
     if n_switches and (_jumps(table, pieces, z, omega, jump) or n_memory):
+        # Twice round: what memory holds at the begin was written in the period before, whose derivatives the first turn
+        # finds.
         for _ in range(2 if n_memory else 1):
             _move(table, pieces, z, omega, work[1:], moved, memory, work[0])
         _add_moved(table, pieces, jump, moved, dW)

@@ -55,6 +55,8 @@ def _passage(free, t, kappa, eta, tau):
         slow = product / quick
         between = slow - quick
         first = math.expm1(slow * t)
+        # The difference quotient of the exponential at both roots: its limit where they coincide, which no quotient
+        # would reach.
         dd = t * math.exp(slow * t)
         if between * t > 1e-9:
             dd = -math.exp(slow * t) * math.expm1(-between * t) / between
@@ -119,6 +121,8 @@ def _integrals(free, begin, t, s, d, s1, d1, kappa, eta, tau, sums):
         sums[0] += s * t
         sums[1] += s * turn * (1.0 - np.exp(-1j * t)) / 1j
         return
+    # By parts small integrals would be differences divided by small determinants, det M = kappa tau: on a short arc
+    # Gauss's rule leaves rounding alone.
     if (kappa + tau) * t < 2.0:
         for k in range(_PLACE.size):
             past = 0.5 * t * (1.0 + _PLACE[k])
@@ -147,6 +151,9 @@ def _period(s, d, edges, kappa, eta, tau, product, sums):
     sums[:] = 0.0
     for part in range(5):
         begin, end = edges[part], edges[part + 1]
+        # From trough to trough v is beyond the lower limit, within, beyond the upper one, within, beyond the lower one.
+        # Within the integrator always moves; beyond a limit only where the error leads back
+        # (docs/theory/anti_windup.md, Clamping).
         side = 1.0 if part == 2 else -1.0
         free = part % 2 == 1 or side * (math.sin(begin) - s + d) < 0.0
         for arc in range(_ARCS):
@@ -156,6 +163,7 @@ def _period(s, d, edges, kappa, eta, tau, product, sums):
             if part % 2 == 0 and arc < _ARCS - 1:
                 t = _until(free, side, begin, end, s, d, kappa, eta, tau)
                 if t < 0.0:
+                    # The error has nowhere on the arc the sign of its begin, which was rounding: the other law holds.
                     free, t = not free, end - begin
             s1, d1 = _after(free, begin, t, s, d, kappa, eta, tau)
             _integrals(free, begin, t, s, d, s1, d1, kappa, eta, tau, sums)

@@ -18,6 +18,7 @@ _SMALL = 0.25
 
 @njit(**_INNER)
 def _angle(from_peak, to_trough):
+    # By the tangent of half the angle: an arc cosine would lose half its digits near the peak and the trough.
     return 2.0 * math.atan2(math.sqrt(max(from_peak, 0.0)), math.sqrt(max(to_trough, 0.0)))
 
 
@@ -51,6 +52,7 @@ def _area(theta, top, a):
 def _slide(of, a, b, reach):
     """Mean, real and imaginary part of the gain of a cable that slides; the stretch rises by `reach` before it does."""
     rise, fall = of[3], of[4]
+    # Slack cable carries no force: stretch below zero counts as none (docs/theory/play.md, The pulley with stiction).
     top, bottom = b + a, max(b - a, 0.0)
     under, drop = bottom - (b - a), top * of[6]
     # Angles from the peak at which it breaks away up, breaks away down and comes to the least taut stretch.
@@ -130,6 +132,8 @@ def _push(a, inside, q):
     root = math.sqrt(max(q * q + d * (2.0 - d), 0.0))
     edge = d <= 2.0
     begin = _angle(d, 2.0 - d) if edge else 2.0 * (math.pi - math.atan2(d, q - root))
+    # Contact ends where the torque is zero, before the twist is back at the gap (docs/theory/lock_pin.md). With the
+    # root in the denominator neither a shallow contact cancels nor d = 2 divides by zero.
     end = 2.0 * math.atan2(d, q + root)
     sin_begin, sin_end = math.sin(begin), math.sin(end)
     held = _squared_sine(begin) + _squared_sine(end)

@@ -129,6 +129,7 @@ def _along_a_ray(x, rate, quiet, compared):
             top = i
     if x[top] == 0.0 or not compared[top]:
         return False
+    # Along a ray all states grow at one rate per second, that of the largest; one that decays fails the comparison.
     per_second = rate[top] / x[top]
     for i in range(compared.size):
         if compared[i] and abs(rate[i] - per_second * x[i]) > EVENLY * per_second * abs(x[top]):

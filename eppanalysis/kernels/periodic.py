@@ -115,6 +115,7 @@ def _where_it_turns(c, low, high, slope):
         here, bend = _slope_and_bend(c, complex(math.cos(middle), math.sin(middle)))
         if (here > 0.0) != (slope > 0.0):
             return middle
+        # Slope times bend is half the rate of the squared slope: negative on the way to where it is nearest to zero.
         if here * bend <= 0.0:
             low = middle
         else:
@@ -154,6 +155,7 @@ def find_extrema(c, phase, value):
     amplitude = 0.0
     for k in range(1, n + 1):
         amplitude += abs(c[k])
+    # Beside so large a mean the extrema would be those of rounding.
     if not amplitude > 1e-2 * ROUNDING * abs(c[0]):
         return 0
     cells = max(_LEAST, _PER_WAVE * n)
@@ -167,6 +169,8 @@ def find_extrema(c, phase, value):
         if (slope > 0.0) != (after > 0.0):
             count = _put(phase, value, count, c, i * h, (i + 1) * h, after > 0.0)
         elif (
+            # Two extrema hide in a cell only where the slope falls towards zero from both of its ends, and the bend can
+            # bring the smaller of the two to zero within it.
             slope * bend <= 0.0
             and after * bend_after >= 0.0
             and min(abs(slope), abs(after)) < h * max(abs(bend), abs(bend_after))
@@ -203,6 +207,7 @@ def next_rise(c, phase, value, count, phi, here, level, sign):
         top = sign * value[i % count]
         if not top > goal + slack:
             continue
+        # On its level but for rounding, and on the way to a top that is clearly above: it rises here.
         if i == start and sign * here >= goal:
             return phi
         before = (i - 1) % count
@@ -343,6 +348,7 @@ def _repeat(
         for h in range(memory.size):
             moved = memory[h] - begun[h]
             near = abs(moved) <= _SAME * (size + abs(begun[h]))
+            # A memory value that is a time repeats itself a period later.
             same = same and (near or (clocked and abs(moved - turn) <= _SAME * turn))
         if same:
             return count, mode, begin
@@ -418,6 +424,7 @@ def settle(
             larger[s, k] = _EXCURSION * own[s, k]
         for i in range(counts[s]):
             wide[s, i] = own[s, 0].real + _EXCURSION * (value[s, i] - own[s, 0].real)
+    # From peak to peak, so that the larger motion hands over at the top of the smaller one.
     moving, before = larger[n_series], start - TURN
     count, there = _advance(
         table, larger, phase, wide, counts, moving, omega, before, start, mode, held, work, here, at, fired, holds

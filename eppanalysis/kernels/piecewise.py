@@ -99,6 +99,8 @@ def _add_piece(start, end, slope, side, amplitude, bias, mean, gain):
         s1, c1 = _halves(A, near)
         s2, c2 = _halves(A, far)
         sin_middle, cos_middle = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
+        # From the swept width itself: as a difference of two angles a piece much narrower than the amplitude would lose
+        # its digits.
         sin_width, cos_width = 0.5 * swept / (A * sin_middle), c1 * c2 + s1 * s2
         flat, q = sin_middle * sin_width, sin_width * sin_width
         cube = sin_width * q
@@ -129,6 +131,8 @@ def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
     for i in range(amplitude.size):
         b = bias[i]
         if b != last:
+            # At a breakpoint both sides count half, as a sine about it is as long on either; what lies off it the
+            # pieces and jumps add.
             above = np.searchsorted(breakpoints, b, side="right")
             below = above - 1 if above > 0 and breakpoints[above - 1] == b else above
             slope = (slopes[below] + slopes[above]) / 2

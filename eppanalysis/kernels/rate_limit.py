@@ -51,6 +51,7 @@ def _ramp_end(begin, beta):
     low, high = beta, 2.0 * math.pi - beta
     phi = min(max(0.5 * (3.0 * beta - begin), low), high)  # exact to first order for a short ramp
     for _ in range(_STEPS):
+        # On a short ramp input and output agree to many digits: there the difference itself is summed up.
         value = math.sin(phi) - sine - (phi - begin) * rate if wide else _gap(phi, begin, beta)
         if value > 0.0:
             low = phi
@@ -77,6 +78,7 @@ def _late(begin, beta, kappa):
     """
     end, rate = _ramp_end(begin, beta), math.cos(beta)
     wait = begin + math.pi - end
+    # The ramp lasts beyond the begin of the next one: a later begin shortens it, so the root lies there.
     if wait <= 0.0:
         return 2.0, -1.0, end
     share = kappa / (rate * (kappa * kappa + 1.0))
@@ -94,6 +96,8 @@ def _late(begin, beta, kappa):
 @njit(**PART)
 def _ramp(beta, kappa):
     """Phases at which the rising ramp begins and ends."""
+    # Where the corner of a triangle would lie, for an output that never follows (docs/theory/rate_limit.md, The ideal
+    # limiter): the ideal limiter's begin then, and a start for the servo's.
     begin = -math.asin(min(1.0, 0.5 * math.pi * math.cos(beta)))
     if math.isinf(kappa):
         end = _ramp_end(-beta, beta)
@@ -149,8 +153,11 @@ def lack(alpha, kappa):
     linear = 0.0j if math.isinf(kappa) else 1.0 / complex(1.0, -kappa)
     if not alpha > math.sqrt(1.0 + 1.0 / (kappa * kappa)):
         return linear
+    # arccos(1/alpha) by the half angle, which keeps its digits where alpha is hardly above one.
     beta = 2.0 * math.atan2(math.sqrt(alpha - 1.0), math.sqrt(alpha + 1.0))
     begin, end = _ramp(beta, kappa)
+    # A short ramp costs as little as beta^4 (docs/theory/rate_limit.md, The ideal limiter): the closed form, one less
+    # nearly one, would keep no digit of it, and the gain from the error divides by it.
     if math.isinf(kappa) and end < _SHORT:
         return _short(begin, end, beta)
     stop = begin + math.pi
@@ -180,6 +187,7 @@ def _excess(beta, error, kappa):
 def _drive(error, kappa):
     """alpha at which the fundamental of the error ``alpha (u - y)`` has the size `error`, above the linear range."""
     if math.isinf(kappa) and error > _SATURATED:
+        # Of a triangle |1 - N|^2 = 1 - (4 - 16/pi^2)/alpha^2, so that the drive follows from the error at once.
         return math.sqrt(error * error + 4.0 - 16.0 / math.pi**2)
     # alpha = 1/cos(beta) maps all drives onto a bounded interval; a regula falsi on it, with the end that stays halved
     # (docs/theory/rate_limit.md).

@@ -106,6 +106,8 @@ def _next_event(rules, mode, a, b, omega, low, high, memory, z, rate, w):
     """The guard of a mode that rises first in a step, and the phase behind its rise; -1 for none."""
     best, where = -1, high
     for g in range(rules.guard_mode.size):
+        # Looked at where the first one so far rises, and not at the end of the step: only an earlier one takes its
+        # place.
         if rules.guard_mode[g] != mode or not _guard(rules, g, mode, a, b, omega, where, memory, z, rate, w) > 0.0:
             continue
         left, right = low, where

@@ -68,6 +68,8 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
     if quiet >= 0.02 * t_end:
         rest = True
         for i in range(n):
+            # What the rate would move in the time since the last switch, a tenth of the run at least: a slow creep is
+            # no rest, however little it has moved yet.
             if compared[i] and abs(rate_end[i]) * max(quiet, 0.1 * t_end) > max(REST_TOLERANCE * size[i], rounding[i]):
                 rest = False
         if rest:
@@ -118,6 +120,7 @@ def _rest_change(d1, ev_t, ev_x, count, keep, p, local, size, compared, rounding
     d2 = _change(ev_t, ev_x, count, p, keep, p, local, size, compared)
     d3 = _change(ev_t, ev_x, count, 2 * p, keep, p, local, size, compared) if min(count, keep) > 3 * p else 0.0
     since = ev_t[(count - 1) % keep]
+    # The rounding of the clock: the later in the run, the greater a share of a period it is.
     noise = 4e-16 * since / (since - ev_t[(count - 1 - p) % keep] + 1e-300)
     for i in range(local.size):
         scale = max(local[i], 1e-6 * size[i])
@@ -153,6 +156,7 @@ def _drift(d1, ev_t, ev_guard, ev_x, count, keep, p, local, size, compared):
                 last = first if k == 0 else last
                 total += first
             if d1 > ADD_UP * total and first > 0.0:
+                # From the oldest part to the latest it is turns - 1 parts; a whole stretch is turns of them.
                 ratio = max(ratio, (last / first) ** (turns / (turns - 1.0)))
     return ratio
 

@@ -46,6 +46,7 @@ def segment_reach(model, j, t, line_t, line_h, line_n):
     """
     size = line_t.shape[1]
     late = t - model.smooth_delay[j]
+    # A segment that ends here but for the rounding of times would be read over no time at all.
     slack = 1e-14 * max(abs(t), abs(late))
     while line_n[j, 1] < line_n[j, 0] - 1 and line_t[j, line_n[j, 1] % size, 1] <= late + slack:
         line_n[j, 1] += 1

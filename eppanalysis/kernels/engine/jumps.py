@@ -147,6 +147,8 @@ def _way_off(model, m, off):
         e = model.guard_element[k]
         beyond = model.mode_first[e] + model.guard_target[k]
         for back in range(model.guard_first[beyond], model.guard_first[beyond + 1]):
+            # The side beyond a guard is the one from which a guard leads back here as the input comes down to the
+            # level.
             returns = model.mode_first[e] + model.guard_target[back] == m
             if returns and model.guard_z[back, 0] * off < 0.0:
                 return k

@@ -49,6 +49,7 @@ def _solve(E, F):
         for i in range(k + 1, n):
             if abs(E[i, k]) > abs(E[p, k]):
                 p = i
+        # A pivot of rounding: the modes contradict one another, or leave an output open.
         if abs(E[p, k]) <= 1e-14 * size:
             return False
         if p != k:

@@ -92,6 +92,7 @@ def sample_series(Y, Ys, X, last, Sg, samples, rows, first, stop, t, d, still, x
     """Signals at the samples first..stop of a series step. (A call with all arrays would be dearer.)"""
     per_unit = 1.0 / d
     for k in range(first, stop):
+        # A sample left over by the step before may lie before this one by rounding, which no series extrapolates.
         u = max(0.0, (samples[k] - t) * per_unit)
         polynomial(X, last, u, x)
         row = out[rows[k]]

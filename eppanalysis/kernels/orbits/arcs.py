@@ -76,6 +76,8 @@ def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smo
                 return code
         smooth[a] = 0
         for j in range(n_s):
+            # The weight with which a slipping mode lets the function act has the sign of its velocity, which at
+            # breakaway is zero and tells nothing.
             sense[a, j] = 1.0
             for e in range(modes.shape[1]):
                 if model.mode_ws[model.mode_first[e] + modes[a, e], 0, j] < 0.0:

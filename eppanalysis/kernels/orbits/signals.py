@@ -53,6 +53,8 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
             channels_at(channels, channels.sense[a], node[k, :n], node[k, n:], sigma, change)
             rate_at(F[a], S[a], node[k], sigma, rate)
             for s in range(n_y):
+                # Rates at the nodes tell in which steps a signal turns: extrema at a switch are nodes, all others lie
+                # inside a step.
                 value[k, s], slope[k, s] = 0.0, 0.0
                 for j in range(N):
                     value[k, s] += Y[a, s, j] * node[k, j]

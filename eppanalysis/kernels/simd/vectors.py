@@ -146,6 +146,8 @@ def _write_row_sum(code, start, rows, weights, scale, out):
     factor, (count,) = code.array(weights)
     target, (length,) = code.array(out)
     with code.blocks(length) as (column, _):
+        # Even and odd rows apart: one sum alone would wait for its own last addition at every row. `plain` adds in this
+        # order.
         sums = code.zeros(), code.zeros()
         if start is not None:
             builder.store(code.eight(code.array(start)[0], column), sums[0])
@@ -296,6 +298,7 @@ def cubics_below(typingctx, start, start_rate, step, end_rate, third, noise, str
                 builder.fsub(b, builder.fmul(more, fall)),
                 b,
             )
+            # Ordered comparisons are false of what is not a number: it proves nothing.
             low = builder.fcmp_ordered("<=", a, noise)
             for coefficient in coefficients:
                 low = builder.and_(low, builder.fcmp_ordered("<=", coefficient, level))
@@ -443,6 +446,7 @@ def any_above(typingctx, row, scale, limits):
         found = code.bits(0)
         with code.blocks(length) as (place, _):
             size = builder.fmul(scale, code.size(code.eight(values, place)))
+            # Unordered: what is not a number counts as above.
             above = builder.fcmp_unordered(">", size, code.eight(bounds, place))
             builder.store(builder.or_(builder.load(found), above), found)
         return code.compare("!=", found, 0)
