@@ -83,6 +83,7 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
         "memory_from_memory": np.zeros((n, 0, 0)),
         "memory_constant": np.zeros((n, 0)),
         "impulse": np.zeros((n, 1)),
+        # What the loop does not keep on the jump passes it at once (docs/theory/engine.md, Modes).
         "bypass": column(none, none, above, below),
     }, numbers
 
@@ -182,6 +183,7 @@ def play(gap: float) -> Automaton:
     down = build.mode("pushed down", from_input=1.0, constant=b)
     build.guard("meets the upper side", rest, up, on_input=1.0, on_memory=-1.0, constant=-b)
     build.guard("meets the lower side", rest, down, on_input=-1.0, on_memory=1.0, constant=-b)
+    # Pushed, the input is as far from the output as ever: only its rate tells that it turns back.
     build.guard("lets go", up, rest, on_rate=-1.0, memory_from_input=1.0, memory_constant=-b)
     build.guard("lets go", down, rest, on_rate=1.0, memory_from_input=1.0, memory_constant=b)
     return build.build(rest)
@@ -242,6 +244,7 @@ def stiction_pulley(
     build.guard("breaks away downward", stuck, down, on_input=-load_down, on_memory=load_down + (1 - m) * k_f)
     build.guard("sticks", up, stuck, on_rate=-1.0, memory_from_input=rise)
     build.guard("sticks", down, stuck, on_rate=1.0, memory_from_input=fall)
+    # Both lines of sliding pass through the origin, so that slack begins and ends without a jump.
     build.guard("goes slack", up, slack, on_input=-1.0, memory_constant=0.0)
     build.guard("goes slack", down, slack, on_input=-1.0, memory_constant=0.0)
     build.guard("goes taut", slack, up, on_input=1.0)
@@ -270,6 +273,8 @@ def lock_pin(gap: float, stiffness: float, damping: float, unilateral: bool) -> 
     if not unilateral:
         return build.build(free)
     for sign, contact, side in ((1.0, plus, "plus"), (-1.0, minus, "minus")):
+        # The damper of a contact that opens would pull: the torque ends at zero before the twist is back at the gap
+        # (docs/theory/lock_pin.md).
         row = np.array([sign * stiffness, sign * damping])
         away = build.mode(f"released {side}")
         build.guard(f"releases {side}", contact, away, on_input=-row, constant=stiffness * b)
@@ -343,6 +348,8 @@ def sampled(breakpoints: ArrayLike, slopes: ArrayLike, intercepts: ArrayLike, pe
     for i, edge in enumerate(x):
         build.guard("reads higher", i, i + 1, on_input=[1.0, 0.0], constant=float(-edge))
         build.guard("reads lower", i + 1, i, on_input=[-1.0, 0.0], constant=float(edge))
+    # Behind the passages between pieces: of guards that stand above zero the first one goes, so that only the piece
+    # that holds the input reads it.
     for i, (slope, intercept) in enumerate(zip(a, b, strict=True)):
         build.guard(
             "reads",

@@ -436,8 +436,11 @@ def _jumps(guard: Guard, before: Mode, after: Mode) -> tuple[Array, Array]:
     )
     row = np.concatenate([guard.on_input, guard.on_memory, [guard.constant]]) + guard.on_output @ was
     if np.any(guard.on_rate):
+        # A guard on rates fixes no value of the inputs, so that nothing of the change vanishes with it.
         row = np.zeros_like(row)
     change, size = new - was, np.abs(new) + np.abs(was)
+    # The guard is zero at its event: of the change all that is a multiple of its row vanishes there, what is left is a
+    # jump.
     share = change[:, :-1] @ row[:-1] / (row[:-1] @ row[:-1] or 1.0)
     left = change - np.outer(share, row)
     left[np.abs(left) <= 1e-12 * (size.max(axis=1, keepdims=True) + np.abs(np.outer(share, row)))] = 0.0

@@ -185,6 +185,7 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
     def output(self, x: Any, memory: Any = None) -> tuple[Array, Any]:
         """Torque and rate of the contact angle (trailing axis); `memory` is unused, the state is the third input."""
         delta, rate, contact = (floats(v, "output: x") for v in (x[0], x[1], x[2]))
+        # Without torque the damper gives way as the spring relaxes, k (twist - contact) + c (twist - contact)' = 0.
         drift = rate + self.stiffness / self.damping * (delta - contact)
         half = self.gap / 2
         blocked = ((contact >= half) & (drift > 0)) | ((contact <= -half) & (drift < 0))

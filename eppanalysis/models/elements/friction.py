@@ -165,8 +165,10 @@ def _half(a: Array, b: Array, fall: float) -> tuple[Array, Array]:
     safe_root = np.where(inner, 1.0, root)
     # All of the cycle is on this side where b >= a, none of it where b <= -a.
     whole_mean = 2 * np.pi / safe_root
+    # The difference of centre and root, rationalised: of a small motion they are nearly equal.
     whole_gain = -2 * np.pi * half_range / (safe_root * (np.where(outside, centre, 1.0) + safe_root))
     part_mean = _reciprocal(np.where(inner, a, 1.0), np.where(inner, b, 0.0), fall)
+    # g sin(phi) = (1 - centre g)/half_range: the second integral from the first.
     closed = (2 * theta - centre * part_mean) / half_range
     part_gain = np.where(half_range < 0.05, _series(theta, half_range, np.where(inner, centre, 1.0)), closed)
     mean = np.where(inner, part_mean, np.where(outside, whole_mean, 0.0))

@@ -52,6 +52,8 @@ def _relay(
     a = np.where(rises & falls, a, 1.0)
     up, down = (np.clip(x - b, -a, a) for x in (upper, lower))
     share = (angle(a - up, a + up) + angle(a - down, a + down)) / (2 * np.pi)
+    # The cosines of both switching phases as products of two roots, exact also where a threshold is only just reached
+    # (docs/theory/hysteresis.md, Hysteresis relay).
     cosines = np.sqrt((a - up) / a) * np.sqrt((a + up) / a) + np.sqrt((a - down) / a) * np.sqrt((a + down) / a)
     gain = (high - low) / np.pi * (cosines / a - 1j * (((upper - lower) / a) / a))
     mean = np.where(rises & falls, low + (high - low) * share, undecided)

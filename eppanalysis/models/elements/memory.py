@@ -114,6 +114,8 @@ class Play(Nonlinearity, kind="play"):
         a, b = amplitude_and_bias(amplitude, bias, omega)
         moves = a > self.gap / 2
         reached = np.where(moves, a, self.gap)
+        # 1 - u^2 of docs/theory/play.md, Play, as the product 2 (g/a) (a - g/2)/a: the difference would cancel just
+        # above half the gap.
         spare = reached - self.gap / 2
         real, lag = 2 * squared_sine(angle(spare, self.gap / 2)), 2 * (self.gap / reached) * (spare / reached)
         return with_nan(a, b, b, np.where(moves, (real - 1j * lag) / np.pi, 0.0))
@@ -303,6 +305,7 @@ class JumpAndFollow(_Sticking, kind="jump_and_follow"):
         reached = np.where(moves, a, self.stick_band)
         band, jump = self.stick_band / reached, self.slip_jump / reached
         rest = 2 * reached - self.stick_band
+        # docs/theory/play.md, Jump-and-follow, with u = 1 - S/a put in.
         real = 2 * squared_sine(angle(rest, self.stick_band)) + 2 * jump * np.sqrt(rest / reached) * np.sqrt(band)
         lag = 2 * (self.stick_band - self.slip_jump) / reached + band * (2 * jump - band)
         return with_nan(a, b, self.slope * b, np.where(moves, self.slope / np.pi * (real - 1j * lag), 0.0))
@@ -438,6 +441,8 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         """What its closed form is made of, shape (9,), as the kernel says."""
         static, kinetic = self.friction, self.kinetic_ratio * self.friction
         shares = [self.share(ratio) for ratio in (0.0, static, -static, kinetic, -kinetic)]
+        # From the least stretch, where it has slid down, to where it breaks away upward, over that stretch; the drop is
+        # the same from the greatest one.
         reach = self.share_difference(-kinetic, static) / self.share(static)
         drop = self.share_difference(-static, kinetic) / self.share(-static)
         jumps = [self.share_difference(kinetic, static), self.share_difference(-static, -kinetic)]

@@ -145,6 +145,7 @@ class AutomatonElement(Nonlinearity):
             sums = guard.on_input @ z + guard.on_rate @ rate + guard.on_memory @ stored + guard.on_output @ w
             return float(sums + guard.constant)
 
+        # Along a straight way a guard without smooth functions is affine: one that is not up at its end has not risen.
         if not value(1.0) > 0.0:
             return None
         low, high = share, share if value(share) > 0.0 else 1.0
@@ -199,6 +200,7 @@ class AutomatonElement(Nonlinearity):
             raise ModelError(f"AutomatonElement: it has {self.n_inputs} inputs; expected one and its rate.")
         a, b, w = broadcast(amplitude, bias, omega)
         scale = float(np.min(self.thresholds(), initial=np.inf))
+        # The quotient by the amplitude has its limit beneath the least threshold, where nothing switches yet.
         a = np.where(a == 0, 1e-6 * (scale if np.isfinite(scale) else 1.0), a)
         shape, n_w = a.shape, self.n_outputs
         mean, gain = np.empty((a.size, n_w)), np.empty((a.size, n_w), complex)

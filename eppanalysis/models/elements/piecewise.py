@@ -160,6 +160,8 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
 
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x`` over all x except zero; infinite where the map misses the origin."""
+        # Within a piece y/x = slope + intercept/x goes one way only: its ends decide, and zero where it lies in the
+        # piece.
         at_zero = int(np.searchsorted(self.breakpoints, 0.0, side="right"))
         corner = at_zero > 0 and self.breakpoints[at_zero - 1] == 0
         ratios = [self.slopes[0], self.slopes[-1]]

@@ -107,6 +107,8 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         away = self.inputs - b[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(a[..., None] > 0, away / a[..., None], np.sign(away))
+        # Between the phases at which the input passes a point the integrand is a polynomial in the sine: a bend inside
+        # a panel would cost Gauss's rule most of its digits (docs/theory/piecewise_linear.md, Tables).
         edge = np.arcsin(np.clip(ratio, -1.0, 1.0))
         half = np.full((*a.shape, 1), 0.5 * np.pi)
         edge = np.concatenate([-half, edge, half], axis=-1)
@@ -126,6 +128,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         """Least and greatest slope of the curve."""
         c = self._cubics
         with np.errstate(divide="ignore", invalid="ignore"):
+            # The slope of a cubic is a parabola: extreme at its vertex, or at the ends of the piece.
             turns = np.nan_to_num(-c[1:-1, 2] / (3.0 * c[1:-1, 3]))
         ends = self.inputs[:-1] - self._centre, self.inputs[1:] - self._centre
         u = np.array([*ends, np.clip(turns, *ends)])
@@ -137,6 +140,7 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         rounding = 1e-14 * float(np.abs(self.outputs).max())
         if abs(float(self._value(np.zeros(())))) > rounding:
             return -np.inf, np.inf
+        # y/x is extreme at the ends of a piece or where a line through the origin touches it.
         x = np.concatenate([self.inputs, *map(self._tangent, range(1, len(self.inputs)))])
         x = x[np.abs(x) > 1e-9 * np.abs(self.inputs).max()]
         ratios = [
@@ -184,6 +188,8 @@ def _cubics(x: Array, y: Array, hold: bool, centre: float) -> Array:
     if not hold:
         h, last = x[-1] - x[-2], between[-1]
         ends[:, 1] = between[0, 1], last[1] + h * (2 * last[2] + 3 * h * last[3])
+    # Powers about one centre for all pieces, by the binomial formula: so one square and one cube of the input serve all
+    # modes of the automaton as its smooth functions.
     local = np.concatenate([ends[:1], between, ends[1:]])
     begin = centre - np.concatenate([x[:1], x])
     shift = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])

@@ -384,6 +384,7 @@ class Arctan(_Saturating, kind="arctan"):
         a, b, _ = broadcast(amplitude, bias, omega)
         scale = self.slope / self._height
         z = np.asarray(scale * b + 1j)
+        # Two roots for that of z^2 - A^2: each stays on its branch, where the square of z would cross the cut.
         both = z + np.sqrt(z - scale * a) * np.sqrt(z + scale * a)
         # pi/2 - arg, without the loss of a difference.
         return with_nan(a, b, self._height * np.arctan2(both.real, both.imag), -2 * self.slope * (1 / both).imag)

@@ -62,6 +62,8 @@ class LuGreLaw(PreslidingLaw):
         w = np.maximum(w, self.stiffness * a / (self.coulomb * _MOST_REACH))
         panels = np.where(defined, self._panels(a, w), 0)
         for count in np.unique(panels[defined]).tolist():
+            # Short panels at both ends of an arc, where the velocity is small: the bristles turn behind the one, and
+            # the Stribeck curve rises at both (docs/theory/friction.md, Bristles).
             half = 0.5 ** np.arange(count, 0.5, -1.0)
             edges = np.concatenate([[0.0], half, 1.0 - half[-2::-1], [1.0]])
             places = np.flatnonzero(panels == count)
@@ -166,12 +168,15 @@ class _Arc:
         reach = (law.stiffness * a / (law.coulomb * w))[:, None, None]
         decay = reach * np.abs(u) * law.coulomb / law.steady(u * a[:, None, None])
         step = (half * length[:, None])[:, :, None, None] * _INTEGRAL
+        # The end is among Radau's nodes, so that a panel over which the bristles have long given way leaves nothing of
+        # its start; of Gauss's nodes all of it would be left, with either sign.
         matrix = np.eye(_NODES) + step * decay[..., None, :]
         right = np.concatenate([-step @ decay[..., None], step @ (reach * u)[..., None]], -1)
         solved = np.linalg.solve(matrix, right)
         loses, adds = solved[..., 0], solved[..., 1]
         lost, added = np.zeros(len(a)), np.zeros(len(a))
         for i in range(len(half)):
+            # (1 + lost)(1 + own) less one, written out: what a small motion loses is far below one.
             own, gained = loses[:, i].copy(), adds[:, i].copy()
             loses[:, i] = lost[:, None] + own + lost[:, None] * own
             adds[:, i] = (1 + own) * added[:, None] + gained

@@ -219,6 +219,8 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
             slides = build.mode(
                 f"along the {side} limit", from_input=[none, none], constant=at, sticking=True, level=limit, jump=-1.0
             )
+            # A limit is entered by sliding along it, which the last two guards end at once unless ds/dt lies between
+            # zero and ki e (docs/theory/anti_windup.md, Clamping); a v that has jumped over the limit takes the bypass.
             beyond, back, further = [sign, 0.0, 0.0], [-sign, 0.0, 0.0], [0.0, sign * way, 0.0]
             build.guard(f"reaches {side}", within, slides, on_input=beyond, constant=-sign * limit, bypass=held)
             build.guard(f"comes back to {side}", held, slides, on_input=back, constant=sign * limit, bypass=within)

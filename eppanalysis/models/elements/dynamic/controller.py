@@ -116,6 +116,8 @@ class AntiWindupPID(LimitedPID, PiecewiseLinear, kind="anti_windup_pid"):
         v_of_state, v_of_error, back = np.array([1.0, -ahead])[:n], self.kp + ahead, 1.0 / self.tracking_time
         free, driven, none = np.diag([0.0, -filtering])[:n, :n], np.array([self.ki, filtering])[:n], np.zeros(n)
         first = np.eye(n)[0]
+        # The integrator is driven by (u - v)/tracking_time: v is put in, so that u alone is the saturation's
+        # (docs/theory/anti_windup.md).
         A, B = free - back * np.outer(first, v_of_state), driven - back * v_of_error * first
         return OwnStates(
             A, np.column_stack([B, back * first]), np.array([v_of_state, none]), np.diag([v_of_error, 1.0])

@@ -86,6 +86,7 @@ class ParkingBandLaw(Nonlinearity):
             np.arcsin(np.clip(high, -1, 1)) - np.arcsin(np.clip(low, -1, 1)),
             np.pi - 2.0 * np.arcsin(np.clip(low, -1, 1)),
         )
+        # The way through the band against the dwell time (docs/theory/piecewise_linear.md, Laws that know the time).
         parks = passage >= self.dwell_time * omega
         mean, gain = self.law.describing_function(amplitude, bias, omega)
         parked_mean, parked_gain = self._flexion_only().describing_function(amplitude, bias, omega)

@@ -76,6 +76,8 @@ class ResetLaw(Nonlinearity):
     def automaton(self) -> Automaton:
         """A mode for either sign of the input, and one at the start, which is left without a reset."""
         build = AutomatonBuilder(n_inputs=2)
+        # The impulse is minus the state, by which its integrator becomes zero exactly (docs/theory/reset.md, In a
+        # loop). The start has a mode of its own: to take the mode of the input's sign there is no passage through zero.
         law = [self.gain, self.leak - self.pole]
         start, plus, minus = (build.mode(name, from_input=law) for name in ("start", "positive", "negative"))
         for before, after, sign, name in ((minus, plus, 1.0, "upward"), (plus, minus, -1.0, "downward")):
@@ -98,6 +100,8 @@ def _answer(a: Array, b: Array, w: Array, k: float, pole: float) -> Answer:
         lost, area = _half(kappa, np.pi + 2 * beta, sine, cosine)
         lost_below, area_below = _half(kappa, np.pi - 2 * beta, -sine, cosine)
         mean = a * drive / (2 * np.pi) * (area - area_below)
+        # What is lost at either passage is an impulse in the rate, so that the fundamental follows without a further
+        # integral (docs/theory/reset.md, Describing function).
         jump = lost * (-cosine + 1j * sine) - lost_below * (cosine + 1j * sine)
         gain = drive * (1 - 1j * jump / np.pi) / (kappa + 1j)
         linear = k / (pole + 1j * w)
@@ -114,6 +118,7 @@ def _half(kappa: Array, length: Array, sine: Array, cosine: Array) -> tuple[Arra
     The input is ``sine + sin(phi)``, from its passage through zero to the next.
     """
     x = kappa * length
+    # h2 = (L - h1)/kappa of docs/theory/reset.md first, and h1 from it: an integrator, kappa = 0, divides by nothing.
     series = 0.5 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720 - x / 5040))))
     safe = np.where(x < _SHORT, 1.0, x)
     second = np.where(x < _SHORT, series, (safe + np.expm1(-safe)) / safe**2) * length**2

@@ -197,6 +197,8 @@ class SampledController(Nonlinearity):
                 on_input[place, :m], on_memory[place, state] = of_input, of_state
             if at == due:
                 constant[due] = self.counted(self.sample_time)
+            # The tick of the output is the tick that was due and the delay, not the clock's time: so samples do not
+            # drift.
             if at == due and late:
                 on_memory[ready], constant[ready] = np.eye(size)[due], self.counted(self.delay)
             if at == ready and late:
@@ -258,6 +260,7 @@ class SampledController(Nonlinearity):
         state, held, due, computed, ready = memory
         A, B, C, D = (np.asarray(getattr(self, name)) for name in "ABCD")
         while min(due, math.inf if math.isnan(ready) else ready) <= clock:
+            # With a delay of a whole sample time what is ready goes out before the next sample takes its place.
             if ready <= due:
                 held, ready = computed, math.nan
                 continue
@@ -324,6 +327,7 @@ class SampledController(Nonlinearity):
         a, b, w = broadcast(amplitude, bias, omega)
         gain = self.response(w)[..., 0]
         A, B, C, D = (np.asarray(getattr(self, name)) for name in "ABCD")
+        # A pole at z = 1 sums a bias up without end.
         left = np.eye(self._n) - A
         integrates = self._n and np.linalg.matrix_rank(left) < self._n
         static = np.full(self._p, np.inf) if integrates else (C @ np.linalg.solve(left, B) + D)[:, 0]
@@ -358,6 +362,7 @@ def on_common_ticks(elements: Sequence[Nonlinearity]) -> tuple[Nonlinearity, ...
         first = next(iter(free.values())).sample_time
         group = {i: e for i, e in free.items() if _ratio(e.sample_time, first)}
         times = [t for e in group.values() for t in (e.sample_time, e.delay, e.offset)]
+        # All times are ratios to the first one: with the common denominator as divisor each is a whole number of ticks.
         divisor = math.lcm(*(ratio.denominator for t in times if (ratio := _ratio(t, first))))
         for i, e in group.items():
             made[i] = replace(e, tick=first / divisor)
