@@ -54,6 +54,7 @@ def require_unique(system: LureSystem) -> None:
     columns = [system.output_slices[e].start for e in single]
     D = system.D[np.ix_(rows, columns)]
     on = parts_on_loops(D) if len(D) else np.zeros(0, np.int64)
+    # Of more there are too many ends: a run then stops at the combination of modes that has no solution.
     if not on.size or on.size > _MOST:
         return
     D = D[np.ix_(on, on)]

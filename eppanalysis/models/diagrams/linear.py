@@ -79,6 +79,7 @@ def _straight_through(DW: Array, outputs: Sequence[Port], who: str) -> Array:
     """``(I - D W)^-1``: what goes straight from output to output, any number of times."""
     unit = np.eye(len(DW))
     if acyclic(DW):
+        # Without a loop the series ends by itself, and gains stay as they were given: an inverse would round them.
         total = term = unit
         for _ in range(len(DW)):
             term = DW @ term

@@ -145,6 +145,8 @@ class Network:
         if not read:
             raise ModelError(f"{self.who}: nothing that {name} reads comes from outside of it", field="connect")
         start = np.concatenate([block.start for block in blocks.values()])
+        # What is put out comes back at the same sample through a saturation, say: then the state is renewed behind the
+        # outputs, so that an integrator sees what was cut off (docs/theory/sampled.md).
         self.elements[name] = SampledController(
             closed.A, closed.B[:, read], closed.C, closed.D[:, read], sample_time=step, delay=delay, x0=start,
             state_last=self._straight_back(outputs, [inputs[i] for i in read]) and not delay,

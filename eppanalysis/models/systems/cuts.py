@@ -94,6 +94,7 @@ class Cuts:
         found: dict[bytes, str] = {}
         for i, name in enumerate(self.names):
             parts = (self.B[:, i], self.E[:, i], self.C[i], self.D[i], self.F[i], self.delays[i])
+            # Zero added, zeros of either sign have the same bytes.
             found.setdefault(b"".join((np.asarray(part) + 0.0).tobytes() for part in parts), name)
         return tuple(found.values())
 

@@ -117,6 +117,8 @@ class HybridSystem:
     def _packed(cls, system: LureSystem, input_signals: Mapping[str, InputSignal], observed: bool) -> HybridSystem:
         automata = [e.automaton() for e in system.elements]
         names = list(system.element_names)
+        # A run is judged by its events (docs/theory/simulation.md, Verdict): where no element can switch, extrema stand
+        # for them.
         if observed or not any(a.guards for a in automata):
             automata.append(_observer())
             names.append("observer")
@@ -172,6 +174,7 @@ class _Packer:
             C[nz:], Kz[nz:], D[nz:, :nw] = C[:1], Kz[:1], D[:1, :nw]
         S, smooth = self._smooth(B, C, D, Kz)
         acts = self._acts_on(D, B, C)
+        # What is late reaches the states through its channel of the past alone.
         B[:, : self.n_w][:, self._delayed()] = 0.0
         modes, guards = self._modes(B, C, D, smooth["count"])
         s = system.signals
@@ -216,6 +219,7 @@ class _Packer:
         fastest = float(fastest_poles(system.A[None])[0])
         self._refuse_tiny_delays(fastest)
         A, B, S, K = model.A, model.B, model.S, model.K
+        # A clock never comes back, and an input need not: neither is asked whether a cycle has closed.
         clock = ~np.any(A, axis=1) & ~np.any(B, axis=1) & ~np.any(S, axis=1) & (K[:, -1] != 0)
         exo = np.arange(len(A)) >= self.n
         return HybridSystem(
@@ -272,6 +276,7 @@ class _Packer:
             (sampled, self._reach(acts)[:-1].T > 0),
         ):
             while rest:
+                # In an algebraic loop none comes before all others: the first one breaks it.
                 order.append(next((e for e in rest if not any(on[e, o] for o in rest if o != e)), rest[0]))
                 rest.remove(order[-1])
         return np.array(order, np.int64)
@@ -307,6 +312,8 @@ class _Packer:
         at = 0
         for i, input_signal in enumerate(self.input_signals):
             if isinstance(input_signal, Sine):
+                # An oscillator's two states are the sine to rounding, so that nothing of it is sampled
+                # (docs/theory/driven.md, The sine is two more states).
                 V[i, at], carrier[i] = input_signal.amplitude, system.v0[i]
                 A[n + at, n + at + 1], A[n + at + 1, n + at] = input_signal.omega, -input_signal.omega
                 x0[n + at], x0[n + at + 1] = np.sin(input_signal.phase), np.cos(input_signal.phase)

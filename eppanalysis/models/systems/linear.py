@@ -113,6 +113,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike, time_step: f
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), D, time_step)
     powers = np.arange(1, n + 1)
     sizes = np.abs(den[1:]) ** (1.0 / powers)
+    # All poles lie within twice the largest of these (Fujiwara's bound).
     w0 = float(sizes.max()) if time_step is None and sizes.max() > 0 else 1.0
     a = den[1:] / w0**powers
     b = (num[1:] - num[0] * den[1:]) / w0**powers
@@ -201,6 +202,7 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
         turn = np.eye(len(A))
         turn[:k, :k] = U
         apart, Q = turn.T @ apart @ turn, Q @ turn
+        # Into the directions of the last left singular vectors nothing flows but rounding.
         apart[rank:k, :k] = 0.0
         k = rank
     return apart, Q, k

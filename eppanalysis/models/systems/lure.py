@@ -472,6 +472,8 @@ def with_own_states(system: LureSystem) -> LureSystem:
 
 def _on_one_clock(system: LureSystem, n: int) -> LureSystem:
     """The loop with one state for all clocks among those behind the first n."""
+    # States that nothing moves but a constant rate of one, from zero on, tell the same time: samples of all controllers
+    # are counted on one.
     moved = np.any(np.hstack([system.A, system.B, system.B_input]), axis=1)
     clocks = n + np.flatnonzero((~moved & (system.constant_state == 1.0) & (system.x0 == 0.0))[n:])
     if len(clocks) < 2:

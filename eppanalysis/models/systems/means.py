@@ -47,6 +47,8 @@ def static_balance(system: LureSystem, value: Array) -> StaticBalance:
     n, m = system.A.shape[0], len(rows)
     A = system.A - (np.eye(n) if system.time_step else 0.0)
     state = np.hstack([A.T, system.C[rows].T]).T
+    # Combinations of rates and inputs in which the state cancels: rates vanish at rest, and what these rows say of
+    # means is all that is asked of them.
     left = _left_null(state, A, system.C[rows])
     if left.shape[0] != m:
         raise ModelError(f"{system.name}: the static balance has {left.shape[0]} equations for {m} means.")
@@ -132,6 +134,7 @@ def equilibrate(matrix: Array) -> tuple[Array, Array]:
     size = np.abs(matrix)
     for _ in range(6):
         r = (row[:, None] * size * column).max(1, initial=0.0)
+        # Powers of two scale without rounding.
         row = row / np.where(r > 0, 2.0 ** np.round(np.log2(np.where(r > 0, r, 1.0)) / 2.0), 1.0)
         c = (row[:, None] * size * column).max(0, initial=0.0)
         column = column / np.where(c > 0, 2.0 ** np.round(np.log2(np.where(c > 0, c, 1.0)) / 2.0), 1.0)

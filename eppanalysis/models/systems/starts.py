@@ -106,6 +106,8 @@ def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> NDArr
     """Whether the loop pulls an element's input (row z) back against jumps of its output (w)."""
     pull = float(C[z] @ B[:, w])
     size = float(np.abs(C[z]) @ np.abs(B[:, w]))
+    # Held is what the output pulls back by way of the input's rate (docs/theory/engine.md, Modes); straight through D
+    # it would move the input itself.
     return (pull * jump < 0) & bool(abs(pull) > 1e-12 * size and not np.any(D[z]))
 
 

@@ -87,6 +87,8 @@ class Curve:
             return 0.0
         t, k = self.spline.t, self.spline.k
         design_matrix = type(self.spline).design_matrix
+        # The variance of a fit that is linear in its data (docs/theory/measured.md, Between the points), by the
+        # triangle of B: normal equations would square its condition.
         B = design_matrix(self.log_omega, t, k).toarray() / self.deviation[:, None]
         here = design_matrix(np.array([np.log(omega)]), t, k).toarray()[0]
         root = np.linalg.solve(np.asarray(np.linalg.qr(B, mode="r")).T, here)
@@ -132,6 +134,7 @@ def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
     """
     most = max(_FEWEST_SPANS, len(x) // _POINTS_EACH - 3)
     counts = np.unique(np.geomspace(_FEWEST_SPANS, most, 24).astype(int))
+    # Magnitude and phase have as many coefficients each: twice Akaike's two.
     loss = [
         _chi_square(spline := _with_spans(x, y, deviation, int(n)), x, y, deviation)[0] + 4.0 * len(spline.c)
         for n in counts

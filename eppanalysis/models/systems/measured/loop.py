@@ -148,6 +148,7 @@ class MeasuredLoop:
             return on_bias, on_mean, prescribed
         gain, rows = self.matrix.static_gain, len(self._rows)
         on_bias, on_mean = np.eye(rows), -self.feedback * np.where(np.isfinite(gain), gain, 0.0)
+        # An integrator leaves its input's mean open, and asks instead that what it integrates has none.
         for i in np.flatnonzero((np.isinf(gain).sum(1) == 1) & ~np.isnan(gain).any(1)):
             on_bias[i, i], on_mean[i] = 0.0, self.feedback * np.isinf(gain[i])
         return on_bias, on_mean, np.zeros(rows)
@@ -283,6 +284,7 @@ class DataSystem(LureSystem):
         nz, n_x = len(own["D_zx"]), own["B_x"].shape[1]
         (zx, zw), (yx, yw) = ((M[..., :n_x], M[..., n_x:]) for M in (P[..., :nz, :], P[..., nz:, :]))
         (dzx, dzw), (dyx, dyw) = ((M[..., :n_x], M[..., n_x:]) for M in (dP[..., :nz, :], dP[..., nz:, :]))
+        # x = (1 - G P_yx)^-1 G P_yw w (docs/theory/measured.md, The interval of a prediction).
         closed = np.eye(n_x) - G @ yx
         x = np.linalg.solve(closed, G @ yw)
         y = yx @ x + yw
@@ -299,6 +301,7 @@ class DataSystem(LureSystem):
         G, dG = self.frequency_response_and_slope(top)
         with np.errstate(all="ignore"):
             slope = np.nan_to_num((top * dG / G).real)
+        # Where G falls as CB/(j omega), the rate behind a step is CB.
         return np.where(np.abs(slope + 1.0) < _WHOLE, (1j * top * G).real, 0.0)
 
     def by_path(self, omega: float) -> ComplexArray:

@@ -76,6 +76,7 @@ class AveragedSystem(LureSystem):
         G, dG = self.origin.frequency_response_and_slope(w)
         K, dK = p.responses(w)
         S, before, behind = p.closing(G, K)
+        # Of S = K (I - G K)^-1, with behind = (I - K G)^-1 and before = (I - G K)^-1.
         dS = behind @ (dK + K @ _at(dG, p.read, p.held) @ K) @ before
         through, into = _at(G, p.z, p.held), _at(G, p.read, p.w)
         slope = (
@@ -201,6 +202,8 @@ def realised(controller: SampledController, dead_time: Array) -> tuple[Array, Ar
     back = np.linalg.inv(turn) if n else turn
     A_c, B_c = 2.0 / T * back @ (A.reshape(n, n) - np.eye(n)), 2.0 / T * back @ B
     C_c, D_c = 2.0 * C @ back, D - C @ back @ B
+    # Hold and delay are late by half a sample and the delay: as a dead time t in Pade's form of one zero and two poles,
+    # (1 - ts/3)/(1 + 2ts/3 + (ts)^2/6), through which nothing goes straight.
     theta = 0.5 * T + controller.delay + dead_time
     late = scipy.linalg.block_diag(*(np.array([[0.0, 1.0], [-6.0 / t**2, -4.0 / t]]) for t in theta))
     drive = np.zeros((2 * p, p))

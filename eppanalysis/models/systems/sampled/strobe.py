@@ -100,6 +100,8 @@ class Strobe:
     @cached_property
     def every(self) -> int:
         """Samples of the slowest controller until all samples come round; 0 where they never do."""
+        # In one tick all come round after the least common multiple of their counts; without a common tick they never
+        # do.
         counts = [c.counted(c.sample_time) for c in self.controllers]
         if len({c.unit for c in self.controllers}) > 1 or any(n % 1.0 for n in counts):
             return 0 if len(counts) > 1 else 1
@@ -148,6 +150,7 @@ class Strobe:
         for e, controller in zip(self.numbers, self.controllers, strict=True):
             own = np.flatnonzero(self.counting[model.first[e, 2] : model.first[e + 1, 2]]) + model.first[e, 2]
             passed = x[self.clock] / controller.unit
+            # Counts of whole ticks must not take up the rounding of the clock.
             H[own] -= round(passed) if self.every else passed
         x[self.clock] = 0.0
         return replace(self.hybrid, x0=x, H0=H, modes0=np.array(modes, np.int64))
