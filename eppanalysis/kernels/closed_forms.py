@@ -164,6 +164,8 @@ def lock_pin(gap, stiffness, damping, unilateral, amplitude, bias, omega, mean, 
         if math.isnan(a + b + q):
             mean[i], gain[i] = math.nan, complex(math.nan, 0.0)
             continue
+        # The other side sees the twist mirrored: its mean is subtracted, its gain the same way round
+        # (docs/theory/lock_pin.md).
         if unilateral:
             up, up_real, up_imaginary = _push(a, b - gap / 2.0, q)
             down, down_real, down_imaginary = _push(a, -b - gap / 2.0, q)

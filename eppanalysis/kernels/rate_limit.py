@@ -102,6 +102,8 @@ def _ramp(beta, kappa):
     if math.isinf(kappa):
         end = _ramp_end(-beta, beta)
         return (-beta, end) if end <= math.pi - beta else (begin, begin + math.pi)
+    # One equation for the begin: half a period later the error has to stand at the other limit
+    # (docs/theory/rate_limit.md, The servo). Newton's method, kept in its bracket.
     low, high = -beta, beta
     begin = max(begin, 0.999 * low)
     end = beta

@@ -233,6 +233,8 @@ def _change(ev_t, ev_x, count, back, keep, p, local, size, compared):
     for i in range(local.size):
         if not compared[i]:
             continue
+        # A state that stands still on the cycle is held against how far it has moved in the run, or its rounding would
+        # be a change.
         scale = max(local[i], 1e-6 * size[i])
         if scale > 0.0:
             worst = max(worst, abs(ev_x[last % keep, i] - ev_x[(last - p) % keep, i]) / scale)

@@ -218,6 +218,8 @@ class BacklashCompensator(_Sticking, kind="backlash_compensator"):
         turned = a > self.travel / 2
         reached = np.where(turned, a, self.travel)
         spare = reached - self.travel / 2
+        # 1 - N of a play of that width (docs/theory/play.md, Backlash compensator), over the other part of the half
+        # turn: the difference would cancel at large amplitudes.
         kept = 2 * squared_sine(angle(self.travel / 2, spare)) + 2j * (self.travel / reached) * (spare / reached)
         return with_nan(a, b, b, 1.0 + self._steep * np.where(turned, kept / np.pi, 1.0))
 

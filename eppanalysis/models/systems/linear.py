@@ -261,6 +261,7 @@ def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
         if not len(A) or np.linalg.norm(c) <= ROUNDING * size.of_c:
             return np.zeros(0, complex)
         N = np.linalg.qr(c[:, None], mode="complete")[0][:, 1:]
+        # Remainders in N would count among the terms by whose size the next output is judged.
         N[np.abs(N) < ROUNDING] = 0.0
         through = size.through(b)
         d, c, b = float(c @ b), c @ A @ N, N.T @ b

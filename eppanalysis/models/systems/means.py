@@ -108,6 +108,7 @@ def _hidden(A: Array, C: Array, column: Array, still: Array) -> Array:
     A, C = A * column / column[:, None], C * column
     while True:
         basis = np.linalg.qr(still)[0]
+        # What A takes into directions known to be hidden, unseen by the elements itself, only drifts along them.
         beyond = np.vstack([A - basis @ (basis.T @ A), C])
         row, factor = equilibrate(beyond)
         _, s, vt = np.linalg.svd(row[:, None] * beyond * factor)
@@ -153,5 +154,6 @@ def mean_state(system: LureSystem, value: Array, bias: Array, mean: Array) -> Ar
             bias - system.D[rows] @ mean - system.D_input[rows] @ value - system.constant_input[rows],
         ]
     )
+    # Of all solutions that of least norm, in which modes stay at zero that neither rates nor inputs tell.
     row, column = equilibrate(matrix)
     return column * np.linalg.lstsq(row[:, None] * matrix * column, row * right, rcond=1e-11)[0]

@@ -70,6 +70,7 @@ def starting_values(hybrid: Hybrid, state: Array, memory: Sequence[Any]) -> tupl
     model = hybrid.model
     x, H, modes = hybrid.x0.copy(), hybrid.H0.copy(), hybrid.modes0.copy()
     x[: hybrid.n_plant] = state
+    # An input that steps at the start is behind its step already when modes are chosen.
     now = x.copy()
     at_start = model.breakpoint_time <= 0.0
     now[model.breakpoint_state[at_start]] = model.breakpoint_value[at_start]

@@ -177,6 +177,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
             # What is left of the start of an arc at its end, and what the sine adds, over the amplitude and about b.
             rise, fall = (arc.added() for arc in arcs)
             kept = np.exp(-kappa * (high - low))
+            # s repeats itself for (E c_up + c_down)/(1 - E^2) (docs/theory/anti_windup.md, Clamping).
             start = (kept * rise + fall) / -np.expm1(-2 * kappa * (high - low))
         level = np.clip(b, self.lower, self.upper)
         never = ~(high - low > 0)

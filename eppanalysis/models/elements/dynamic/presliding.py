@@ -119,6 +119,7 @@ def _answer(a: Array, b: Array, w: Array, stiffness: float, coulomb: float) -> A
         beta, reach = np.arcsin(sine), stiffness * a / (coulomb * w)
         cosine = np.sqrt((1 - sine) * (1 + sine))
         lengths = np.pi + 2 * beta, np.pi - 2 * beta
+        # What the force makes up of its distance to the Coulomb friction, m of docs/theory/friction.md, Presliding.
         gained = [
             -np.expm1(-reach * (s * length + 2 * cosine)) for s, length in zip((sine, -sine), lengths, strict=True)
         ]

@@ -52,6 +52,8 @@ class _Chasing(PiecewiseLinear):
 
         a, _, w = broadcast(amplitude, bias, omega)
         mean, _ = super().describing_function(amplitude, bias, omega)
+        # The loop filters the input and not the error, so the sine is the one at the limiter's input that makes an
+        # error of this size (docs/theory/rate_limit.md, What is taken for the element).
         error, kappa = np.array(a * w / self.rate, order="C").ravel(), np.array(self.bandwidth / w, order="C").ravel()
         gain = np.empty(error.size, complex)
         describe_inside(error, kappa, gain)
