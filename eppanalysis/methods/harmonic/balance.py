@@ -443,6 +443,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
     n, omega, Z = point.order, point.omega, point.Z
     W, regimes = loop.answers(Z, omega)
     signals = system.signals
+    # Means by the static balance, harmonics by responses: at zero frequency an integrator has none.
     x = mean_state(loop.system, loop.value, Z[:, 0].real, W[:, 0].real)
     at = omega * orders(n)[1:]
     c = np.zeros((len(signals.names), n + 1), complex)

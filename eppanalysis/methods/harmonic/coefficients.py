@@ -145,6 +145,8 @@ class Answer:
         """Derivatives of the memory values by the mean if nothing ever sets them anew."""
         out = np.zeros(self.regime.memory.size)
         if out.size and not self.regime.fired.size:
+            # The value at which an element rests is the mean of its describing function, of which no derivative is
+            # known.
             step = 1e-6 * float(np.abs(self.Z[0]).sum())
             shifted = self.Z.copy()
             shifted[0, 0] += step

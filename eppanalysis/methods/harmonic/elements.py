@@ -307,6 +307,7 @@ def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]
     shape = weights / np.where(factor == 0.0, 1.0, factor)[:, None]
     number = np.full(free.size, -1)
     series: list[Array] = []
+    # Guards that are multiples of one series share it, and the search for its extrema.
     while np.any(left := (number < 0) & (factor != 0.0)):
         series.append(shape[np.argmax(left)])
         same = np.all(np.isclose(series[-1], shape, rtol=1e-15, atol=0.0), axis=1)

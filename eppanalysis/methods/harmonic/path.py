@@ -46,6 +46,7 @@ class _Curve:
         Z, omega = equations.unpack(Y[:-1])
         let_in = loop.linear(omega, n) * (orders(n)[1:] > self.kept)[:, None, None]
         by_share = equations.residual(np.zeros_like(Z), here.W, let_in)
+        # Means close in full at any share.
         by_share[: len(Z)] = 0.0
         full = np.column_stack([here.jacobian * unknowns, by_share]) / rows[:, None]
         return here.residual / rows, full, np.append(unknowns, 1.0)
@@ -72,6 +73,7 @@ class _Curve:
                 change = np.linalg.solve(matrix, np.append(R, away))
                 Y = Y - here.sizes * change
                 largest = float(np.abs(change).max())
+                # A correction longer than the step leads to another part of the curve, or to another curve.
                 if not np.isfinite(largest) or largest > length or Y[-2] <= 0:
                     return None
                 if largest < _CLOSE:

@@ -205,6 +205,8 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
 
     def work(first: int) -> None:
         try:
+            # Taken and put back in one step each of the interpreter, so without a lock: as many are made as threads
+            # work at once.
             workspaces = spare.pop()
         except IndexError:
             buffer = make_event_buffer(KEPT_EVENTS, stack.x0.shape[1], stack.H0.shape[1], stack.modes0.shape[1])

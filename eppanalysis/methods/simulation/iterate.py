@@ -59,6 +59,7 @@ def iterate(
     for k in range(n):
         X[k] = x
         W[k], memory = _outputs(system, order, x, v[k], memory)
+        # Before the start a delayed output has had its first value for ever, as in continuous time.
         late = np.array([W[max(k - d, 0), j] for j, d in enumerate(lag)])
         x = system.A @ x + system.B @ late + system.B_input @ v[k] + system.constant_state
     s = system.signals
@@ -166,6 +167,7 @@ def _verdict(X: Array, rounding: Array) -> tuple[Status, int, float]:
         return Status.SETTLED, 0, 0.0
     scale = np.maximum(np.ptp(tail, axis=0), 1e-300)
     near = np.all(np.abs(tail[::-1][: len(tail) // 3] - tail[-1]) < _REPEATS * scale, axis=1)
+    # One sample that has come back may be chance: the whole last period is held against the one before it.
     for period in (np.flatnonzero(near[1:]) + 1).tolist():
         recent = np.abs(tail[-period:] - tail[-2 * period : -period]) / scale
         if recent.max() < _REPEATS:

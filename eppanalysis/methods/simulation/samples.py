@@ -125,6 +125,8 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
         if places.size <= _TURNS:
             continue
         steps = np.abs(np.diff(values, axis=0) / scale).sum(axis=0)
+        # What wanders goes to and fro; of a trend the way from the first turn to the last is nearly all its steps
+        # together.
         if np.any(np.abs(values[-1] - values[0]) / scale > _TREND * steps + _CLOSED):
             continue
         span = np.array([np.ptp(rows.values[a : b + 1], axis=0) / scale for a, b in pairwise(places)])
@@ -137,6 +139,7 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
 def _rests(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> bool:
     """Whether nothing has moved for the last part of a run."""
     sample_time = strobe.controllers[0].sample_time
+    # Samples never end, so that no time without an event tells (docs/theory/sampled.md, Verdict).
     last = max(_LAST * t_end, _FEWEST * sample_time)
     time = run.time[run.order]
     within = time >= t_end - last
@@ -174,6 +177,7 @@ def locked_period(rows: Rows, guards: NDArray[np.int64]) -> tuple[int, float, fl
         scale = np.maximum(np.ptp(rows.values[at[-1 - n] :], axis=0), _REST * rows.size)
         scale = np.where(scale > 0.0, scale, np.inf)
         d = [float(np.max(np.abs(_turn(s, n, k) - _turn(s, n, k + 1)) / scale)) for k in range(min(3, len(s) // n - 1))]
+        # Even steps add up as a geometric series; the worse of two ratios counts, and a single one proves nothing.
         ratio = max([now / then for now, then in pairwise(d) if then > 0.0], default=1.0)
         to_come = d[0] * ratio / (1.0 - ratio) if ratio <= _FALLS and len(d) == 3 else np.inf
         if d[0] <= _CLOSED or (d[0] <= _CHANGE and to_come <= _TO_COME):

@@ -229,6 +229,8 @@ def run_hybrid(
     n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
     _begin(hybrid, workspace, hybrid.modes0)
     if _steps_at_once(hybrid):
+        # A run of an instant with the inputs where they were settles the modes of what has no memory: what these
+        # elements put out until the start is still on its way.
         before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
         before.watch = False  # the inputs are held
         run(hybrid.model, compiled, work, workspace, make_samples(np.zeros(0), n_y), buffer, before)
@@ -332,6 +334,8 @@ def _sample_times(t_end: float, t_eval: ArrayLike | None) -> Array:
 def _base_step(times: Array, even: bool, hybrid: HybridSystem) -> float:
     """Spacing of even samples (the engine halves it as needed), else a step that suits the linear part."""
     if times.size > 1:
+        # On the grid of even samples fast steps need no series between them (docs/theory/engine.md, Two ways to
+        # advance).
         spacing = times[-1] / (times.size - 1)
         if even or (
             times[0] == 0.0 and np.allclose(times, spacing * np.arange(times.size), rtol=0, atol=1e-9 * spacing)
