@@ -142,6 +142,7 @@ class Balance:
     def slopes(self, a: Array, b: Array, omega: Array, free_pivot: bool = True) -> Slopes:
         """Means, gains and derivatives at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
         m, n, nw = self.m, len(omega), self.owner.size
+        # The step that is really made: of a small one beside a large bias rounding changes the size.
         step_b = (b + (_STEP * a + 1e-12 * np.abs(b))) - b
         # Along the second axis: as it is, then with its amplitude, its bias and the frequency shifted.
         A, B, W = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n))

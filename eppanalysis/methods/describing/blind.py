@@ -54,6 +54,8 @@ def made_by_harmonics(
     balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found
 ) -> Iterator[str]:
     """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
+    # Where the loop gain nearly comes to one, harmonics may make up what is missing
+    # (docs/theory/first_order_quality.md, Where first order cannot see).
     places = _near_misses(balance, points, found)
     known = [m for e in estimates for m in e.oscillations]
     if not places:
@@ -132,6 +134,7 @@ def _misses_of_one(balance: Balance) -> list[Array]:
     if np.abs(mean).max() > 1e-9 * (np.abs(gain[:, 0]) * amplitude).max():
         return []
     loop = gain[:, 0, None] * balance.linear(omega)[None, :, 0, 0]
+    # The size of the complex logarithm: what is missing in gain and in phase as one distance.
     off = np.abs(np.log(np.where(np.abs(loop) > 0, loop, 1e-300)))
     inner, least = off[1:-1, 1:-1], np.ones(off[1:-1, 1:-1].shape, bool)
     for i in (-1, 0, 1):

@@ -90,12 +90,15 @@ def error_estimate(balance: Balance, p: Point) -> Estimate:
         whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
     except Unsettled:
         return Estimate(float("inf"), oscillations=(first,))
+    # docs/theory/first_order_quality.md, Does the error estimate cover the error?
     return Estimate(float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content, (first, last))
 
 
 def _lasts(found: list[BalancedOscillation]) -> bool:
     """Whether the last of the balances still is the first one's cycle, and passes no threshold by a hair."""
     first, last = found[0], found[-1]
+    # A cycle of the other orientation is the neighbour's, to which Newton's method has leapt from one that vanished
+    # (docs/theory/first_order_quality.md, When it says "may not exist").
     if len(found) < 3 or _lost(found) or last.orientation != first.orientation:
         return False
     return not last.grazes and first.jumps == last.jumps

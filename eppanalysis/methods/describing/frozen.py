@@ -282,6 +282,7 @@ def _rest(system: LureSystem, cut: int, gains: list[ComplexArray], omega: Array)
     for i, gain in enumerate(gains):
         K[system.output_slices[i], system.input_slices[i]] = gain
     L = system.frequency_response(omega)
+    # K is zero at the cut: what is closed are the loops of the others around it.
     closed = np.linalg.solve(np.eye(K.shape[1]) - L @ K, L[:, :, [system.output_slices[cut].start]])
     return closed[:, system.input_slices[cut].start, 0]
 

@@ -218,6 +218,8 @@ def _unstable_poles(system: DataSystem, balance: Balance, p: Point, share: float
     start = _start(system, turn, abs(back[0]))
     if start is None:
         return None
+    # Above the data the loop gain is below one, and 1 + N G ends at one. Each half turn about zero up to there is a
+    # pole less on the right (docs/theory/measured.md, Stability).
     end = 2.0 * np.pi * np.round(turn[-1] / (2.0 * np.pi))
     return _only(system).unstable_poles - round((end - start) / np.pi)
 
@@ -236,6 +238,7 @@ def _start(system: DataSystem, turn: Array, size: float) -> float | None:
     slope = float((system.band[0] * by_omega / value).real)
     if slope > 1.0 - _WHOLE and size < 1.0:
         return float(2.0 * np.pi * np.round(turn[0] / (2.0 * np.pi)))
+    # Of k integrators 1 + N G comes from infinity, a quarter turn behind the real axis for each.
     integrators = max(0, round(-slope))
     if abs(slope + integrators) > _WHOLE:
         return None
@@ -244,6 +247,7 @@ def _start(system: DataSystem, turn: Array, size: float) -> float | None:
 
 def _gain_beside(balance: Balance, p: Point, share: float) -> complex:
     """Gain of the element with the amplitude changed by a share, and the mean with it."""
+    # The balance of the means moves the bias with the amplitude, by the implicit function theorem.
     static = balance.on_bias[0, 0] + balance.on_mean[0, 0] * p.slopes_of_mean[1][0]
     by_amplitude = balance.on_mean[0, 0] * p.slopes_of_mean[0][0]
     bias = -by_amplitude / static if by_amplitude and static else 0.0

@@ -43,6 +43,8 @@ def choose_pivot(system: LureSystem) -> int:
         reach = feeds[np.ix_(rest, rest)].astype(int)
         for _ in range(m):
             reach = np.minimum(reach + reach @ reach, 1)
+        # With the pivot's input given, what is in no loop follows by one pass; each loop that is left may have several
+        # solutions.
         in_loops = int(sum((reach[i] * reach[:, i]).sum() - reach[i, i] for i in range(len(rest))))
         return in_loops, -system.elements[p].n_inputs, p
 
@@ -71,6 +73,8 @@ def search_several(balance: Balance) -> Found:
     sheets = _sheets(balance, amplitude, omega, L)
     for X, loop in sheets:
         with np.errstate(all="ignore"):
+            # The sine of the phase and not the imaginary part: gains differ by decades over the grid, and would bend
+            # its contours.
             sine = loop.imag / np.abs(loop)
         for path in contour_lines(amplitude, omega, sine):
             pieces += _pieces(X, loop, path)
@@ -180,6 +184,7 @@ def _pivot_nodes(balance: Balance) -> Array:
         sizes = _foreign_scales(balance)
     low, high = sizes.min() / 30, sizes.max() * 100
     nodes = [np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 1)]
+    # Beside a threshold the gain rises like a root.
     spread = np.array([-0.1, -0.03, -0.01, -1e-3, -1e-6, 1e-6, 1e-3, 0.01, 0.03, 0.1])
     nodes.append((thresholds[:, None] * (1.0 + spread)).ravel())
     out = np.unique(np.concatenate(nodes))

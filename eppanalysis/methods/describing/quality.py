@@ -95,6 +95,7 @@ def _perturbation_signs(balance: Balance, p: Point, rates: Array) -> Array:
     selector = _selector(balance)
     Z = p.amplitude * np.exp(1j * p.phase)
     fast, slow = _linear_at(balance, 1j * p.omega + rates), _linear_at(balance, rates + 0j).real
+    # Gains are analytic in s: to first order a rate of growth is a frequency turned by -j.
     gain = p.gain - 1j * p.slopes_of_gain[2] * rates[:, None] / p.omega
     relative = fast * Z[balance.owner] / Z[:, None]
     in_a = relative @ (selector * (gain + p.slopes_of_gain[0])[..., None]) - np.eye(m)
@@ -155,6 +156,7 @@ def _other_poles(balance: Balance, p: Point) -> ComplexArray | None:
         poles = np.asarray(np.log(closed + 1e-300) / system.time_step, complex)
     else:
         poles = _delay_poles(balance, p, turning)
+    # The pair next to the axis at the cycle's frequency is the cycle itself, of which Loeb's criterion speaks.
     for target in (1j * p.omega, -1j * p.omega):
         if poles.size:
             poles = np.delete(poles, int(np.argmin(np.abs(poles - target))))
@@ -226,6 +228,8 @@ def _transport(E: Array, F: Array, row: int, source: int, gain: float, angle: fl
     nodes = np.cos(theta)
     weight = np.where((np.arange(n_nodes + 1) == 0) | (np.arange(n_nodes + 1) == n_nodes), 2.0, 1.0)
     weight = weight * (-1.0) ** np.arange(n_nodes + 1)
+    # Differentiation at Chebyshev's extrema (Trefethen, Spectral Methods in MATLAB, 2000, chapter 6); the diagonal from
+    # the sums of rows, so that a constant has no derivative to rounding.
     D = np.outer(weight, 1.0 / weight) / (nodes[:, None] - nodes[None, :] + np.eye(n_nodes + 1))
     D -= np.diag(D.sum(1))
     inner = slice(place, place + n_nodes)

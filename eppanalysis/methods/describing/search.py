@@ -203,6 +203,7 @@ def _search_single(single: SingleBias, amplitude: Array) -> Found:
     gains = balance.evaluate(amplitude[:, None], bias[:, None], np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(balance.system, 40, _lowest_gain(gains))
     L = balance.linear(omega)[:, 0, 0]
+    # The gain is real, so that the loop can close only where L is: its frequencies are found once for all amplitudes.
     N = np.asarray(gains.real, float)
     cycles = [np.zeros((0, 4))]
     for w in phase_crossings(balance, omega, L):
@@ -345,6 +346,8 @@ def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: Complex
     for w in phase_crossings(balance, omega, L):
         gain = float(balance.linear(np.array([w]))[0, 0, 0].real)
         for line in lines:
+            # Without a bias the loop gain is a function of the amplitude alone; else the balance of means goes along
+            # with it.
             if not np.any(line[:, 1]):
                 known = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), w))[1][:, 0]
                 loop_gain = np.asarray(known.real * gain, float)
