@@ -279,6 +279,8 @@ def _begun(mesh: Mesh, arcs: Arcs, y: Array, lines: tuple[IntArray, Array]) -> A
     whole[:, :, fixed] = y[fixed]
     M = vstack([equations.around[free][:, free], equations.guards[:, free]])
     right = -equations.residual(whole, free)
+    # More equations than unknowns, as dwell times are given: least squares as one sparse system in which M stands as it
+    # is.
     normal: Any = [[eye_array(M.shape[0]), M], [M.T, None]]
     try:
         found = splu(block_array(normal).tocsc()).solve(np.append(right, np.zeros(free.size)))
@@ -357,6 +359,8 @@ class _Equations:
     def _shifts(self, motion: DelayedMotion) -> None:
         """What the shift of an event does behind it, and, where the output jumps, behind the dead time."""
         arcs, mesh, p = self.arcs, self.mesh, self.mesh.tau.size
+        # The saltation matrix without J (docs/theory/exact_orbits.md, Floquet multipliers), which the joints have
+        # already.
         kick = np.einsum("pij,pj->pi", arcs.J, motion.rates_before) - motion.rates_behind
         for e, last in enumerate(mesh.last.tolist()):
             guard = self._guard(e)

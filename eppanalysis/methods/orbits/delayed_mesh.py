@@ -54,6 +54,8 @@ class Mesh:
         p = tau.size
         whole = np.append(np.ones(p), 0.0)
         at = np.append(tau, 1.0)
+        # Every break is a sum of dwell times and delays, so that the mesh moves with them from step to step of Newton's
+        # method.
         events = np.hstack([np.tri(p + 1, p, -1), np.zeros((p + 1, 1))])
         period = float(whole @ at)
         rows = layer = events

@@ -196,6 +196,8 @@ def _compared(asked: Asked, orbit: Orbit, stable: bool | None) -> Found:
 def _directly(hybrid: HybridSystem, asked: Asked) -> Iterator[Orbit]:
     """Orbits from runs that begin on an approximate cycle."""
     cycle = asked.cycle
+    # From an unstable cycle a run departs at once: the half of a symmetric one, and the basin boundary, come before it
+    # (docs/theory/exact_orbits.md, Closing an orbit).
     x, memory = start_of(hybrid, cycle)
     if asked.image is not None:
         yield from mirrored_orbits(hybrid, asked.image, x, memory, cycle.period)

@@ -219,6 +219,7 @@ def with_history(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Arra
     for k in arrivals:
         origin, line, turns = source[k]
         for i in range(turns + 1):
+            # What is left of the dead time of the switch that was so many turns before the start.
             y[register] = model.smooth_delay[line] - ((i + 1) * T - t[origin])
             register += 1
     for i, line in enumerate(lines):

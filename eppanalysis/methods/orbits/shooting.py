@@ -339,6 +339,7 @@ def orbits_near(hybrid: HybridSystem, x: Array, memory: Array, period: float) ->
     """
     start = replace(hybrid, x0=x, H0=memory)
     seen: set[bytes] = set()
+    # A short run first, before it has left an unstable cycle; a stable one is nearer after a long one.
     for turns in (2.6, 8.0):
         run = run_hybrid(start, turns * period, _NO_SAMPLES, 2.0 * hybrid.time_scale, 2000, 2000)
         for guess in recurrences(hybrid, run, (0.5 * period, 1.6 * period), 4):

@@ -212,6 +212,7 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
     now, idle = Round.of(strobe, start, n), 0
     far = _ASTRAY * (1.0 + max(np.abs(start.x0).max(initial=0.0), np.abs(start.H0).max()))
     while now is not None and idle < _IDLE and not np.any(np.abs(now.rows[0]) > far):
+        # Where a step leads to another piece of the map it may worsen first: several have to better nothing.
         idle += 1
         if best is None or now.residual < best.residual:
             idle = 0 if best is None or now.residual < 0.5 * best.residual else idle

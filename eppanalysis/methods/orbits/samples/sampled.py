@@ -75,6 +75,7 @@ def _closed(step: Step, S: Array, marks: list[Any], n: IntArray, scale: Array) -
             matrix = (J - eye) / scale[:, None] * scale
             good = np.isfinite(matrix).all((1, 2)) & np.isfinite(r).all(1)
             change = np.zeros_like(r)
+            # Along a continuum of orbits the equations leave a direction free: no step in it.
             change[good] = -(np.linalg.pinv(matrix[good], rcond=1e-12) @ r[good][..., None])[..., 0]
             S[k] += change * scale
             marks = _put(marks, k[good], chosen(marks_k, np.flatnonzero(good)))
