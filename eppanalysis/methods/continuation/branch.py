@@ -365,6 +365,7 @@ class Walk:
             found = locate(old, new, self.passes, 1e-12)
             if found is not None:
                 self._note(Change.PASSAGE, found, "the function that is watched passes zero", index)
+        # A multiplier passes 1 at a fold, too: that is no special point besides.
         if old.turn * new.turn < 0:
             found = locate(old, new, lambda p: p.turn, 1e-11)
             if found is not None and half_alike(found.orbit):

@@ -140,6 +140,8 @@ def _same_structure(one: HybridSystem, other: HybridSystem) -> bool:
 
 def _fit(nodes: Array, systems: list[HybridSystem], middle: float, half: float) -> _Interpolant:
     degree = nodes.size - 1
+    # The discrete cosine transform at Chebyshev's extrema: the first and last node, and the first and last coefficient,
+    # count half.
     to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / degree)
     for ends in (np.s_[[0, -1]], np.s_[:, [0, -1]]):
         to_coefficients[ends] /= 2.0

@@ -70,6 +70,7 @@ def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
     """Which way a multiplier crosses the unit circle, and the test function for it."""
     unstable = new if not is_stable(new.multipliers) else old
     values = unstable.multipliers
+    # Of those outside the circle the one nearest to it has just come through.
     leading = values[np.abs(values) >= 1.0][-1]
     if abs(leading.imag) > 1e-9:
         return Change.TORUS, lambda p: _nearest(p.multipliers, leading) - 1.0
@@ -80,6 +81,8 @@ def crossing(old: Point, new: Point) -> tuple[Change, Callable[[Point], float]]:
 
 def _determinant(point: Point, sign: float) -> float:
     """Product of (multiplier + sign), from the scaled return map."""
+    # The product passes zero with any one of the multipliers, and is smooth also where two of them meet and turn
+    # complex.
     P, scale = point.orbit.return_map, point.orbit.scale[point.orbit.arcs.free]
     return float(np.linalg.det(P * scale / scale[:, None] + sign * np.eye(len(P))))
 

@@ -218,6 +218,8 @@ class _Walk:
         """Locate the border and go on behind it; whether there is something to go on with."""
         inside, outside = last, here
         width = self.width * (_BORDER_OF_RUNS if last.once is None else _BORDER)
+        # Where a switch meets a sample the cycle ceases without a sign in anything that Newton's method sees: its being
+        # there is bisected (docs/theory/sampled.md, Over a parameter).
         while abs(outside.value - inside.value) > width:
             middle = self.at(0.5 * (inside.value + outside.value))
             found = inside.next(middle)

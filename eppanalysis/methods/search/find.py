@@ -336,6 +336,7 @@ class _Search(Ends):
         n, compared = self.hybrid.x0.size, self.hybrid.compared
         y = middle(orbit, int(np.argmax(orbit.tau)))
         if self.image is None:
+            # Where no symmetry is known the image about the rest is tried: only what closes as an orbit is kept.
             centre = np.zeros(n) if self.rest is None else self.rest[0]
             x = np.where(compared, 2.0 * centre - y[:n], y[:n])
             memory = -y[orbit.arcs.memory]
@@ -400,6 +401,8 @@ class _Search(Ends):
         centre, direction, H = ray
         for i in range(48):
             c = 0.5 * (a + b)
+            # Ten halvings bring the start a thousand times nearer to the boundary, and keep its run near the unstable
+            # cycle for longer.
             if i in (10, 20, 30, 40) and self._close_on_boundary(centre + c * direction, H):
                 return
             end = self._outcome(centre + c * direction, H)

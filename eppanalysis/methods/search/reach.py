@@ -24,6 +24,8 @@ def reach_of_elements(system: LureSystem) -> Array:
     coordinates and units of the state.
     """
     oscillations, C = oscillations_at_reach(system)
+    # Of all sums of these oscillations that bring each input to one, that of the least coefficients: x = S C' (C S
+    # C')^-1 1.
     spread = (oscillations @ oscillations.conj().T).real
     return np.asarray(spread @ C.T @ np.linalg.pinv(C @ spread @ C.T, hermitian=True) @ np.ones(len(C)))
 

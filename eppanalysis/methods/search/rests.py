@@ -91,6 +91,7 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
     if np.any(np.abs(F @ y)[moves] > _ROUNDING * (terms + np.abs(F) @ np.abs(y))[moves]):
         return
     slow = np.zeros(n, complex)
+    # All other motions die out sooner: what comes to rest comes along the slowest one.
     k = int(np.argmax(np.where(passing, values.real, -np.inf)))
     slow[moves] = vectors[:, k]
     way, terms = g @ y, np.abs(g) @ np.abs(y)

@@ -265,6 +265,7 @@ def _directions(
 
 def _threshold(name: str, apply: Callable[[float], HybridSystem], scale: float, to: Judge) -> Trigger:
     """The first size on the grid that starts a cycle, and bisection between it and the one before."""
+    # Upwards: beyond the first size that starts a cycle there may be larger ones that settle again.
     below, left = 0.0, 0
     for share in _GRID:
         size = float(share * scale)
