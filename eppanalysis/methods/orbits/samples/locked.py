@@ -142,7 +142,7 @@ class Round:
     def _along(
         self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
     ) -> Array:
-        from eppanalysis.kernels.orbits.flow import affine_flow, smooth_flow
+        from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, smooth_flow
         from eppanalysis.kernels.orbits.sweep import guard_at
         from eppanalysis.kernels.simd.vectors import padded
 
@@ -157,8 +157,9 @@ class Round:
             if arcs.smooth[a]:
                 Phi = np.empty((N, N))
                 smooth_flow(
-                    arcs.channels, arcs.channels.sense[a], F, arcs.S[a], y.copy(), tau[a], end, Phi, sigma, slope
-                )
+                    arcs.channels, arcs.channels.sense[a], F, arcs.S[a], y.copy(), tau[a], MOST_SERIES, end, Phi,
+                    sigma, slope,
+                )  # fmt: skip
             else:
                 sigma[:] = slope[:] = 0.0
                 # Most arcs are as long as a sample, to rounding, in the same modes.
