@@ -115,7 +115,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, gain = np.empty(a.size), np.empty(a.size, complex)
-        points = (np.ascontiguousarray(v).ravel() for v in (a, b, w))
+        points = (np.array(v, order="C").ravel() for v in (a, b, w))
         lock_pin(*map(float, (self.gap, self.stiffness, self.damping)), self.model == "unilateral", *points, mean, gain)
         return mean.reshape(a.shape), gain.reshape(a.shape)
 
