@@ -20,6 +20,8 @@ from eppanalysis.kernels.simd.tuples import by_address
 
 #: Steps in a period (a multiple of four), most periods, most events in a step.
 STEPS, PERIODS, MOST_EVENTS = 64, 6, 64
+#: Change of memory over a period, relative to it and the input, of an answer that repeats itself, rounding aside.
+REPEATS = 1e-9
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(4)
 #: Difference of a panel from its halves, relative to the output, that is none; panels are not halved below this width.
 _AGREES, _NARROWEST = 1e-12, 1e-9
@@ -210,23 +212,25 @@ def _period(rules, mode, a, b, omega, memory, z, rate, w, before, total, once, t
 def describe(rules, start_mode, a, b, omega, mean, gain):
     """Mean outputs and gains (points, w) for points of amplitude, bias and frequency (points,).
 
-    Not a number where an element switches without end.
+    Not a number where an element switches without end, or does not answer with the period of its input.
     """
     n_w, n_z, n_h = rules.constant.shape[1], rules.on_input.shape[1], rules.start.size
     z, rate, w, memory, before = np.zeros(n_z), np.zeros(n_z), np.zeros(n_w), np.zeros(n_h), np.zeros(n_h)
     total, once, twice, begin = np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros((3, n_w)), np.zeros(n_h)
     for p in range(a.size):
-        mode, same = start_mode, False
+        mode, repeats = start_mode, False
         fill(memory, rules.start)
         for _ in range(PERIODS):
             first = mode
             fill(begin, memory)
             mode = _period(rules, mode, a[p], b[p], omega[p], memory, z, rate, w, before, total, once, twice)
-            same = mode == first
+            # The integrals are those of the last period: of an answer that has not come back they would be of one turn.
+            same = repeats = mode >= 0 and mode == first
             for h in range(n_h):
-                same = same and abs(memory[h] - begin[h]) <= 1e-14 * (abs(memory[h]) + a[p])
+                moved, size = abs(memory[h] - begin[h]), abs(memory[h]) + a[p]
+                same, repeats = same and moved <= 1e-14 * size, repeats and moved <= REPEATS * (size + abs(b[p]))
             if same or mode < 0:
                 break
         for i in range(n_w):
-            mean[p, i] = total[0, i] / (2.0 * math.pi) if mode >= 0 else math.nan
-            gain[p, i] = complex(total[1, i], total[2, i]) / (math.pi * a[p]) if mode >= 0 else complex(math.nan, 0.0)
+            mean[p, i] = total[0, i] / (2.0 * math.pi) if repeats else math.nan
+            gain[p, i] = complex(total[1, i], total[2, i]) / (math.pi * a[p]) if repeats else complex(math.nan, 0.0)

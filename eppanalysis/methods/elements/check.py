@@ -95,6 +95,8 @@ def check_element(
         sizes, described = np.zeros(0), (np.zeros(0), np.zeros(0, complex))
     # Of the first output.
     mean, gain = (np.asarray(part).reshape(sizes.size, -1)[:, 0] if sizes.size else part for part in described)
+    if without := int(np.sum(~np.isfinite(gain))):
+        said.append(f"{_NOT_ANSWERED} {without} of {sizes.size} amplitudes.")
     # Of y = m + a (Re N sin + Im N cos) and x = bias + a sin: over a period T the
     # integral of y dx is pi a^2 Im N, that of y x dt is T (a^2 Re N/2 + bias m).
     turn = 2.0 * np.pi / omega
@@ -117,6 +119,7 @@ _UNDECIDED = (
     "Whether the rules are unambiguous is not decided: guards read smooth functions by way of the output, or there are "
     "too many of them."
 )
+_NOT_ANSWERED = "It does not answer with the period of a sine, or switches without end, at"
 
 
 def _amplitudes(element: Nonlinearity) -> Array:

@@ -180,6 +180,8 @@ class AutomatonElement(Nonlinearity):
     ) -> tuple[Array, NDArray[np.complex128]]:
         """Mean and gain by quadrature over a period, where memory repeats after a few; accurate to about 1e-12.
 
+        Not a number where it does not come to answer with the period of its input, or switches without end.
+
         A smooth function that changes within less than a thousandth of the amplitude may be taken for a jump, which is
         off by the square of that share.
 

@@ -125,6 +125,13 @@ def test_what_cannot_be_told_is_said() -> None:
     smooth.guard("over", one, other, on_output=1.0, constant=-1.0)
     undecided = epp.check_element(epp.AutomatonElement(smooth.build()), amplitudes=[0.5])
     assert undecided.deterministic is None and not undecided.status.ok and "not decided" in str(undecided)
+    slow = epp.AutomatonBuilder(n_memory=1)
+    below, above = slow.mode("below", from_memory=1.0), slow.mode("above", from_memory=1.0)
+    slow.guard("rises", below, above, on_input=1.0, constant=-0.1, memory_from_memory=0.5, memory_constant=0.5)
+    slow.guard("falls", above, below, on_input=-1.0, constant=-0.1)
+    creeps = epp.check_element(epp.AutomatonElement(slow.build()), amplitudes=[0.05, 0.5])
+    assert not creeps.status.ok and "does not answer with the period of a sine" in str(creeps)
+    assert "at 1 of 2 amplitudes" in str(creeps)
 
 
 @pytest.mark.parametrize("wrong", [{"amplitudes": [-1.0]}, {"omega": 0.0}, {"amplitudes": [[1.0]]}])

@@ -196,6 +196,36 @@ def test_its_map_is_that_of_the_element(name: str) -> None:
     assert same[max(turned, 2000) :].all()
 
 
+def halving() -> epp.AutomatonElement:
+    """Its output changes at every other passage of the input through zero, so its period is twice the input's."""
+    build = epp.AutomatonBuilder()
+    levels = [
+        (build.mode(f"{level} below", constant=level), build.mode(f"{level}", constant=level)) for level in (-1, 1)
+    ]
+    for (below, above), (_, other) in zip(levels, levels[::-1], strict=True):
+        build.guard("rises", below, other, on_input=1.0)
+        build.guard("falls", above, below, on_input=-1.0)
+    return epp.AutomatonElement(build.build())
+
+
+def creeping(share: float) -> epp.AutomatonElement:
+    """At every rise of its input through zero the output goes a share of the way to one."""
+    build = epp.AutomatonBuilder(n_memory=1)
+    below, above = build.mode("below", from_memory=1.0), build.mode("above", from_memory=1.0)
+    build.guard("rises", below, above, on_input=1.0, memory_from_memory=1.0 - share, memory_constant=share)
+    build.guard("falls", above, below, on_input=-1.0)
+    return epp.AutomatonElement(build.build())
+
+
+def test_what_does_not_answer_with_the_period_of_its_input_has_no_describing_function() -> None:
+    for element in (halving(), creeping(0.5)):
+        mean, gain = element.describing_function([0.1, 10.0], omega=[1.0, 1e5])
+        assert np.all(np.isnan(mean)) and np.all(np.isnan(gain))
+    mean, gain = creeping(1.0).describing_function([0.1, 10.0], omega=[1.0, 1e5])
+    np.testing.assert_allclose(mean, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(gain, 0.0, atol=1e-12)
+
+
 def hook() -> epp.AutomatonElement:
     """Catches at 1 with a jump up to the line, lets go at a half; the same on the other side."""
     build = epp.AutomatonBuilder()
