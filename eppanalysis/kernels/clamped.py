@@ -200,6 +200,8 @@ def _answer(low, high, kappa, eta, tau):
         a, b, c, e = 1.0 - product[0, 0], -product[0, 1], -product[1, 0], 1.0 - product[1, 1]
         det = a * e - b * c
         move_s, move_d = (e * off_s - b * off_d) / det, (a * off_d - c * off_s) / det
+        # Where the integrator is slow, one less the derivative of the map is small, and a step as uncertain as rounding
+        # over its determinant.
         if abs(move_s) + abs(move_d) <= _ROUNDING * (1.0 + abs(s) + abs(d)) / min(1.0, max(abs(det), 1e-12)):
             return sums[0].real / (2.0 * math.pi), 1j * sums[1] / math.pi
         from_s, from_d, least, halved = s, d, off, 0

@@ -80,6 +80,7 @@ def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compa
     last = ev_t[(count - 1) % keep] if count > 0 else 0.0
     low_p, high_p, reach, local = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n)
     may_vanish = True
+    # Three stretches have to be kept of a period: one change says nothing of those to come, two have a ratio.
     for p in range(1, kept // 3 + 1):
         _widen(ev_t, ev_x, ev_v, count, keep, p, low_p, high_p, reach, local)
         since = max(quiet, last - ev_t[(count - 1 - p) % keep])

@@ -25,6 +25,7 @@ def curve(kind, x):
     if kind == FIFTH:
         return x * x * x * x * x, 5.0 * x * x * x * x
     if kind == TANH:
+        # 4 e/(1 + e)^2 for 1 - tanh^2, which would cancel where the function saturates.
         e = math.exp(-2.0 * abs(x))
         return math.tanh(x), 4.0 * e / ((1.0 + e) * (1.0 + e))
     if kind == ARCTAN:

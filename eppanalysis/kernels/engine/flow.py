@@ -106,6 +106,7 @@ def choose_step(compiled, work, q, base_step):
     """
     rate = growth_rate(compiled.M[q], work.square[0], work.square[1])
     h = base_step
+    # At this length the bound of a fast step, a series in half of it, may be e^3 times what it begins with.
     while rate * h > 6.0:
         h *= 0.5
     compiled.step[q], compiled.rate[q], compiled.ready[q], compiled.longs[q] = h, rate, 0, 0

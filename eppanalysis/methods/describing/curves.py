@@ -198,6 +198,8 @@ def settle(balance: Balance, lines: list[Array], splits: int = 0) -> list[Array]
     if splits:
         lines = [_split(line, splits) for line in lines]
     start = np.concatenate(lines)
+    # Each point in the plane across its chord: along the curve there is nothing to be solved for, and points stay in
+    # order.
     normals = np.concatenate([_weigh(balance, line, np.gradient(line, axis=0)) for line in lines])
     X, ok = newton(balance, start, normals)
     ok &= np.abs(X - start)[:, :2].max(-1) < 1.0

@@ -118,6 +118,7 @@ class BalancedOscillation:
         cls, balance: Balance, loop: Loop, amplitude: Array, phase: Array, bias: Array, omega: float
     ) -> BalancedOscillation:
         """From the unknowns of a first-order balance, each of shape (m,)."""
+        # From phasors of first order, of Im(P exp(j omega t)), to coefficients of Re(c exp(j omega t)).
         turned = -1j * amplitude * np.exp(1j * (phase - phase[balance.pivot]))
         return cls(loop, np.column_stack([bias + 0j, turned]), omega, balance.pivot)
 

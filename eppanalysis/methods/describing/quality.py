@@ -205,6 +205,7 @@ def _delay_poles(balance: Balance, p: Point, turning: NDArray[np.bool_]) -> Comp
         place = _transport(E, F, v.start + j, row, 1.0, late[1][j][1], counts[1][j], place)
     # A factor on each column and row does not move the poles but evens out units.
     values = scipy.linalg.eigvals(*_balanced(F, E))
+    # The algebraic equations have poles at infinity, which rounding brings to somewhere far out.
     finite = values[np.isfinite(values)]
     return np.asarray(finite[np.abs(finite) < 1e6] * p.omega, complex)
 

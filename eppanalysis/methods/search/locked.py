@@ -175,6 +175,7 @@ class _Search:
             n = max(round(cycle.period / self.strobe.period), 1)
             seeds.append((n, list(starts_on(self.strobe, run, n, _STARTS))))
         for length, starts in seeds:
+            # Each cycle has its share of all samples: a long one would take what is there for the others.
             left = _MOST_SOUGHT // max(len(seeds), 1)
             size = np.max([o.motion for o in self.rounds], axis=0) if self.rounds else None
             for n in lengths_near(length):

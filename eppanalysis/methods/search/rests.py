@@ -83,6 +83,8 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
     passing = np.abs(values) > _NEUTRAL * size
     gains = np.linalg.svd(A, compute_uv=False)
     still = int(np.sum(gains <= _ROUNDING * gains.max(initial=0.0)))
+    # As many motions without a rate as eigenvalues of zero: in a chain of integrators there are fewer, and what is
+    # still in one place drifts in another.
     if not passing.any() or np.any(values[passing].real >= 0.0) or still != int(np.sum(~passing)):
         return
     y = y.copy()

@@ -251,6 +251,7 @@ def _directions(
 
     for i, name in enumerate(system.input_names):
         on = np.abs(system.D_input[:, i])
+        # A step of this input that moves an element's input as far as the cycle does.
         reach = float(np.max(np.where(on > 0, z / np.where(on > 0, on, 1.0), 0.0), initial=0.0))
         yield name, moved(hybrid.n_plant + i), reach or max(abs(float(system.v0[i])), 1.0)
     usual = [n for n in _FOREARM if n in system.state_names] or system.state_names

@@ -141,6 +141,7 @@ class Network:
         name = next(iter(blocks)) if len(blocks) == 1 else self._fresh("_".join(blocks))
         closed = closed_blocks(blocks, self.wires, self.who)
         inputs, outputs = ([port for b in blocks.values() for port in getattr(b, side)] for side in _SIDES)
+        # What blocks of the same controller alone drive is closed among them within a sample, and is no input of it.
         read = [i for i, port in enumerate(inputs) if any(source not in outputs for _, source in self.wires[port])]
         if not read:
             raise ModelError(f"{self.who}: nothing that {name} reads comes from outside of it", field="connect")

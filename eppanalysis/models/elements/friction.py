@@ -182,6 +182,8 @@ def _reciprocal(a: Array, b: Array, fall: float) -> Array:
     low, high = 1 + fall * (b - a), 1 + fall * (b + a)
     ratio = np.sqrt(np.abs(low) / high) * np.sqrt((a + b) / (a - b))
     safe = np.where(ratio > 0, ratio, 1.0)
+    # tan(phi/2) leads to an arc tangent, or to its hyperbolic counterpart where 1 + fall v has a zero within the
+    # swing's other half.
     trigonometric = np.where(ratio > 0, np.arctan(safe) / safe, 1.0)
     # arctanh near one, where 1 - ratio^2 is known without cancellation.
     near_one = np.log((1 + ratio) / np.sqrt(2 * a / (high * (a - b))))

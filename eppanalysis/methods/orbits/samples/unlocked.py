@@ -128,6 +128,8 @@ def _limit_cycle(step: Step, path: Array, W: Array, turns: Turns) -> LimitCycle:
     first, last = int(np.ceil(turns.times[0])), int(np.ceil(turns.times[-1]))
     whole, at = Y[first:last], np.arange(first, last)
     k = np.arange(min(_HARMONICS, int(turns.period / 2)) + 1)
+    # The stretch is whole turns but for less than a sample: what leaks from one harmonic to others is one over its
+    # samples.
     c = 2.0 / len(at) * np.exp(-2j * np.pi / turns.period * np.outer(k, at - first)) @ whole
     c[0] = whole.mean(0)
     one = Y[first : first + int(turns.period) + 1]

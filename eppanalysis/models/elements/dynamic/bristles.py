@@ -78,6 +78,8 @@ class LuGreLaw(PreslidingLaw):
         The force changes within the presliding distance behind a reversal, the steady one within the Stribeck velocity.
         """
         reach = np.fmax(self.stiffness * a / (self.coulomb * w), 1.0)
+        # Behind a reversal the way grows with the square of the phase, so that a presliding distance takes the root of
+        # its share.
         steepest = np.maximum(0.5 * np.log2(reach), np.log2(a / self.velocity))
         return np.clip(2 * np.ceil(np.nan_to_num(steepest) / 2) + 4, 4, _MOST_PANELS).astype(np.int64)
 

@@ -144,6 +144,8 @@ def _arc(reach: Array, begin: Array, length: Array, sine: Array, start: Array, w
     Panels double their length from the begin on, where the force changes within the presliding distance.
     """
     steepest = float(np.fmax.reduce(np.where(np.isfinite(reach), reach, 0.0), axis=None, initial=1.0))
+    # Behind a reversal the way grows with the square of the phase, so that a presliding distance takes the root of its
+    # share.
     count = int(np.clip(np.ceil(0.5 * np.log2(steepest)) + 3, 3, _MOST_PANELS))
     edges = np.concatenate([[0.0], 0.5 ** np.arange(count, -0.5, -0.5)])
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
