@@ -48,6 +48,33 @@ def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
 
 
+#: What fields and kinds are also called, where no likeness of letters tells: the first that is known is meant.
+_ALSO_CALLED = {
+    **dict.fromkeys(("dead_time", "deadtime", "transport_delay", "pure_delay"), ("delay", "dead_time")),
+    **dict.fromkeys(("time_constant", "tau", "cutoff", "corner_frequency"), ("bandwidth",)),
+    **dict.fromkeys(("backlash", "freeplay", "width"), ("gap", "play")),
+    **dict.fromkeys(("deadzone", "dead_band", "deadband", "half_width"), ("threshold", "upper", "dead_zone")),
+    **dict.fromkeys(("limit", "max", "maximum", "limiter"), ("upper", "level", "high", "saturation")),
+    **dict.fromkeys(("min", "minimum"), ("lower", "low")),
+    **dict.fromkeys(("stiction", "breakaway", "fs"), ("static", "friction")),
+    **dict.fromkeys(("resolution", "quantum", "lsb"), ("step",)),
+    **dict.fromkeys(("encoder", "adc"), ("quantiser",)),
+    **dict.fromkeys(("ts", "dt", "period"), ("sample_time",)),
+    **dict.fromkeys(("k", "kp"), ("gain", "stiffness")),
+    **dict.fromkeys(("b", "c", "zeta"), ("damping", "viscous")),
+    **{"dead_zone": ("threshold",), "fc": ("coulomb", "level"), "delay": ("dead_time",), "lag": ("low_pass",)},
+    **{"s": ("stick_band",), "j": ("slip_jump", "inertia"), "m": ("mass",), "r": ("resistance",), "l": ("inductance",)},
+    **{
+        "kt": ("torque_constant",),
+        "ke": ("back_emf",),
+        "n": ("ratio",),
+        "numerator": ("num",),
+        "denominator": ("den",),
+    },
+    **{"tf": ("transfer_function",), "ss": ("state_space",), "zpk": ("zero_pole_gain",)},
+}
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """What was probably meant by a name that is not known, or all that there is.
 
@@ -55,9 +82,15 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     --------
     >>> did_you_mean("gian", ["gain", "sum"]), did_you_mean("PI", ["pi"]), did_you_mean("x", ["gain", "sum"])
     ("did you mean 'gain'?", "did you mean 'pi'?", 'one of gain, sum')
+    >>> did_you_mean("dead_time", ["num", "den", "delay", "sample_time"])
+    "did you mean 'delay'?"
     """
     names = list(known)
-    close = [k for k in names if k.lower() == name.lower()] or difflib.get_close_matches(name, names, n=1)
+    close = (
+        [k for k in names if k.lower() == name.lower()]
+        or [k for k in _ALSO_CALLED.get(name.lower(), ()) if k in names]
+        or difflib.get_close_matches(name, names, n=1)
+    )
     return f"did you mean {close[0]!r}?" if close else f"one of {', '.join(names) or 'none'}"
 
 

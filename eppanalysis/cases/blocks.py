@@ -171,7 +171,7 @@ def _read_fields(
             continue
         place = f"{field}.{key}"
         if key not in known:
-            raise CaseError(raw.origin(place), place, value, f"a field of {kind}: {did_you_mean(key, known)}")
+            raise raw.refused(place, f"a field of {kind}: {did_you_mean(key, known)}")
         if types[key] is Held.LIST:
             lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]

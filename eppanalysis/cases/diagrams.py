@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eppanalysis.cases.blocks import (
@@ -276,6 +276,7 @@ class _Reader:
         typed = self._number(value, field)
         if typed.unit or typed.friendly:
             self.with_units[f"blocks.{part}"][key] = typed
+            found = replace(found, friendly=typed.friendly)  # shown as it was typed
         if not is_expression(value):
             self.given[f"{part}.{key}"] = found
         return float(found.value)

@@ -124,6 +124,9 @@ MISTAKES = [
         "did you mean 'transfer_function'",
     ),
     ("num = [", "Num = [", "blocks.plant.Num", "did you mean 'num'"),
+    ("start = [0.1, 0, 0]", 'dead_time = "5 s"', "blocks.plant.dead_time", "did you mean 'delay'"),
+    ('element = "saturation"', 'element = "limiter"', "elements.valve.element", "did you mean 'saturation'"),
+    ('upper = "limit"', 'limit = "limit"', "elements.valve.limit", "'limit'; expected a field of saturation: did you"),
     ('kind = "transfer_function"', 'element = "relay"', "blocks.plant.kind", "which stands in [elements]"),
     (
         'element = "saturation"',
