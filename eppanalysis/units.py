@@ -263,6 +263,17 @@ def parse_any(value: object) -> tuple[float, str]:
     return _finite(number * _factor_and_base(given)[0], unit), unit
 
 
+def typed_unit(value: object) -> str:
+    """Unit that a quantity was written in; empty where it has none.
+
+    Examples
+    --------
+    >>> typed_unit("20 mm"), typed_unit("3 %"), typed_unit("2"), typed_unit(2)
+    ('mm', '%', '', '')
+    """
+    return _split(value, None)[1] if isinstance(value, str) else ""
+
+
 def _counts_turns(unit: str) -> bool:
     """Whether a unit is written as one of frequency; 1/s is none, nor is rad/s."""
     return unit.lower().endswith(("hz", "hertz")) and dimensions(unit) == dimensions("Hz")

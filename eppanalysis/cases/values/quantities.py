@@ -12,7 +12,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from eppanalysis.models.devices.declared import Declared, Form, unmet
 from eppanalysis.readable import written
-from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity
+from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, typed_unit
 
 Mark = Literal["paper", "derived", "assumed", "measured", "tunable"]
 MARKS: tuple[str, ...] = get_args(Mark)
@@ -201,19 +201,13 @@ class AnyQuantity(_Field):
             value, unit = parse_any(given)
         except QuantityError as error:
             raise not_as_expected(error.expected, given) from None
-        return Parameter(value, unit, _friendly(given, unit), mark, note, _tolerance(tolerance, value, unit))
+        return Parameter(
+            value, unit, typed_unit(given) or written(unit), mark, note, _tolerance(tolerance, value, unit)
+        )
 
     def schema(self) -> dict[str, Any]:
         """JSON schema of the plain value."""
         return {"type": ["number", "string"]}
-
-
-def _friendly(given: Any, unit: str) -> str:
-    """The unit that people use for a quantity as it was written: an angular frequency stays in rad/s, a share in %."""
-    text = given.rstrip() if isinstance(given, str) else ""
-    if not unit and text.endswith("%"):
-        return "%"
-    return unit if unit == "rad/s" and text.endswith("rad/s") else written(unit)
 
 
 @dataclass(frozen=True)
