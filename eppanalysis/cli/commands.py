@@ -1,6 +1,7 @@
 """The command line: arguments to calls, results to tables, JSON or files.
 
-Whatever computes is imported inside the command that needs it, so that ``eppanalysis --help`` answers at once.
+Whatever computes is imported inside the command that needs it, once its cases are read, so that ``eppanalysis --help``
+and a mistake in a case are answered at once.
 """
 
 from __future__ import annotations
@@ -195,12 +196,16 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
 
 def _own_elements(case: Case) -> list[ElementCheck]:
     """The checks of the elements that a file gives by their modes and guards."""
-    from eppanalysis.methods.elements.check import check_element
     from eppanalysis.models.elements import AutomatonElement
 
     system = case.to_system()
     named = zip(system.elements, system.element_names, strict=True)
-    return [check_element(element, name=name) for element, name in named if type(element) is AutomatonElement]
+    own = [(element, name) for element, name in named if type(element) is AutomatonElement]
+    if not own:
+        return []
+    from eppanalysis.methods.elements.check import check_element
+
+    return [check_element(element, name=name) for element, name in own]
 
 
 @app.command(cls=_Command)
@@ -212,12 +217,13 @@ def predict(
     output: Output = None,
 ) -> None:
     """Predict all limit cycles with describing functions, stable and unstable."""
-    from eppanalysis.methods.describing.predict import predict_limit_cycles
     from eppanalysis.tables.files import prediction_table
 
     measured = None if response is None else _read_response(response)
 
     def run(case: Case) -> Prediction:
+        from eppanalysis.methods.describing.predict import predict_limit_cycles
+
         found = predict_limit_cycles(case if measured is None else _with_response(case, measured))
         len(found.margins)  # made when they are first asked for: now, before a part of the output is out
         return found
@@ -228,10 +234,11 @@ def predict(
 @app.command(cls=_Command)
 def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, output: Output = None) -> None:
     """Simulate with every switch located, and say whether the motion settles or repeats itself."""
-    from eppanalysis.methods.simulation.simulate import simulate as run_simulation
     from eppanalysis.tables.files import trajectory_table
 
     def run(case: Case) -> Trajectory:
+        from eppanalysis.methods.simulation.simulate import simulate as run_simulation
+
         return run_simulation(case)
 
     _carry_out("simulate", cases, settings, as_json, output, _Analysis(run, trajectory_table, _show_trajectory))

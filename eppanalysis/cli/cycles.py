@@ -40,13 +40,13 @@ def cycles(
     output: Output = None,
 ) -> None:
     """Find all limit cycles exactly, stable and unstable, and how completeness was sought."""
+    if output is not None:
+        check_output(output)
+    found = load_case(case, settings)
     from eppanalysis.methods.search.find import find_limit_cycles
     from eppanalysis.methods.search.trigger import trigger
     from eppanalysis.tables.files import cycle_table, write_result
 
-    if output is not None:
-        check_output(output)
-    found = load_case(case, settings)
     with progress(f"cycles {found.name}") as advance:
         search = find_limit_cycles(found, progress=advance)
         hits = trigger(found, cycles=search) if triggers else ()

@@ -438,6 +438,18 @@ def test_help_loads_nothing_heavy():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("command", ["predict", "simulate", "cycles"])
+def test_a_case_that_is_not_there_is_said_before_anything_is_loaded_that_computes(command: str) -> None:
+    code = (
+        f"import sys\nfrom eppanalysis.cli import main\nsys.argv = ['eppanalysis', {command!r}, 'nofile']\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 2\n"
+        "print([m for m in ('scipy', 'numba', 'eppanalysis.methods.describing.predict') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert "nofile" in done.stderr and done.stdout.strip() == "[]"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["cases", "predict sat_am165 --json"])
 @pytest.mark.parametrize("end", [">&-", "2>&-", "| head -1"])
 def test_a_closed_output_is_no_reason_for_a_traceback(command: str, end: str) -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing.balance import Array, Balance
-from eppanalysis.methods.describing.curves import between
 from eppanalysis.models.elements.phases import distances
+from eppanalysis.roots import between
 
 _ROUNDING = 1e-13
 _HALVINGS = 120

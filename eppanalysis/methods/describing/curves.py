@@ -11,119 +11,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton
+from eppanalysis.roots import GOLDEN, between, least
 
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 #: Steps between nodes that an extremum may lie beyond the nearest node; of a parabola it is a quarter.
 _REACH = 4.0
-_MOST_STEPS = 60
 
 
-def roots_along(f: Callable[[float], float], x: Array, y: Array, accept: float = 1e-9) -> list[float]:
-    """All roots of `f` that the nodes bracket, or that an extremum between them reveals.
+def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
+    """All roots of `f` that the nodes bracket, or that an extremum between them reveals, ascending.
 
     Parameters
     ----------
     f : callable
+        Of many points (n,) at once.
     x, y : array, shape (n,)
         Ascending nodes and ``f(x)``; intervals with a value that is not finite are left out.
     accept : float, optional
         Largest ``|f|`` at a root, which tells roots from jumps.
 
-    Returns
-    -------
-    list of float
-        Ascending.
-
     Examples
     --------
     >>> import numpy as np
     >>> x = np.linspace(-1.0, 1.0, 6)
-    >>> [round(r, 9) for r in roots_along(lambda t: t * t - 1e-6, x, x * x - 1e-6)]
+    >>> roots_at_once(lambda t: t * t - 1e-6, x, x * x - 1e-6).round(9).tolist()
     [-0.001, 0.001]
     """
-    from scipy.optimize import minimize_scalar
-
-    brackets = [(x[i], x[i + 1]) for i in np.flatnonzero(_changes(y))]
-    for i in _dips(y):
-        sign = np.sign(y[i])
-        found = minimize_scalar(
-            lambda t, s=sign: s * f(t), bounds=(x[i - 1], x[i + 1]), method="bounded", options={"xatol": 1e-12}
-        )
-        if sign * f(found.x) < 0:
-            brackets += [(x[i - 1], found.x), (found.x, x[i + 1])]
-    roots = []
-    for low, high in brackets:
-        root = _bracketed(f, low, high)
-        if root is not None and abs(f(root)) < accept:
-            roots.append(root)
-    return sorted(set(roots))
-
-
-def roots_at_once(f: Callable[[Array], Array], x: Array, y: Array, accept: float = 1e-9) -> Array:
-    """:func:`roots_along` for a function of many points at once, which seeks all of its roots together."""
     at, dip = np.flatnonzero(_changes(y)), _dips(y)
-    low, high = [x[at]], [x[at + 1]]
     sign = np.sign(y[dip])
-    left, best, right = x[dip - 1], x[dip], x[dip + 1]
-    f_left, f_best, f_right = (sign * y[i] for i in (dip - 1, dip, dip + 1))
-    for _ in range(_MOST_STEPS):
-        rise = np.maximum(f_left, f_right) - f_best
-        k = np.flatnonzero((f_best >= 0) & (f_best < _REACH * rise) & (right - left > 1e-12))
-        if not k.size:
-            break
-        after = right[k] - best[k] > best[k] - left[k]
-        u = best[k] + (1.0 - _GOLDEN) * np.where(after, right[k] - best[k], left[k] - best[k])
-        value = sign[k] * f(u)
-        better = value < f_best[k]
-        # The better of the two points stays inside, the other one becomes the end on its side.
-        for end, f_end, side in ((left, f_left, after == better), (right, f_right, after != better)):
-            end[k[side]] = np.where(better, best[k], u)[side]
-            f_end[k[side]] = np.where(better, f_best[k], value)[side]
-        best[k], f_best[k] = np.where(better, u, best[k]), np.where(better, value, f_best[k])
+    places = np.array([dip - 1, dip, dip + 1])
+    best, f_best = least(lambda u, k: sign[k] * f(u), x[places], sign * y[places], _within_reach)
     turned = f_best < 0
-    low += [x[dip - 1][turned], best[turned]]
-    high += [best[turned], x[dip + 1][turned]]
+    low = [x[at], x[dip - 1][turned], best[turned]]
+    high = [x[at + 1], best[turned], x[dip + 1][turned]]
     roots = between(lambda t, _: f(t), np.concatenate(low), np.concatenate(high))
     roots = roots[np.isfinite(roots)]
     return np.unique(roots[np.abs(f(roots)) < accept]) if roots.size else roots
 
 
-def between(f: Callable[[Array, NDArray[np.intp]], Array], low: Array, high: Array) -> Array:
-    """Roots of ``f(x, number)`` in brackets (n,), each with its number; not-a-number without a change of sign.
-
-    By false position in which an end that stays counts half (the Illinois rule), every third step a halving. Where f is
-    zero over a stretch, a point of it.
-    """
-    low, high = low.copy(), high.copy()
-    every = np.arange(low.size)
-    f_low, f_high = f(low, every), f(high, every)
-    out = np.where(f_low == 0, low, np.where(f_high == 0, high, np.nan))
-    todo = np.flatnonzero(f_low * f_high < 0)
-    for step in range(2 * _MOST_STEPS):
-        if not todo.size:
-            break
-        share = np.clip(f_low[todo] / (f_low[todo] - f_high[todo]), 1e-3, 1 - 1e-3) if step % 3 else 0.5
-        x = low[todo] + share * (high[todo] - low[todo])
-        value = f(x, todo)
-        left = (value < 0) == (f_low[todo] < 0)
-        f_low[todo], f_high[todo] = (
-            np.where(left, value, 0.5 * f_low[todo]),
-            np.where(left, 0.5 * f_high[todo], value),
-        )
-        low[todo], high[todo] = np.where(left, x, low[todo]), np.where(left, high[todo], x)
-        out[todo] = x
-        narrow = high[todo] - low[todo] <= 4e-16 * np.maximum(np.abs(low[todo]), np.abs(high[todo]))
-        todo = todo[(value != 0) & ~narrow]
-    return out
-
-
-def _bracketed(f: Callable[[float], float], low: float, high: float) -> float | None:
-    from scipy.optimize import brentq
-
-    try:
-        return float(brentq(f, low, high, xtol=1e-300, rtol=8.9e-16, maxiter=200))
-    except (ValueError, RuntimeError):
-        return None
+def _within_reach(x: Array, y: Array) -> NDArray[np.bool_]:
+    """Whether minima (3, n) that are above zero may lie below it."""
+    rise = np.maximum(y[0], y[2]) - y[1]
+    return (y[1] >= 0) & (y[1] < _REACH * rise) & (x[2] - x[0] > 1e-12)
 
 
 def _changes(y: Array) -> NDArray[np.bool_]:
@@ -250,7 +178,7 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
         if not k.size:
             break
         after = high[k] - best[k] > best[k] - low[k]
-        u = best[k] + (1.0 - _GOLDEN) * np.where(after, high[k] - best[k], low[k] - best[k])
+        u = best[k] + (1.0 - GOLDEN) * np.where(after, high[k] - best[k], low[k] - best[k])
         weights = [0.5 * u * (u - 1.0), (1.0 - u) * (1.0 + u), 0.5 * u * (u + 1.0)]
         X, ok = _between(balance, [left[k], middle[k], right[k]], weights, right[k] - left[k])
         f = np.where(ok, sign[k] * X[:, -1], np.inf)

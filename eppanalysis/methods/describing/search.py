@@ -21,7 +21,6 @@ from eppanalysis.methods.describing.curves import (
     crossings,
     distinct,
     polish,
-    roots_along,
     roots_at_once,
     settle,
 )
@@ -332,12 +331,15 @@ def _is_real(balance: Balance, lines: list[Array]) -> bool:
 def phase_crossings(balance: Balance, omega: Array, L: ComplexArray) -> Array:
     """All omega of the grid's range at which L(j omega) is real, to rounding."""
 
-    def sine(w: float) -> float:
-        value = complex(balance.linear(np.array([w]))[0, 0, 0])
-        return value.imag / abs(value)
+    def sine(w: Array) -> Array:
+        return _sine(balance.linear(w)[:, 0, 0])
 
     with np.errstate(all="ignore"):
-        return np.array(roots_along(sine, omega, L.imag / np.abs(L), accept=1e-7))
+        return roots_at_once(sine, omega, _sine(L), accept=1e-7)
+
+
+def _sine(L: ComplexArray) -> Array:
+    return np.asarray(L.imag / np.abs(L), float)
 
 
 def _on_crossings(balance: Balance, lines: list[Array], omega: Array, L: ComplexArray) -> tuple[Array, list[Array]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.methods.margins.linearised import Array, ComplexArray, Linear
 from eppanalysis.models.systems.linear import zeros
+from eppanalysis.roots import between, least
 
 _PER_DECADE = 40
 #: Neighbours on the grid are closer than this, as chords of the Riemann sphere and in phase [rad].
@@ -62,16 +63,16 @@ class Response:
             value = loop.response(nodes)
             # Behind a dead time the phase turns for ever: it is followed only while the loop gain is not small.
             follow = 0.0 if loop.rational or loop.time_step else _FAR_GAIN
-            while (between := _between(nodes, value, follow)).size and nodes.size < _MOST_NODES:
-                nodes = np.concatenate([nodes, between])
+            while (finer := _between(nodes, value, follow)).size and nodes.size < _MOST_NODES:
+                nodes = np.concatenate([nodes, finer])
                 order = np.argsort(nodes)
-                nodes, value = nodes[order], np.concatenate([value, loop.response(between)])[order]
+                nodes, value = nodes[order], np.concatenate([value, loop.response(finer)])[order]
         there = np.isfinite(value)
         return cls(loop, nodes[there], value[there], nodes.size < _MOST_NODES)
 
     def gain_crossovers(self) -> Array:
         """Frequencies at which the loop gain is of size one."""
-        return np.array(self._roots(lambda L: np.log(np.abs(L)), np.log(np.abs(self.value))))
+        return self._roots(lambda L: np.log(np.abs(L)), np.log(np.abs(self.value)))
 
     def phase_crossovers(self) -> tuple[Array, Array]:
         """Frequencies at which the loop gain is negative, and its values there; at the ends of the axis too.
@@ -80,7 +81,7 @@ class Response:
         """
         sine = self.value.imag / np.abs(self.value)
         shown = (np.abs(sine) > _REAL) & (self.value != 0.0)
-        roots = np.array(self._roots(lambda L: L.imag / np.abs(L), sine, shown, nearest=True))
+        roots = self._roots(lambda L: L.imag / np.abs(L), sine, shown, nearest=True)
         value = self.loop.response(roots) if roots.size else np.zeros(0, complex)
         with np.errstate(all="ignore"):
             # The sine changes its sign across a pole on the axis and
@@ -100,15 +101,13 @@ class Response:
         if not below.size or below[0] == 0:
             return float("inf") if not below.size else float("nan")
 
-        def size(omega: float) -> float:
-            return float(np.log(_closed(self.loop.response(np.array([omega])))[0] / level))
-
-        return _root(size, float(self.omega[below[0] - 1]), float(self.omega[below[0]]))
+        i = below[:1]
+        return float(
+            _crossing(lambda w: np.log(_closed(self.loop.response(w)) / level), self.omega[i - 1], self.omega[i])[0]
+        )
 
     def nearest_to_minus_one(self) -> tuple[float, float]:
         """Least ``2 |1 + L|/|1 - L|`` over all frequencies, and the frequency of it."""
-        from scipy.optimize import minimize_scalar
-
         with np.errstate(all="ignore"):
             size = _disk(self.value)
         size = np.where(np.isnan(size), np.inf, size)
@@ -116,18 +115,9 @@ class Response:
         # The grid shows every dip, as neighbours on it are joined by a straight line: only its bottom is sought.
         minima = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
         minima = minima[np.argsort(size[minima], kind="stable")[:_MOST_MINIMA]]
-        best = (float("inf"), float("nan"))
-        for i in minima.tolist():
-            a, b = self.omega[max(i - 1, 0)], self.omega[min(i + 1, len(size) - 1)]
-            best = min(best, (float(size[i]), float(self.omega[i])))
-            if a < b:
-                found = minimize_scalar(
-                    lambda x: float(_disk(self.loop.response(np.exp(np.array([x]))))[0]),
-                    bounds=(np.log(a), np.log(b)),
-                    method="bounded",
-                    options={"xatol": 1e-10, "maxiter": 100},
-                )
-                best = min(best, (float(found.fun), float(np.exp(found.x))))
+        around = np.clip(minima + np.array([[-1], [0], [1]]), 0, size.size - 1)
+        found, value = least(self._disk_at, np.log(self.omega[around]), size[around], lambda x, _: x[2] - x[0] > 1e-10)
+        best = min(zip(value.tolist(), np.exp(found).tolist(), strict=True), default=(float("inf"), float("nan")))
         ends = [self._slow_end(), self._fast_end() or (float("inf"), 0.0) if not self.loop.time_step else None]
         return min([best, *((float(_disk(np.array([e[1] + 0j]))[0]), e[0]) for e in ends if e is not None)])
 
@@ -137,7 +127,7 @@ class Response:
         at_nodes: Array,
         shown: NDArray[np.bool_] | None = None,
         nearest: bool = False,
-    ) -> list[float]:
+    ) -> Array:
         """Frequencies between neighbouring nodes on different sides of zero, to rounding."""
         used = np.isfinite(at_nodes) & (at_nodes != 0.0 if shown is None else shown)
         omega, values = self.omega[used], at_nodes[used]
@@ -149,10 +139,10 @@ class Response:
             size = np.abs(np.log(np.abs(self.value[used])))
             far = np.minimum(size[changes], size[changes + 1])
             changes = changes[np.argsort(far, kind="stable")[:_MOST_ROOTS]]
-        return [
-            _root(lambda w: float(sign(self.loop.response(np.array([w])))[0]), float(omega[i]), float(omega[i + 1]))
-            for i in changes
-        ]
+        return _crossing(lambda w: sign(self.loop.response(w)), omega[changes], omega[changes + 1])
+
+    def _disk_at(self, log_omega: Array, _: NDArray[np.intp]) -> Array:
+        return _disk(self.loop.response(np.exp(log_omega)))
 
     def _slow_end(self) -> tuple[float, float] | None:
         """Frequency zero and the loop gain there, where that is no pole."""
@@ -171,14 +161,11 @@ class Response:
         return (float("inf"), straight) if straight else None
 
 
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Root between two frequencies; one of them where it lies within rounding of it, on which side is not sure."""
-    from scipy.optimize import brentq
-
-    at_low, at_high = function(low), function(high)
-    if np.signbit(at_low) == np.signbit(at_high):
-        return low if abs(at_low) < abs(at_high) else high
-    return float(brentq(function, low, high, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+def _crossing(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
+    """Roots between two frequencies; one of them where it lies within rounding of it, on which side is not sure."""
+    nearer = np.where(np.abs(function(low)) < np.abs(function(high)), low, high)
+    roots = between(lambda w, _: function(w), low, high)
+    return np.where(np.isnan(roots), nearer, roots)
 
 
 def _closed(L: ComplexArray) -> Array:

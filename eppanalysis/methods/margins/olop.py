@@ -24,6 +24,7 @@ from eppanalysis.models.systems.sampled.strobe import refuse_samples
 from eppanalysis.models.systems.subject import CaseLike, facts_of, system_of
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.roots import between
 
 __all__ = ["olop"]
 
@@ -165,8 +166,6 @@ def _moves(
 
 def _onset(omega: Array, excess: Callable[[Array], Array]) -> float:
     """The lowest frequency at which the limit is reached, to rounding; nan where it never is."""
-    from scipy.optimize import brentq
-
     values = excess(omega)
     above = np.flatnonzero(values >= 0.0)
     if not above.size:
@@ -174,7 +173,7 @@ def _onset(omega: Array, excess: Callable[[Array], Array]) -> float:
     i = int(above[0])
     if i == 0:
         return float(omega[0])
-    return float(brentq(lambda w: float(excess(np.array([w]))[0]), omega[i - 1], omega[i], rtol=1e-14))
+    return float(between(lambda w, _: excess(w), omega[i - 1 : i], omega[i : i + 1])[0])
 
 
 def _judged(

@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from eppanalysis.errors import AlgebraicLoop, ModelError
 from eppanalysis.models.systems.lure import LureSystem
@@ -20,10 +19,10 @@ _MOST = 10
 
 def parts_on_loops(acts: Array) -> NDArray[np.int64]:
     """Numbers of those that act on themselves, straight or through others; a row of `acts` is of what is acted on."""
-    acts = acts != 0
-    _, label = connected_components(acts, connection="strong")
-    together = np.bincount(label)[label] > 1
-    return np.flatnonzero(together | np.diag(acts))
+    reach, steps = (acts != 0).astype(float), 1
+    while steps < len(acts):  # each product doubles the number of steps
+        reach, steps = ((reach + reach @ reach) > 0).astype(float), 2 * steps
+    return np.flatnonzero(np.diag(reach))
 
 
 def acyclic(acts: Array) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats, is_number
@@ -168,9 +167,11 @@ def poles(A: Array, rounding: float | None = None) -> ComplexArray:
 
 def balanced(A: Array) -> tuple[Array, Array]:
     """A state matrix in units of its states that make rows and columns alike, and these units, shape (n,)."""
+    from scipy.linalg import matrix_balance  # a fifth of a second, which a mistake in a case need not wait for
+
     # Scipy casts the units to places of a permutation that is not asked for; those beyond all integers warn.
     with np.errstate(invalid="ignore"):
-        out, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+        out, (units, _) = matrix_balance(A, permute=False, separate=True)
     return np.asarray(out, float), np.asarray(units, float)
 
 
