@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.sampled.strobe import sampled_among
 
 Array = NDArray[np.float64]
 
@@ -48,11 +49,14 @@ def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array
     model = hybrid.model
     place = np.abs(states @ model.C.T + memory @ model.Kz.T).max(axis=0)
     amplitude = np.abs(model.C) @ moves + np.abs(model.Kz) @ np.ptp(memory, axis=0)
-    seen = False
+    seen, sampled = False, sampled_among(hybrid.elements)
     for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
         own = model.guard_element == e
-        # An element without levels hands on what it sees, perhaps straight to one that has some.
-        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0) if own.any() else 1.0
+        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
+        if e in sampled or not own.any():
+            # An element without levels hands on what it sees, perhaps straight to one that has some; so does a
+            # controller, whose guards see its clock alone.
+            weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
         size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(np.sum(weight * place[first:end]))
         if float(np.sum(weight * amplitude[first:end])) > _ROUNDING * size:
             return False

@@ -21,6 +21,7 @@ from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import brought_about, marked
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.period import analyse_period
+from eppanalysis.methods.simulation.rounding import is_rounding
 from eppanalysis.methods.simulation.simulate import named_events, run_hybrid
 from eppanalysis.methods.simulation.stability import describe, is_stable, multipliers
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -107,6 +108,14 @@ class Round:
         rates = np.abs(self.run.rate[: self.last + 1, free[on]]).max(axis=0)
         span[on] = np.maximum(span[on], 0.1 * rates * self.strobe.controllers[-1].sample_time)
         return span
+
+    @property
+    def rests(self) -> bool:
+        """Whether what the elements see of the motion is rounding: at rest, too, every sample closes."""
+        n, on = self.start.x0.size, self.strobe.free < self.start.x0.size
+        moves = np.zeros(n)
+        moves[self.strobe.free[on]] = self.motion[on]
+        return is_rounding(self.start, self.rows[:, :n], self.rows[:, n:], moves)
 
     @cached_property
     def scale(self) -> Array:
@@ -222,7 +231,9 @@ def close_locked(strobe: Strobe, start: HybridSystem, n: int, size: Array | None
         if now.residual < _EXACT or not np.all(np.isfinite(step)):
             break
         now = Round.of(strobe, now.moved(step), n)
-    if best is None or best.residual > CLOSED or (size is not None and not np.any(best.motion > _REST * size)):
+    if best is None or best.residual > CLOSED or best.rests:
+        return None
+    if size is not None and not np.any(best.motion > _REST * size):
         return None
     return _once(best)
 

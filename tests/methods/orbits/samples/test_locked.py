@@ -9,7 +9,11 @@ import pytest
 import scipy.linalg
 
 import eppanalysis as epp
+from eppanalysis.methods.orbits.exact import steady_hybrid
+from eppanalysis.methods.orbits.samples.locked import close_locked, starts_on
+from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.models.elements import ControllerMemory
+from eppanalysis.models.systems.sampled.strobe import Strobe
 
 A = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
 T = 0.2
@@ -118,3 +122,18 @@ def test_what_does_not_cover_samples_says_so() -> None:
     loop = sampled_relay()
     with pytest.raises(epp.EppError, match="does not cover loops with sampled controllers: predict_limit_cycles"):
         epp.frozen_nyquist(loop, epp.predict_limit_cycles(loop)[0])
+
+
+@pytest.mark.parametrize("samples", [1, 7])
+def test_a_state_of_rest_is_no_orbit_of_its_samples(samples: int) -> None:
+    # Friction holds the mass wherever its sampled spring is weaker: every sample closes there, to the last bit.
+    spring = epp.SampledController([], [], [], [[30.0]], 0.01)
+    A, B, C = [[0.0, 1.0], [0.0, -1.0]], [[0.0, 0.0], [-1.0, -1.0]], [[1.0, 0.0], [0.0, 1.0]]
+    loop = epp.LureSystem.build(A, B, C, [spring, epp.Friction(0.5)], x0=[1.0, 0.0])
+    hybrid = steady_hybrid(loop, epp.OperatingPoint())
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    run = run_hybrid(hybrid, 20.0, np.zeros(0), 2.0 * hybrid.time_scale, 10_000, 10_000)
+    (start,) = starts_on(strobe, run, samples, 1)
+    assert abs(start.x0[0]) > 1e-4 and start.x0[1] == 0.0
+    assert close_locked(strobe, start, samples) is None
