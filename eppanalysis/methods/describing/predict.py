@@ -24,6 +24,7 @@ from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_cur
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, search_one
 from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
+from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.methods.margins.margins import margins
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
@@ -144,6 +145,9 @@ def _balanced(
     own: LureSystem, at: OperatingPoint
 ) -> tuple[Balance, Found, list[Point], list[Estimate], tuple[LimitCycle, ...]]:
     """The balance of a loop whose integrators stand apart, its search, and the cycles with their error estimates."""
+    if (other := without_held_states(own)) is not None:
+        balance, found, points, estimates, cycles = _balanced(other.system, at)
+        return balance, found, points, estimates, tuple(map(other.told, cycles))
     loop, coordinates = averaged(own).with_integrators_apart
     if not loop.elements:
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")

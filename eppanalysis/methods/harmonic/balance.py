@@ -22,6 +22,7 @@ from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, Place, inputs_of, order_one
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
+from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
@@ -37,8 +38,7 @@ AUTOMATIC = (1, 3, 5, 9, 15, 25, 41, 65)
 TOLERANCE = 1e-4
 _ITERATIONS = 30
 _LARGEST_STEP = 0.5
-_SMALLEST_SHARE = 1 / 1024
-_MOST_SHARES = 8
+_SMALLEST_SHARE, _MOST_SHARES = 1 / 1024, 8
 #: Steps of the engine that one linearised balance is worth: at all, and each unknown.
 _ITERATE, _UNKNOWN = 800.0, 20.0
 _SEEDS = 1 / 3  # and below which it may lead to an exact orbit
@@ -99,6 +99,8 @@ def harmonic_balance(
     [4.4429, 4.5292, 4.5494, 4.551]
     """
     own, at = standing(system, operating_point, "harmonic_balance")
+    if (other := without_held_states(own)) is not None:
+        return other.told(harmonic_balance(other.system, other.asked(guess), order, at))
     system = averaged(own)
     if order is not None and (int(order) != order or order < 1):
         raise EppError(f"harmonic_balance: order is {order}; expected a positive integer or None.")
@@ -453,8 +455,7 @@ def _cycle(system: LureSystem, loop: Loop, point: _Point, log: list[_Point]) -> 
     names, period = signals.names, TURN / omega
     heights = [float(v.max() - v.min()) if v.size else 0.0 for _, v in extrema(c)]
     count = max(128, 16 * n)
-    wave = sampled(c, count)
-    wave = np.concatenate([wave, wave[:, :1]], 1)
+    wave = np.pad(sampled(c, count), [(0, 0), (0, 1)], mode="wrap")
     return LimitCycle(
         method=f"{HARMONIC_BALANCE}, order {n}",
         status=Status.CONVERGED if point.converged else Status.NOT_CONVERGED,

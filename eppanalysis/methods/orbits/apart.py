@@ -8,16 +8,15 @@ fastest pole.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from eppanalysis.methods.harmonic.states import OtherStates, without_held_states
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
 
@@ -29,8 +28,13 @@ _KNOWN = 1e-3
 _WORST = 1e10
 
 
-def motions_apart(system: LureSystem) -> tuple[LureSystem, Array, Array] | None:
-    """The loop in coordinates y of its stiffest motions, T of ``x = T y``, and its inverse; None where they need none.
+def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
+    """The loop without states that nothing drives, else in those of its stiffest motions; None where it needs none."""
+    return without_held_states(system) or (None if system.time_step else motions_apart(system))
+
+
+def motions_apart(system: LureSystem) -> OtherStates | None:
+    """The loop in coordinates of its stiffest motions; None where they need none.
 
     Examples
     --------
@@ -60,18 +64,11 @@ def motions_apart(system: LureSystem) -> tuple[LureSystem, Array, Array] | None:
     own = system.in_coordinates(T, inverse)
     # Where these coordinates are long and thin beside the given ones, integrators are lost in them: their poles become
     # slow motions, which set how long runs are and where they start.
-    return (own, T, inverse) if _integrators(own) == _integrators(system) else None
+    return OtherStates(own, T, inverse, np.zeros(len(T))) if _integrators(own) == _integrators(system) else None
 
 
 def _integrators(system: LureSystem) -> int:
     return int(np.sum(poles(system.A) == 0.0))
-
-
-def in_states(cycle: LimitCycle, T: Array) -> LimitCycle:
-    """A cycle of a loop with another state, `T` times this one's; what it does not tell stays untold."""
-    state, mean = (T @ x if x.size else x for x in (cycle.state, cycle.mean_state))
-    events = cycle.event_states @ T.T if cycle.event_states.size else cycle.event_states
-    return replace(cycle, state=state, mean_state=mean, event_states=events)
 
 
 def _real(pole: complex, direction: NDArray[np.complex128]) -> list[Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import balances_of
-from eppanalysis.methods.orbits.apart import in_states, motions_apart
+from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
@@ -103,13 +103,12 @@ def exact_orbit(
     0.2251 Hz, exactly 0.2197 Hz
     """
     system, at = standing(system, operating_point, "exact_orbit")
+    if not system.time_step and start.state.size != system.A.shape[0]:
+        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
+    if (apart := in_states_of_its_own(system)) is not None:
+        return apart.told(exact_orbit(apart.system, apart.asked(start), at))
     if system.time_step:
         return replace(sampled_orbit(system, start, at), operating_point=at)
-    if start.state.size != system.A.shape[0]:
-        raise EppError(f"{system.name}: the start has no state; expected a predicted cycle, or an exact one.")
-    if (apart := motions_apart(system)) is not None:
-        own, T, inverse = apart
-        return in_states(exact_orbit(own, in_states(start, inverse), at), T)
     hybrid = steady_hybrid(system, at)
     if (strobe := Strobe.of(hybrid)) is not None:
         return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.predict import predicted_cycles
-from eppanalysis.methods.orbits.apart import in_states, motions_apart
+from eppanalysis.methods.harmonic.states import OtherStates
+from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
@@ -103,12 +104,12 @@ def find_limit_cycles(
     [(8.25509713, False), (6.3277966, True)]
     """
     system, at = standing(system, operating_point, "find_limit_cycles")
+    if (apart := in_states_of_its_own(system)) is not None:
+        given = None if predicted is None else [apart.asked(cycle) for cycle in predicted]
+        found = find_limit_cycles(apart.system, at, by_balance=by_balance, predicted=given, progress=progress)
+        return _told(found, apart)
     if system.time_step:
         return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted)
-    if (apart := motions_apart(system)) is not None:
-        own, T, inverse = apart
-        given = None if predicted is None else [in_states(cycle, inverse) for cycle in predicted]
-        return _in_states(find_limit_cycles(own, at, by_balance=by_balance, predicted=given, progress=progress), T)
     hybrid = steady_hybrid(system, at)
     seeds = _predictions(system, at) if predicted is None else predicted
     for cycle in seeds:
@@ -139,11 +140,10 @@ def find_limit_cycles(
     )
 
 
-def _in_states(found: CycleSearch, T: Array) -> CycleSearch:
-    """What was found in a loop with another state, `T` times this one's."""
-    cycles, unclosed = (tuple(in_states(cycle, T) for cycle in part) for part in (found.cycles, found.unclosed))
-    rest = T @ found.rest_state if found.rest_state.size else found.rest_state
-    return replace(found, cycles=cycles, unclosed=unclosed, rest_state=rest)
+def _told(found: CycleSearch, apart: OtherStates) -> CycleSearch:
+    """What was found in a loop with other states."""
+    cycles, unclosed = (tuple(map(apart.told, part)) for part in (found.cycles, found.unclosed))
+    return replace(found, cycles=cycles, unclosed=unclosed, rest_state=apart.state(found.rest_state))
 
 
 def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> CycleSearch:

@@ -1,0 +1,70 @@
+"""A loop in other states than its user's, and its cycles in these: without those that nothing drives.
+
+An integrator without an input keeps its start: a disturbance, a set point. It is a held input that stands among the
+states, and no unknown of a cycle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.means import without_rounding
+from eppanalysis.results import LimitCycle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OtherStates:
+    """A loop with states y of its own, where the user's are ``x = T y + held`` and ``y = inverse x``."""
+
+    system: LureSystem
+    T: Array
+    inverse: Array
+    held: Array
+
+    def state(self, y: Array) -> Array:
+        """A state of the user's, or rows of them; none stays none."""
+        return y @ self.T.T + self.held if y.size else y
+
+    def told(self, cycle: LimitCycle) -> LimitCycle:
+        """A cycle of the loop in the user's states; what it does not tell stays untold."""
+        state, mean_state, event_states = map(self.state, (cycle.state, cycle.mean_state, cycle.event_states))
+        return replace(cycle, state=state, mean_state=mean_state, event_states=event_states)
+
+    def asked(self, cycle: LimitCycle) -> LimitCycle:
+        """A cycle in the user's states as one of the loop."""
+        return OtherStates(self.system, self.inverse, self.T, np.zeros(len(self.inverse))).told(cycle)
+
+
+def without_held_states(system: LureSystem) -> OtherStates | None:
+    """The loop with its undriven integrators as constants; None where it has none."""
+    if not system.A.size:
+        return None
+    apart, T = system.with_integrators_apart
+    inverse: Array = np.asarray(np.linalg.inv(T), float)
+    A = apart.A - (np.eye(len(T)) if system.time_step else 0.0)
+    given: Array = np.hstack([system.B, system.B_input, system.constant_state[:, None]])
+    terms: Array = np.abs(inverse) @ np.abs(given)
+    driven = np.any(A, axis=1) | np.any(without_rounding(inverse @ given, terms), axis=1)
+    if np.all(driven):
+        return None
+    held, s, cuts = np.where(driven, 0.0, apart.x0), apart.signals, apart.cuts
+    own = replace(
+        apart,
+        A=apart.A[driven][:, driven],
+        B=apart.B[driven],
+        C=apart.C[:, driven],
+        B_input=apart.B_input[driven],
+        constant_state=(apart.constant_state + A @ held)[driven],
+        constant_input=apart.constant_input + apart.C @ held,
+        x0=apart.x0[driven],
+        state_names=tuple(np.array(apart.state_names)[driven].tolist()),
+        signals=replace(s, C=s.C[:, driven], constant=s.constant + s.C @ held),
+        cuts=cuts and replace(cuts, B=cuts.B[driven], C=cuts.C[:, driven]),
+    )
+    return OtherStates(own, T[:, driven], inverse[driven], T @ held)
