@@ -91,6 +91,15 @@ def run(model, compiled, work, workspace, samples, buffer, now):
     return now.code
 
 
+@njit(**ENTRY)
+def lines_before(model, compiled, workspace, q):
+    """What is on its way through dead times at the start of the next run: what mode combination q has put out."""
+    start_lines(
+        model, compiled, q, workspace.x, workspace.H, workspace.line_t, workspace.line_h, workspace.line_c,
+        workspace.line_n
+    )  # fmt: skip
+
+
 @njit(**HOT)
 def _begin(model, compiled, work, workspace, samples, now):
     """Clear what an earlier run left, and stand at the start; False where its modes have no solution."""
@@ -111,9 +120,8 @@ def _begin(model, compiled, work, workspace, samples, now):
     now.q = find_combination(model, compiled, work, workspace.modes, now.base_step)
     if now.q < 0:
         return False
-    start_lines(
-        model, compiled, now.q, x, workspace.H, workspace.line_t, workspace.line_h, workspace.line_c, workspace.line_n
-    )
+    if not now.past_known:
+        lines_before(model, compiled, workspace, now.q)
     return True
 
 
@@ -258,10 +266,7 @@ def _happen(model, compiled, work, workspace, buffer, now):
     if workspace.line_h.shape[1] > 1 and now.t == 0.0 and now.i_breakpoint == 0:
         # No input has jumped at the start, so the given mode was wrong: the history of the delayed outputs starts in
         # the new one.
-        start_lines(
-            model, compiled, now.q, workspace.x, workspace.H, workspace.line_t, workspace.line_h, workspace.line_c,
-            workspace.line_n
-        )  # fmt: skip
+        lines_before(model, compiled, workspace, now.q)
     now.stepped = True
     return True
 

@@ -103,9 +103,10 @@ _OF_GUARDS = ("constant", "lift", "g0", "g1", "tol", "stray", "top")
 PROGRESS = np.dtype(
     [
         # What is asked for: end, longest step of the grid, events in all, whether closing on a cycle is watched for
-        # (not by a run that goes on from one that has ended: its inputs have passed), steps until a pause and at most.
-        ("t_end", "f8"), ("base_step", "f8"), ("max_events", "i8"), ("watch", "?"), ("slice", "f8"),
-        ("most_steps", "f8"),
+        # (not by a run that goes on from one that has ended: its inputs have passed), whether what was put out
+        # before the start is known, steps until a pause and at most.
+        ("t_end", "f8"), ("base_step", "f8"), ("max_events", "i8"), ("watch", "?"), ("past_known", "?"),
+        ("slice", "f8"), ("most_steps", "f8"),
         # Time, end of what is computed now, place on the grid of the mode (origin, steps), mode combination.
         ("t", "f8"), ("until", "f8"), ("origin", "f8"), ("j_grid", "i8"), ("q", "i8"),
         # Next sample and how many, next breakpoint of the inputs, steps without an event, time of the last one, and how

@@ -210,7 +210,7 @@ def run_hybrid(
     Spent
         If the search that it belongs to may compute no more.
     """
-    from eppanalysis.kernels.engine.run import run
+    from eppanalysis.kernels.engine.run import lines_before, run
     from eppanalysis.kernels.engine.workspace import (
         HISTORY,
         PAUSED,
@@ -234,11 +234,15 @@ def run_hybrid(
         before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
         before.watch = False  # the inputs are held
         run(hybrid.model, compiled, work, workspace, make_samples(np.zeros(0), n_y), buffer, before)
-        _begin(hybrid, workspace, np.where(_without_memory(hybrid), workspace.modes, hybrid.modes0))
+        settled = workspace.modes.copy()
+        workspace.x[:n] = hybrid.x0
+        lines_before(hybrid.model, compiled, workspace, before.q)
+        _begin(hybrid, workspace, np.where(_without_memory(hybrid), settled, hybrid.modes0))
     smooth = hybrid.model.smooth_kind
     cost = (_DELAYED if np.all(smooth == DELAY_LINE) else _SMOOTH) if hybrid.model.S.shape[1] else 1.0
     most = min(float(max_steps), left() / cost)
     samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
+    now.past_known = _steps_at_once(hybrid)
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)

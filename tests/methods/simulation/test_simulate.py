@@ -701,11 +701,23 @@ def test_what_a_limit_has_put_out_before_the_start_is_within_the_limit():
     np.testing.assert_allclose(run.signals["saturation_input"], [5.0, 4.8, 4.6], rtol=1e-12)
 
 
-def test_what_a_limit_has_put_out_before_a_step_at_once_is_within_the_limit():
-    """The dead time of x' = -x + w(t - 0.5) hands on the 1 of an input that was held at 3 until the start."""
+@pytest.mark.parametrize(
+    ("element", "memory", "handed_on"),
+    [
+        (epp.Saturation(), None, 1.0),
+        (epp.HysteresisRelay(-1.0, 1.0), None, 1.0),
+        (epp.HysteresisRelay(-1.0, 1.0), -1.0, 1.0),
+        (epp.Play(gap=1.0), None, 2.5),
+        (epp.Play(gap=1.0), 3.2, 3.2),
+    ],
+)
+def test_a_dead_time_hands_on_what_was_put_out_before_a_step_at_once(element, memory, handed_on):
+    """The dead time of x' = -x + w(t - 0.5) hands on what the element makes of an input held at 3 until the start."""
     stepped = epp.LureSystem.build(
-        [[-1.0]], [[1.0]], [[-1.0]], [epp.Saturation()], D_input=[[1.0]], input_names=["r"], v0=[3.0], delays=[0.5]
-    )
+        [[-1.0]], [[1.0]], [[-0.1]], [element], D_input=[[1.0]], input_names=["r"], v0=[3.0], delays=[0.5],
+        memory=[memory],
+    )  # fmt: skip
     times = np.array([0.0, 0.2, 0.5])
     run = epp.simulate(stepped, {"r": epp.inputs.Step(-3.0)}, t_end=0.5, t_eval=times)
-    np.testing.assert_allclose(run.signals["saturation_input"], np.expm1(-times), rtol=1e-12, atol=1e-15)
+    seen = run.signals[f"{type(element).__name__.lower()}_input"]
+    np.testing.assert_allclose(seen, 0.1 * handed_on * np.expm1(-times), rtol=1e-12, atol=1e-15)
