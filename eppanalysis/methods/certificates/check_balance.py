@@ -66,12 +66,9 @@ class Element:
     def __init__(self, e):
         self.line, self.follow, self.gate = ([rational(x) for x in e[name]] for name in ("line", "follow", "gate"))
         self.steps = [(rational(b), rational(h) / (2 if self.gate else 1), way) for b, h, way in e["steps"]]
-        (low, high), ways, sizes = (
-            self.gate or (0, 0),
-            [(b, way) for b, _, way in self.steps],
-            {x[1] for x in self.steps},
-        )
-        gated, plain = ways == [(low, -1), (high, 1)] and len(sizes) == 1, all(way in ("bend", 0) for _, way in ways)
+        (low, high), ways = self.gate or (0, 0), [(b, way) for b, _, way in self.steps]
+        gated = ways == [(low, -1), (high, 1)] and len({x[1] for x in self.steps}) == 1
+        plain = all(way in ("bend", 0) for _, way in ways)
         follows = self.follow and not ways and self.follow[0] >= 0
         require(low <= high and (follows if self.follow else gated if self.gate else plain), "an element that is none")
 
@@ -88,13 +85,16 @@ class Element:
         if self.gate and (A.x + B.x < high or B.x - A.x > low):
             return A.line(0), M
         for at, size, way in self.steps:
-            r, bend = B.line(-1, at) / A, way == "bend"
+            away, bend = B.line(-1, at), way == "bend"
+            # Nothing changes below the amplitude that meets the step: a lesser one, zero too, counts as that one.
+            R = A.of(A.x.max(away.x.abs_lower()), ONE)
+            r = away / R
             if B.x - at > A.x and not self.gate:
                 N, M = (N.line(1, size), M + B.line(size, -size * at)) if bend else (N, M.line(1, size))
             elif self.gate or not at - B.x > A.x:
                 s, time, gain, mean = phases(r)
-                N = N + (gain.line(size) if bend else ((s + r.line(-J * way)) / A).line(2 * size / PI))
-                M = M + (A * mean if bend else time).line(size)
+                N = N + (gain.line(size) if bend else ((s + r.line(-J * way)) / R).line(2 * size / PI))
+                M = M + (R * mean if bend else time).line(size)
         return N if not self.gate or (A.x + B.x > high and B.x - A.x < low) else N.of(N.x, arb("nan")), M
 
 
@@ -120,7 +120,7 @@ class Balance:
             late, D = (-delay * s.x).exp(), s.of(den(s.x), den.derivative()(s.x))
             part = N * s.of(num(s.x), num.derivative()(s.x)) * s.of(late, -delay * late)
             P, Q, X = P * part.line(-1), Q * D, part / D
-            A = A * Jet(abs(X.x), [abs(X.x) * (y / X.x).real for y in X.slopes])
+            A = A * Jet(abs(X.x), [(y * X.x.sgn().conjugate()).real for y in X.slopes])
         means = [B.line(self.means[0], -self.means[2]) + M.line(self.means[1])] if biases else []
         return [Jet(F.x.real, [y.real for y in F.slopes]) for F in (P + Q, (P + Q).line(-J))] + means
 

@@ -17,8 +17,6 @@ from eppanalysis.models.systems.lure import LureSystem
 
 #: Factor by which the default box reaches beyond the least and the greatest scale of a loop.
 REACH = 1024
-#: Factor by which cuts of a ring's amplitudes miss a threshold.
-_BEYOND = Fraction("1.00005")
 #: What stands for pi in the ends of default boxes, from below.
 _PI = Fraction("3.14")
 
@@ -88,8 +86,7 @@ def _amplitudes(system: LureSystem, stated: Mapping[str, Any]) -> tuple[Fraction
         scales = _as_high(stated.get("element", {}))
     if not scales.size:
         raise NotCovered("the element has no amplitude of its own; give a box.")
-    # Boxes of a ring are cut by doubling: not on a threshold, next to which play is steep, but a little beyond.
-    return _short(scales[0]) / REACH * (_BEYOND if "ring" in stated else 1), _short(scales[-1]) * REACH
+    return _short(scales[0]) / REACH, _short(scales[-1]) * REACH
 
 
 def _balanced(system: LureSystem) -> np.ndarray:

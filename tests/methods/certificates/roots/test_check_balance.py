@@ -77,6 +77,14 @@ def test_shipped_loops_with_a_bias_and_rings_are_decided(name: str) -> None:
         assert root.bias[0] == pytest.approx(cycle.elements[label]["bias"], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("least", [0.25, 0.3])
+def test_a_ring_is_decided_though_its_cuts_meet_the_threshold_of_play(least: float) -> None:
+    """Play passes nothing on at 0.5: the amplitude before the saturation is zero, and its phase anything."""
+    found = epp.certify(epp.case("sat_plus_backlash"), box={"amplitude": (least, 64.0)})
+    assert found.proved and len(found.roots) == 2
+    assert len(found.document["evidence"]["cover"][0]) < 1000
+
+
 def relay(unit: float = 1.0, seconds: float = 1.0) -> epp.LureSystem:
     """A relay with a bias around 1/(s + 1)^3, in any units of its input and of time."""
     element = epp.HysteresisRelay(-0.1 * unit, 0.1 * unit, -0.7 * unit, 1.3 * unit)
