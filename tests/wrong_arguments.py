@@ -146,7 +146,8 @@ def _response() -> epp.MeasuredResponse:
     return epp.MeasuredResponse(s.imag, 1.0 / (s * (s + 1.0)))
 
 
-def _elements() -> Iterator[Door]:
+def fields_of_elements() -> Iterator[tuple[type[epp.Nonlinearity], dict[str, Any]]]:
+    """Every element of case files, and fields that one may have."""
     # Most elements can be made of ones and defaults; these cannot.
     known: dict[str, dict[str, Any]] = {
         "bilinear_spring": {"lower": -0.5, "upper": 0.5, "outer": 2.0, "inner": 0.5, "preload": 0.1},
@@ -161,9 +162,13 @@ def _elements() -> Iterator[Door]:
     for of_files, kind in ELEMENTS.items():
         fields = inspect.signature(kind).parameters.items()
         ones = {name: 1.0 if field.default is inspect.Parameter.empty else field.default for name, field in fields}
-        name, good = kind.__name__, known.get(of_files, ones)
+        yield kind, known.get(of_files, ones)
+
+
+def _elements() -> Iterator[Door]:
+    for kind, good in fields_of_elements():
+        name, element = kind.__name__, kind(**good)
         yield Door(name, kind, good)
-        element = kind(**good)
         if element.n_inputs == 1:
             yield Door(f"{name}.output", element.output, {"x": 0.5})
         about = {"amplitude": 2.0, "bias": 0.0, "omega": 1.0}

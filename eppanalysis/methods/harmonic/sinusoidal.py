@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.arguments import check_counts
-from eppanalysis.errors import ModelError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.coefficients import respond
-from eppanalysis.methods.harmonic.elements import PeriodicElement
+from eppanalysis.methods.harmonic.elements import PeriodicElement, Unsettled
 from eppanalysis.methods.harmonic.series import ComplexArray
 from eppanalysis.models.elements.base import Nonlinearity
 
@@ -40,8 +40,9 @@ def sinusoidal_harmonics(
     Raises
     ------
     ModelError
-        If the amplitude or omega is not positive, or harmonic balance does not cover the element.
-    Unsettled
+        If the amplitude or omega is not positive, if harmonic balance does not cover the element, or if it has states
+        of its own, as a rate limiter has: :func:`~eppanalysis.forced_response` closes the motion of it alone.
+    EppError
         If the element does not answer with the period of its input.
 
     References
@@ -61,11 +62,23 @@ def sinusoidal_harmonics(
     for name, value in (("amplitude", amplitude), ("omega", omega)):
         if not (np.isfinite(value) and value > 0):
             raise ModelError("sinusoidal_harmonics", value, "a positive number", field=name)
+    if (known := element.harmonics(amplitude, bias, omega, order)) is not None:
+        if not np.all(np.isfinite(known)):
+            raise EppError(f"sinusoidal_harmonics: the mean of {type(element).__name__} grows without bound.")
+        return known
+    if element.own_states is not None:
+        raise ModelError(
+            f"sinusoidal_harmonics: {type(element).__name__} has states of its own",
+            expected="an element without; forced_response closes its motion where it is a loop's only part",
+        )
     roles = ("free", "rate")[: element.n_inputs]
     if len(roles) < element.n_inputs:
         raise ModelError(f"{type(element).__name__} has {element.n_inputs} inputs", expected="one, or it and its rate")
     series = np.zeros((1, order + 1), complex)
     series[0, 0], series[0, 1] = bias, -1j * amplitude
     # Coefficients of real parts become those of imaginary parts; the mean is what it is.
-    found = respond(PeriodicElement.of(element, roles), series, omega).coefficients / amplitude
+    try:
+        found = respond(PeriodicElement.of(element, roles), series, omega).coefficients / amplitude
+    except Unsettled as reason:
+        raise EppError(f"sinusoidal_harmonics: {reason}") from None
     return np.asarray(np.hstack([found[:, :1], 1j * found[:, 1:]]), complex)

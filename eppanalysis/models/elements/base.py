@@ -340,6 +340,13 @@ class Nonlinearity(ABC):
         """
         return None
 
+    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> NDArray[np.complex128] | None:
+        """Of the settled output under ``bias + amplitude sin(omega t)``, over the amplitude; the mean is the zeroth.
+
+        Shape (1, order + 1); None where the answer is that of the automaton to its input.
+        """
+        return None
+
     @property
     def sticks_and_slips(self) -> bool:
         """Whether it resists more at rest than in motion, so that a loop that winds up hunts."""

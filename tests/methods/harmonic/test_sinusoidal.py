@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import eppanalysis as epp
 from eppanalysis.errors import ModelError
+from tests.wrong_arguments import fields_of_elements
 
 STATIC = [
     epp.Saturation(lower=-1.0, upper=0.6),
@@ -43,6 +44,36 @@ def test_mean_and_first_harmonic_are_the_describing_function(element, amplitude,
     H = epp.sinusoidal_harmonics(element, amplitude, bias=bias)[0]
     assert H[0] * amplitude == pytest.approx(float(mean), abs=1e-9)
     assert H[1] == pytest.approx(complex(gain), abs=1e-9)
+
+
+@pytest.mark.parametrize("kind, fields", list(fields_of_elements()), ids=lambda v: getattr(v, "kind", ""))
+def test_of_every_element_the_first_harmonic_is_its_describing_function_or_it_is_refused(kind, fields):
+    """Its own, whatever states it brings: not that of what is inside them."""
+    element, omega = kind(**fields), 1.3
+    try:
+        H = epp.sinusoidal_harmonics(element, 2.7, bias=0.1, omega=omega, order=3)
+    except ModelError:
+        assert element.own_states is not None or element.n_inputs > 1
+        return
+    dynamic = element.of_frequency or element.n_inputs > 1
+    mean, gain = element.describing_function(2.7, 0.1, *[omega] * dynamic)
+    assert H[:, 1] == pytest.approx(np.atleast_1d(gain), abs=1e-9)
+    assert H[:, 0] * 2.7 == pytest.approx(np.atleast_1d(mean), abs=1e-9)
+
+
+@pytest.mark.parametrize("amplitude, omega", [(0.3, 0.5), (2.0, 3.0)])
+def test_the_integrator_of_clegg_has_odd_harmonics_as_one_over_their_number(amplitude, omega):
+    """N = (4/pi omega)(1 - j pi/4), and 4/(pi n omega) of the odd ones up to the fifteenth."""
+    odd = np.arange(16) % 2
+    expected = 4.0 / (np.pi * omega * np.maximum(np.arange(16), 1)) * odd
+    found = epp.sinusoidal_harmonics(epp.CleggIntegrator(), amplitude, omega=omega, order=15)[0]
+    assert found[1] == pytest.approx(4.0 / (np.pi * omega) * (1.0 - 0.25j * np.pi), rel=1e-14)
+    assert found[2:] == pytest.approx(expected[2:], abs=1e-14 / omega)
+
+
+def test_an_integrator_that_is_never_reset_has_no_mean():
+    with pytest.raises(epp.EppError, match="mean"):
+        epp.sinusoidal_harmonics(epp.CleggIntegrator(), 1.0, bias=2.0)
 
 
 def test_a_cube_has_a_third_harmonic_and_no_other():

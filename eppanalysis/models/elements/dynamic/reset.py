@@ -86,11 +86,11 @@ class ResetLaw(Nonlinearity):
         return build.build(start)
 
 
-def _answer(a: Array, b: Array, w: Array, k: float, pole: float) -> Answer:
-    """Mean and gain of ``dy/dt = -pole y + k u``, reset where ``u = b + a sin(w t)`` passes through zero.
+def _answer(a: Array, b: Array, w: Array, k: float, pole: float, n: int = 1) -> Answer:
+    """Mean and n-th harmonic of ``dy/dt = -pole y + k u``, reset where ``u = b + a sin(w t)`` passes through zero.
 
     With ``sin(beta) = b/a`` the input is positive over ``L = pi + 2 beta`` and negative over ``pi - 2 beta``; what the
-    output has reached at the end of either is lost there, and stands in the fundamental as an impulse.
+    output has reached at the end of either is lost there, and stands in every harmonic as an impulse.
     """
     a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -100,11 +100,11 @@ def _answer(a: Array, b: Array, w: Array, k: float, pole: float) -> Answer:
         lost, area = _half(kappa, np.pi + 2 * beta, sine, cosine)
         lost_below, area_below = _half(kappa, np.pi - 2 * beta, -sine, cosine)
         mean = a * drive / (2 * np.pi) * (area - area_below)
-        # What is lost at either passage is an impulse in the rate, so that the fundamental follows without a further
+        # What is lost at either passage is an impulse in the rate, so that each harmonic follows without a further
         # integral (docs/theory/reset.md, Describing function).
-        jump = lost * (-cosine + 1j * sine) - lost_below * (cosine + 1j * sine)
-        gain = drive * (1 - 1j * jump / np.pi) / (kappa + 1j)
-        linear = k / (pole + 1j * w)
+        jump = lost * (-cosine + 1j * sine) ** n - lost_below * (cosine + 1j * sine) ** n
+        gain = drive * (float(n == 1) - 1j * jump / np.pi) / (kappa + 1j * n)
+        linear = (n == 1) * k / (pole + 1j * w)
         steady = k * b / pole if pole else np.where(b == 0, 0.0, np.copysign(np.inf, k * b))
         rests = (np.abs(b) >= a) | (w == 0)
     undefined = np.isnan(a) | np.isnan(b) | np.isnan(w)
@@ -157,6 +157,12 @@ class _Reset(StateOutput):
         """
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         return _answer(a, b, w, self._law.gain, self._law.pole)
+
+    def harmonics(self, amplitude: float, bias: float, omega: float, order: int) -> NDArray[np.complex128]:
+        """In closed form, as the describing function; the mean is infinite where an integrator is never reset."""
+        point = broadcast_with_frequency(amplitude, bias, omega)
+        each = [_answer(*point, self._law.gain, self._law.pole, n) for n in range(1, order + 1)]
+        return np.array([[each[0][0] / amplitude, *(harmonic for _, harmonic in each)]], complex)
 
     def linear_gain(self) -> Array:
         """Static gain without resets, infinite for an integrator."""

@@ -61,6 +61,13 @@ def test_mean_and_gain_match_quadrature(gain: float, pole: float, amplitude: flo
     assert abs(complex(found) - expected) < 1e-9 * size
 
 
+@pytest.mark.parametrize("pole", [0.0, 0.7])
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_higher_harmonics_match_quadrature(pole: float, n: int) -> None:
+    found = epp.sinusoidal_harmonics(made(1.5, pole), 2.0, 0.7, 1.3, order=n)[0, n]
+    assert abs(found - harmonic(n, 1.5, pole, 2.0, 0.7, 1.3)[1]) < 1e-9
+
+
 def test_known_values() -> None:
     omega = np.array([0.1, 1.0, 30.0])
     mean, gain = epp.CleggIntegrator(2.0).describing_function([0.1, 3.0, 7.0], 0.0, omega)
