@@ -301,10 +301,10 @@ class Walk:
                 ds = 0.25 * self.max_step
                 continue
             if not self.limits[0] <= new.value <= self.limits[1]:
-                end = self._to_limit(points[-1], new)
-                if end is not None:
-                    points.append(end)
-                return points, "leaves the range"
+                if points[-1].turn * new.turn < 0 and ds > LEAST_STEP:  # the fold between may lie within the range
+                    ds *= 0.3
+                    continue
+                return self._left(points, new)
             stands = standstill(points[-1], new)
             if stands is not None:
                 self._note(stands, new, _STANDSTILLS[stands], len(points))
@@ -317,9 +317,14 @@ class Walk:
             ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
         return points, "stops at the number of points asked for"
 
-    def _to_limit(self, point: Point, new: Point) -> Point | None:
-        limit = self.limits[0] if new.value < self.limits[0] else self.limits[1]
-        return point_at(point, new, limit)
+    def _left(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
+        """The points up to the limit of the range, beyond which the new one is."""
+        end = point_at(points[-1], new, self.limits[0] if new.value < self.limits[0] else self.limits[1])
+        if end is not None:
+            if self._watch(points[-1], end, len(points)):
+                return points, "joins the branch of half its period"
+            points.append(end)
+        return points, "leaves the range"
 
     def _lost(self, points: list[Point], last: Point) -> tuple[Point | None, str]:
         """Go on where Newton does not with the old sequence."""

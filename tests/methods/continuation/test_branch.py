@@ -57,6 +57,16 @@ def test_nothing_oscillates_below_the_fold_and_two_cycles_exist_above():
         assert len(epp.find_limit_cycles(changed)) == expected
 
 
+def test_a_fold_just_within_the_end_of_the_range_is_found():
+    """The first step leads past it and out of the range again."""
+    case, threshold = epp.case("relay_deadzone"), "relay_dead_zone.threshold"
+    (fold,) = epp.continue_branch(case, threshold, 1.6, 1.8, n_others=0).folds
+    start = fold.value * (1.0 - 1e-6)
+    branch = epp.continue_branch(case, threshold, start, 2.5, cycle=fold.cycle, n_others=0)
+    assert [f.value for f in branch.folds] == pytest.approx([fold.value], rel=1e-9)
+    assert branch.points["value"][[0, -1]] == pytest.approx([start, start], rel=1e-12)
+
+
 def test_branch_passes_through_what_simulation_finds():
     case = epp.case("fig8a_original")
     branch = epp.continue_branch(case, "lock_pin.backlash", "2.5 deg", "1.2 deg", n_simulated=4, n_others=0)
