@@ -21,7 +21,7 @@ from eppanalysis.cli.common import (
     progress,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import count, quantity, readable
+from eppanalysis.readable import DIGITS, count, number, quantity, readable
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -95,8 +95,8 @@ def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
         typer.echo(
-            f"  {kind}  period {cycle.period:.10g} s  frequency {cycle.frequency:.6g} Hz  {name} "
-            f"{quantity(cycle.peak_to_peak[name], cycle.units[name], 8)} peak to peak  {cycle.stability_criterion}"
+            f"  {kind}  period {number(cycle.period)} s  frequency {number(cycle.frequency)} Hz  {name} "
+            f"{quantity(cycle.peak_to_peak[name], cycle.units[name])} peak to peak  {cycle.stability_criterion}"
         )
     for hit in triggers:
         typer.echo(f"trigger: {_trigger_text(case, hit)}")
@@ -109,8 +109,8 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
     unit, factor = readable(case.input_unit if hit.name in system.input_names else units.get(hit.name, ""))
     tail = f" {unit}".rstrip()
     if math.isnan(hit.size):
-        return f"{hit.name} by up to {hit.tried * factor:.6g}{tail} starts no cycle."
-    for digits in range(6, 18):
+        return f"{hit.name} by up to {number(hit.tried * factor)}{tail} starts no cycle."
+    for digits in range(DIGITS, 18):
         starts, settles = (f"{value * factor:.{digits}g}" for value in (hit.starts, hit.settles))
         if starts != settles:
             break

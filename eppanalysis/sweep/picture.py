@@ -489,6 +489,14 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     ------
     EppError
         If there is nothing to draw.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> axes = {"relay_dead_zone.threshold": [0.5, 1.0, 1.5]}
+    >>> figure = plot_sweep(epp.sweep(epp.case("relay_deadzone"), axes, run="predict", workers=1, progress=False))
+    >>> figure.axes[-1].get_xlabel()
+    'relay dead zone threshold'
     """
     axes, dims = list(dataset.coords), [d for d in dataset.dims if d in dataset.coords]
     if len(axes) == len(dims) == 2:

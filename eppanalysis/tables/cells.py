@@ -8,6 +8,8 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from eppanalysis.readable import number
+
 
 def table_of(*columns: str, numbers: bool = True) -> Table:
     """An empty table; its columns after the first hold numbers, or texts."""
@@ -23,7 +25,7 @@ def is_number(value: Any) -> bool:
 
 
 def cell(value: Any) -> str:
-    """A number with four digits, a dash where there is none, or a text as it is."""
+    """A number as people write it, a dash where there is none, or a text as it is."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.4g}" if is_number(value) else str(value)
+    return number(value) if is_number(value) else str(value)

@@ -185,8 +185,8 @@ def special_responses_table(found: FrequencyResponse) -> Table:
     table = table_of("at", "frequency [Hz]", with_unit("amplitude", unit), "gain", "phase [deg]")
     for branch in found.branches:
         for s in branch.special:
-            size = f"{factor * s.amplitude:.7g}"
-            table.add_row(s.kind, f"{s.frequency:.7g}", size, cell(abs(s.response)), _phase(s.response))
+            size, gain = cell(factor * s.amplitude), cell(abs(s.response))
+            table.add_row(s.kind, cell(s.frequency), size, gain, _phase(s.response))
     return table
 
 

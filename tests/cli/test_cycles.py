@@ -68,12 +68,12 @@ def test_cycles_and_triggers_are_in_units_that_people_read(monkeypatch: pytest.M
     )
     monkeypatch.setattr("eppanalysis.methods.search.trigger.trigger", lambda *_, **__: hits)
     output = run("cycles", "fig8a_original", "--trigger").stdout
-    assert "theta 4.3941249 deg peak to peak" in output and "rad " not in output
+    assert "theta 4.394 deg peak to peak" in output and "rad " not in output
     # Of a trigger two numbers that differ are told.
     assert [line for line in output.splitlines() if line.startswith("trigger")] == [
         "trigger: harness_position by -0.24566038 mm starts a cycle; -0.24566037 mm settles.",
         "trigger: theta by 0.5729578 deg starts a cycle; 0.5729577 deg settles.",
-        "trigger: theta_dot by up to 114.592 deg/s starts no cycle.",
+        "trigger: theta_dot by up to 114.6 deg/s starts no cycle.",
     ]
 
 

@@ -19,7 +19,7 @@ from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
-from eppanalysis.readable import count, quantity
+from eppanalysis.readable import count, number, quantity
 from eppanalysis.results import EXACT_ORBIT, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -307,10 +307,10 @@ class _Response:
 
     def _sentence(self, exact: list[ResponseBranch], whole: bool) -> str:
         low, high = (float(v) for v in np.exp(self.road.limits))
-        of, unit = quantity(self.drive.amplitude, self.drive.unit, 6), self.drive.unit
-        what = f"of amplitude {of} from {low:.6g} to {high:.6g} Hz"
+        of, unit = quantity(self.drive.amplitude, self.drive.unit), self.drive.unit
+        what = f"of amplitude {of} from {number(low)} to {number(high)} Hz"
         if self.over is Over.AMPLITUDE:
-            what = f"of {self.drive.frequency:.6g} Hz, from {quantity(low, unit, 6)} to {quantity(high, unit, 6)},"
+            what = f"of {number(self.drive.frequency)} Hz, from {quantity(low, unit)} to {quantity(high, unit)},"
         folds = sorted((s for b in exact for s in b.folds), key=lambda s: float(getattr(s, self.over)))
         parts = [
             f"Response of {self.output} to a sine {what} at {self.drive.input}: {count(len(exact), 'branch')}",
@@ -330,7 +330,7 @@ class _Response:
         return self._at(special.frequency, special.amplitude)
 
     def _at(self, frequency: float, amplitude: float) -> str:
-        return f"{frequency:.6g} Hz" if self.over is Over.FREQUENCY else quantity(amplitude, self.drive.unit, 6)
+        return f"{number(frequency)} Hz" if self.over is Over.FREQUENCY else quantity(amplitude, self.drive.unit)
 
 
 def _within(end: str) -> bool:
