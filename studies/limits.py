@@ -13,7 +13,7 @@ from eppanalysis.methods.bounds.result import BoundCell
 from studies import STORED
 
 RESULT = STORED / "limits.md"
-HEADER = ("bounded", "at", "free of cycles", "first order", "harmonic balance", "exact", "tested at", "runs at rest")
+HEADER = ("bounded", "at", "free of cycles", "first order", "harmonic balance", "exact", "tested at", "at rest")
 BACKLASH, GAIN = "lock_pin.backlash", "bands.range"
 
 
@@ -59,7 +59,7 @@ def line(job: Job, cell: BoundCell) -> tuple[str, ...]:
     at += "".join(f", {name} {value}" for name, value in job.given.items())
     side = {1.0: "below", -1.0: "above"}[cell.sign] if cell.finding == "bound" else cell.finding
     harmonic = text(cell.harmonic) + (f" (order {cell.order})" if cell.order else "")
-    runs = f"{cell.n_settled} of {cell.n_runs}" if cell.verified else cell.message
+    runs = str(cell.n_settled) if cell.verified else cell.message
     tested = f"± {100 * job.margin:g} %" if cell.n_runs else "–"
     return (job.limit, at, side, text(cell.first_order), harmonic, text(cell.exact), tested, runs)
 

@@ -120,10 +120,10 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
 def _show_branch(case: Case, over: str, result: Branch) -> None:
     for branch in (result, *result.others):
         value = branch.points["value"]
-        low, high = (case.text(over, float(v)) for v in (value.min(), value.max()))
+        low, high = (case.text(over, float(v), DIGITS) for v in (value.min(), value.max()))
         typer.echo(f"{count(len(branch), 'orbit')} over {over} between {low} and {high}. {branch.message}")
         for special in branch.special:
-            typer.echo(f"  {special.kind} at {case.text(over, special.value, 10)}: {special.note}")
+            typer.echo(f"  {special.kind} at {case.text(over, special.value, DIGITS)}: {special.note}")
     for gap in result.missing:
-        low, high = (case.text(over, v) for v in (gap.low, gap.high))
+        low, high = (case.text(over, v, DIGITS) for v in (gap.low, gap.high))
         typer.echo(f"No orbit between {low} and {high}: {gap.why}.")

@@ -24,7 +24,7 @@ from eppanalysis.cli.common import (
     range_of,
 )
 from eppanalysis.errors import EppError
-from eppanalysis.readable import count, words
+from eppanalysis.readable import DIGITS, count, words
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -129,7 +129,7 @@ def _show(case: Case, result: Design) -> None:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))
         typer.echo(f"One per cent more of each moves the {words(result.objective)} by: {told}.")
     if result.values:
-        told = ", ".join(f"{n} {case.text(n, v)}" for n, v in result.values.items())
+        told = ", ".join(f"{n} {case.text(n, v, DIGITS)}" for n, v in result.values.items())
         typer.echo(f"Design, {100 * result.margin:g} % inside: {told}.")
     for value, best in result.front:
         if best.message and not best.confirmed:

@@ -21,7 +21,7 @@ from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
-from eppanalysis.readable import listed
+from eppanalysis.readable import DIGITS, listed
 from eppanalysis.results import LimitCycle, Status
 
 #: Share of the range below which a bound is as good as zero.
@@ -183,7 +183,7 @@ def _joined(
     cycle = max(other.cycles, key=allowed.of_cycle, default=None) if allowed else next(iter(other.cycles), None)
     message = ""
     if not beyond.cycles:
-        place, next_one = (question.case.text(question.limit, a.value) for a in (beyond, other))
+        place, next_one = (question.case.text(question.limit, a.value, DIGITS) for a in (beyond, other))
         further = "no cycle was found beyond" if cycle is None else f"the next cycle found is at {next_one}"
         message = f"Not verified: at {place} {listed(beyond.open_ends)}; {further}."
     return BoundCell(
