@@ -56,7 +56,7 @@ def test_a_branch_is_in_units_that_people_read() -> None:
 def test_a_branch_that_covers_a_part_says_which_and_why() -> None:
     ends = ("--over", "loop.gain", "--from", "0.7", "--to", "1")
     output = run("branch", "wheelchair", "--set", "loop.gain=1", "--set", "play.gap=12 mm", *ends).output
-    assert re.search(r"No orbit between 0\.7 and 0\.846257: the branch turns back there", output), output
+    assert re.search(r"No orbit between 0\.7 and 0\.8463: the branch turns back there", output), output
     assert "It covers a part of the range" in output
 
 
