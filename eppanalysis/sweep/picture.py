@@ -122,8 +122,7 @@ def plot_design_map(
     for name in names[1:]:
         handles += _boundary(ax, across, up, plane[name], *_BORDERS[name])
     handles += _curves(ax, plane, x, y, curves)
-    ax.set_xlabel(x_label)
-    ax.set_ylabel(y_label)
+    ax.set(xlabel=x_label, ylabel=y_label)
     _reach(ax, across, up)
     ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
     places = ", ".join(f"{d} = {_place(dataset, d, i)}" for d, i in others.items())
@@ -308,9 +307,7 @@ def plot_slices(
 
 
 def _chosen_places(dataset: xarray.Dataset, by: str | None) -> list[int]:
-    if by is None:
-        return [0]
-    n = dataset.sizes[by]
+    n = 1 if by is None else dataset.sizes[by]
     return sorted({round(i) for i in np.linspace(0, n - 1, min(n, _MOST_SLICES))})
 
 
@@ -394,8 +391,7 @@ def plot_parallel(
     outcome = next((n for n in _BORDERS if n in dataset), None)
     if outcome is None:
         raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")
-    missing = [name for name in variables if name not in dataset]
-    if missing:
+    if missing := [name for name in variables if name not in dataset]:
         raise EppError(f"The sweep has no {missing[0]}; expected one of {', '.join(map(str, dataset.data_vars))}.")
     cells, columns, labels = _flat(dataset, variables, outcome, most)
     low, high = np.array([_span(column) for column in columns.T]).T
@@ -455,10 +451,8 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
             text = f"{value:.4g}" if np.isfinite(value) else "none"
             place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": side, "fontsize": 8}
             ax.annotate(text, (i, share), (0, shift), **place)
-    ax.set_xlim(-0.3, len(labels) - 0.7)
-    ax.set_ylim(-0.09, 1.09)
+    ax.set(xlim=(-0.3, len(labels) - 0.7), ylim=(-0.09, 1.09), yticks=[])
     ax.set_xticks(range(len(labels)), labels, fontsize=8)
-    ax.set_yticks([])
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
     ax.tick_params(axis="x", length=0)
 
@@ -469,8 +463,7 @@ def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     (x_label, x), (y_label, y) = (label_of(name, boundary.units, boundary.readable) for name in boundary.axes)
     few: dict[str, Any] = {"marker": "."} if len(boundary.points) < _FEW else {}
     ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)
-    ax.set_xlabel(x_label)
-    ax.set_ylabel(y_label)
+    ax.set(xlabel=x_label, ylabel=y_label)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -493,9 +486,9 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     Examples
     --------
     >>> import eppanalysis as epp
-    >>> axes = {"relay_dead_zone.threshold": [0.5, 1.0, 1.5]}
-    >>> figure = plot_sweep(epp.sweep(epp.case("relay_deadzone"), axes, run="predict", workers=1, progress=False))
-    >>> figure.axes[-1].get_xlabel()
+    >>> relay = epp.case("relay_deadzone")
+    >>> cells = epp.sweep(relay, {"relay_dead_zone.threshold": [0.5, 1.0]}, run="predict", progress=False)
+    >>> plot_sweep(cells).axes[-1].get_xlabel()
     'relay dead zone threshold'
     """
     axes, dims = list(dataset.coords), [d for d in dataset.dims if d in dataset.coords]
