@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import EppError, ModelError, shown
+from eppanalysis.errors import EppError, ModelError, did_you_mean, shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -108,7 +108,11 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name, value in signature.bind(*args, **kwargs).arguments.items():
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError as error:
+            raise TypeError(f"{_name_of(function)}: {error}{_meant(signature, kwargs)}") from None
+        for name, value in given.items():
             expected = _of_parameter(function, name)
             if expected is not None and not expected.holds(value):
                 kind = ModelError if "." in function.__qualname__ else EppError
@@ -122,6 +126,41 @@ def checked_class(made: Made) -> Made:
     """A class whose constructor is :func:`checked`; goes above ``@dataclass``."""
     made.__init__ = checked(made.__init__)  # type: ignore[misc]
     return made
+
+
+def of_two_sides(first: str, second: str) -> Callable[[Made], Made]:
+    """A class of two sides, one field each: a first one alone by its place, which looks like both, is refused.
+
+    Parameters
+    ----------
+    first, second : str
+        The first two fields; goes above ``@dataclass``.
+
+    Examples
+    --------
+    >>> from eppanalysis.models.elements import Relay
+    >>> Relay(2.0)
+    Traceback (most recent call last):
+        ...
+    eppanalysis.errors.ModelError: Relay: low is 2.0 alone; expected both, as in Relay(-2.0, 2.0), or low by its name.
+    """
+
+    def wrap(made: Made) -> Made:
+        own = made.__init__  # type: ignore[misc]
+
+        @functools.wraps(own)
+        def begin(self: Any, *args: Any, **kwargs: Any) -> None:
+            if len(args) == 1 and second not in kwargs:
+                side = abs(args[0]) if isinstance(args[0], (int, float)) else 1.0
+                example = f"{made.__name__}({-side}, {side})"
+                expected = f"both, as in {example}, or {first} by its name"
+                raise ModelError(f"{made.__name__}: {first} is {shown(args[0])} alone", expected=expected)
+            own(self, *args, **kwargs)
+
+        made.__init__ = begin  # type: ignore[misc]
+        return made
+
+    return wrap
 
 
 def floats(value: Any, name: str, **options: Any) -> NDArray[Any]:
@@ -174,9 +213,19 @@ def check_counts(who: str, least: Mapping[str, tuple[int, int]]) -> None:
             raise EppError(f"{who}: {name} is {shown(given)}; expected {most} or less.")
 
 
+def _name_of(function: Callable[..., Any]) -> str:
+    return function.__qualname__.removesuffix(".__init__").lstrip("_")
+
+
+def _meant(signature: inspect.Signature, kwargs: Mapping[str, Any]) -> str:
+    """What a name that is no parameter was probably meant to be."""
+    wrong = next((name for name in kwargs if name not in signature.parameters), None)
+    return "" if wrong is None else f"; {did_you_mean(wrong, signature.parameters)}"
+
+
 def _refusal(function: Callable[..., Any], name: str, value: object, words: str) -> str:
     """The sentence; of the first argument, for which a neighbour of what is wanted is a likely slip, with a hint."""
-    called = function.__qualname__.removesuffix(".__init__").lstrip("_")
+    called = _name_of(function)
     if name != next(iter(inspect.signature(function).parameters)) or _is_plain(value):
         return f"{called}: {name} is {shown(value)}; expected {words}."
     methods = inspect.getmembers(type(value), inspect.isfunction)

@@ -121,3 +121,17 @@ def test_counts_and_arrays() -> None:
         epp.Quantiser(0.1, 10**12)
     with pytest.raises(EppError, match=r"simulate: max_events is 1000000000000\.0; expected a whole number"):
         epp.simulate(epp.case("relay_deadzone").to_system(), max_events=1e12)
+
+
+def test_a_name_that_is_no_argument_is_told_with_what_was_meant():
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    with pytest.raises(TypeError, match="simulate: got an unexpected keyword argument 'tend'; did you mean 't_end'"):
+        epp.simulate(loop, tend=5.0)
+
+
+@pytest.mark.parametrize("made", [epp.Saturation, epp.DeadZone, epp.Relay])
+def test_one_side_alone_is_not_taken_for_both(made):
+    with pytest.raises(epp.ModelError, match=rf"both, as in {made.__name__}\(-0.5, 0.5\)"):
+        made(0.5)
+    low, high = list(inspect.signature(made).parameters)[:2]
+    assert made(**{low: -0.5}) == made(-0.5, 1.0) == made(-0.5, **{high: 1.0})

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eppanalysis.arguments import floats
+from eppanalysis.arguments import floats, of_two_sides
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
@@ -100,6 +100,7 @@ class FiveBandLaw(PiecewiseLinear, kind="five_band_law"):
         )
 
 
+@of_two_sides("lower", "upper")
 @dataclass(frozen=True)
 class Saturation(PiecewiseLinear, kind="saturation"):
     """``y = slope*x``, limited to `lower` and `upper` (both in the unit of the output).
@@ -129,6 +130,7 @@ class Saturation(PiecewiseLinear, kind="saturation"):
         return Pieces(*(Half(k, ((read(side) / k, -k),)) for side in (self.upper, -self.lower)))
 
 
+@of_two_sides("lower", "upper")
 @dataclass(frozen=True)
 class DeadZone(PiecewiseLinear, kind="dead_zone"):
     """Zero between `lower` and `upper` (unit of the input), a line of `slope` from either edge outwards.
@@ -197,6 +199,7 @@ class DeadZoneSaturation(PiecewiseLinear, kind="dead_zone_saturation"):
         return Pieces(half, half)
 
 
+@of_two_sides("low", "high")
 @dataclass(frozen=True)
 class Relay(PiecewiseLinear, kind="relay"):
     """`low` below `threshold`, `high` above it, halfway between the two at it.
@@ -204,7 +207,7 @@ class Relay(PiecewiseLinear, kind="relay"):
     Raises
     ------
     ModelError
-        If a field is not a finite number.
+        If a field is not a finite number, or both levels are the same.
     """
 
     units = MappingProxyType({"low": OUT, "high": OUT, "threshold": IN})
@@ -215,6 +218,7 @@ class Relay(PiecewiseLinear, kind="relay"):
 
     def __post_init__(self) -> None:
         require_numbers(self, "low", "high", "threshold")
+        require(self, "high", self.high != self.low, "other than low", "low")
         self._set_pieces([self.threshold], [0.0, 0.0], [self.low, self.high])
 
 
