@@ -262,7 +262,8 @@ class _FoldSearch:
         last, i, end = first, first + step, self.rows.size - 1 if step > 0 else 0
         while 0 <= i < self.rows.size:
             k = 0
-            for share in _NEAR:
+            # Rows that lie far apart have folds that do, too: in the end all of the range is looked through.
+            for share in (*_NEAR, 1.0):
                 # The farther the last fold is behind, the farther its successor may have moved.
                 half = share * (self.limits[1] - self.limits[0]) * abs(i - last)
                 near = self.found[last, 1]

@@ -65,6 +65,15 @@ def test_the_fold_curve_goes_through_the_folds_of_branches() -> None:
     assert backlash[1] == pytest.approx(single.folds[0].value, rel=1e-9)
 
 
+@pytest.mark.parametrize(("gains", "reach"), [("1:1.2:2", "1.2:2.5:2"), ("1:1.2:3", "1:2:2"), ("0.8:1.2:2", "1:2:2")])
+def test_rows_far_apart_have_folds_that_lie_far_apart(gains: str, reach: str) -> None:
+    """The loop is homogeneous: its thresholds at the folds are in proportion to its gain, 1.66257 at a gain of 1."""
+    found = fold_boundary(RELAY, {"loop.gain": gains, "relay_dead_zone.threshold": reach})
+    assert found.status is Status.CONVERGED
+    gain, threshold = found.over("loop.gain", "relay_dead_zone.threshold")
+    np.testing.assert_allclose(threshold / gain, 1.6625701907, rtol=1e-9)
+
+
 def test_a_boundary_knows_its_axes() -> None:
     found = Boundary(("a", "b"), np.array([[1.0, 2.0], [3.0, 4.0]]), "edge", Status.CONVERGED, "by hand")
     assert [v.tolist() for v in found.over("b", "a")] == [[2.0, 4.0], [1.0, 3.0]]
