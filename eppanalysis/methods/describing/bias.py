@@ -83,7 +83,10 @@ class SingleBias:
         # A level balance is solved by an interval of biases: its two ends are bisected, each from outside.
         first = _edge(low, high, lambda b: self._excess(a, b) * end >= 0)
         last = _edge(high, low, lambda b: self._excess(a, b) * end <= 0)
-        return float(0.5 * (first + last)[0])
+        middle = float(0.5 * (first + last)[0])
+        # A breakpoint that so small an oscillation reaches is where the loop stands: on the edge of a jump.
+        nearest = float(self.edges[np.argmin(np.abs(self.edges - middle))])
+        return nearest if abs(nearest - middle) <= a[0] else middle
 
     def thresholds(self) -> Array:
         """Amplitudes at which an oscillation about the mean at rest reaches one more breakpoint."""

@@ -615,3 +615,22 @@ def test_elements_without_thresholds_have_the_same_cycles_in_any_unit_of_amplitu
         assert two.omega == pytest.approx(one.omega, rel=1e-6) and two.stable == one.stable
         for name, amplitude in one.peak_to_peak.items():
             assert two.peak_to_peak[name] == pytest.approx(size * amplitude, rel=1e-6)
+
+
+@pytest.mark.parametrize("levels", [(-1.0, 3.0), (-5.0, 1.0)])
+def test_an_asymmetric_relay_behind_a_dead_time_is_predicted_at_one_frequency(levels: tuple[float, float]) -> None:
+    """The mean of an integrator's relay vanishes: sin of its phase is -(low + high)/(high - low) quarters of a turn."""
+    low, high = levels
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 0.0]), epp.Relay(low, high), delay=1.0)
+    prediction = epp.predict_limit_cycles(loop)
+    # Of an unbounded gain modes as fast as the dead time are left out.
+    assert "omega 0.001 to 6.2 rad/s" in prediction.search
+    (cycle,) = prediction
+    shift = np.sin(-0.5 * np.pi * (low + high) / (high - low))
+    gain = 2.0 * (high - low) / np.pi * np.sqrt(1.0 - shift**2)
+    assert cycle.omega == pytest.approx(0.5 * np.pi, rel=1e-12)
+    assert cycle.amplitude("x") == pytest.approx(gain / cycle.omega, rel=1e-9)
+    assert cycle.mean["x"] == pytest.approx(shift * cycle.amplitude("x"), rel=1e-9)
+    # Exactly: it falls on for the dead time, rises as long as that takes, rises on, and falls as long as that takes.
+    exact = epp.exact_orbit(loop, cycle)
+    assert exact.period == pytest.approx(2.0 - low / high - high / low, rel=1e-9)
