@@ -23,7 +23,8 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     Parameters
     ----------
     loop : mapping
-        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it.
+        As :func:`~eppanalysis.methods.certificates.rational.rational_loop` gives it, or as
+        :func:`~eppanalysis.methods.certificates.elbow.find.rational_elbow` does.
     sectors : int
         For play, of which no criterion holds: most sectors of a quarter plane in which a function is quadratic.
 
@@ -32,6 +33,8 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
     dict or str
         Plain data: statement, loop, claim, evidence; or a sentence.
     """
+    if "element" not in loop:
+        return _of_elbow(loop)
     reason = _not_covered(loop)
     if reason:
         return reason
@@ -60,6 +63,13 @@ def find(loop: Mapping[str, Any], sectors: int) -> dict[str, Any] | str:
             "evidence": {"multiplier": str(multiplier), "polynomial": [str(c) for c in polynomial[::-1]]},
         }
     )
+
+
+def _of_elbow(loop: Mapping[str, Any]) -> dict[str, Any] | str:
+    """The certificate of the elbow with a small gap, or why there is none."""
+    from eppanalysis.methods.certificates.elbow.find import find as find_weights
+
+    return find_weights(loop)
 
 
 def _by_cells(loop: Mapping[str, Any]) -> dict[str, Any] | str:

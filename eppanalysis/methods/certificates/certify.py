@@ -51,9 +51,10 @@ def certify(
         periodic motion but rest; for a memoryless element in a sector by the circle criterion or Popov's, and for a
         relay with dead zone around ``k/(s(s+p)(s+q))`` by cells of its return map; for play, whatever its gap and
         the constant inputs, by ``Re G(j omega) > -1``, or by a function that falls along every
-        motion where G is of order 2, or of order 3 with one zero at most, with real poles. "cycles": these are all
-        limit cycles, with periods and stability, and nothing else is periodic but rest; for a relay with dead zone
-        around ``k/(s(s+p)(s+q))``.
+        motion where G is of order 2, or of order 3 with one zero at most, with real poles; and for the elbow on its
+        side with a ball-bearing pulley and so small a gap that the drive's friction outweighs it. "cycles": these are
+        all limit cycles, with periods and stability, and nothing else is periodic but rest; for a relay with dead
+        zone around ``k/(s(s+p)(s+q))``.
     box : mapping of str to (float, float), optional
         Of "roots": "amplitude" at the element's input (of a ring, the first one with memory, or the first), "omega"
         [rad/s] and, where there is one, "bias", from and to; by default 1024 times beyond all scales of the loop (to
@@ -109,13 +110,11 @@ def certify(
     if box is not None and asked is not Asked.ROOTS:
         raise EppError(f"certify: box is given for {statement!r}, which is proved of all amplitudes; expected None.")
     require_packages("certify", "proof", "flint")
-    from eppanalysis.methods.certificates.rational import rational_loop
-
     system, at = standing(loop, operating_point, "certify")
     case = facts_of(loop)
     settings = {"system": system.name, "statement": asked.value, "input": dict(at.inputs)}
     try:
-        stated, off = rational_loop(system) if asked is not Asked.ROOTS else _loop_of_roots(system, at)
+        stated, off = _stated(asked, system, at)
         made_by = Provenance("certificate", settings, {"coefficients": off}, case=case)
         if asked is Asked.ROOTS:
             return _roots(system, stated, box, at, made_by)
@@ -126,6 +125,18 @@ def certify(
         made_by = Provenance("certificate", settings, case=case)
         message = f"Not covered: {error}"
         return Certificate(asked, Status.INCOMPLETE, message, provenance=made_by, operating_point=at)
+
+
+def _stated(asked: Asked, system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
+    """A loop as certificates of a statement state it, and how far its coefficients are off, relatively."""
+    from eppanalysis.methods.certificates.elbow.find import rational_elbow
+    from eppanalysis.methods.certificates.rational import rational_loop
+
+    if asked is Asked.ROOTS:
+        return _loop_of_roots(system, at)
+    if asked is Asked.ABSENCE and len(system.elements) > 1:
+        return rational_elbow(system), 0.0
+    return rational_loop(system)
 
 
 def _loop_of_roots(system: LureSystem, at: OperatingPoint) -> tuple[dict[str, Any], float]:
@@ -176,9 +187,9 @@ def _absence(
     from eppanalysis.methods.certificates import absence
     from eppanalysis.methods.certificates.rational import require_no_bias
 
-    play = stated["element"]["kind"] == "play"
+    play = stated.get("element", {}).get("kind") == "play"
     # Of play it is proved for every constant input (docs/theory/absence_with_play.md, What is claimed).
-    if not play:
+    if "element" in stated and not play:
         require_no_bias(system, at.vector(system))
     document = absence.find(stated, sectors)
     if isinstance(document, str):

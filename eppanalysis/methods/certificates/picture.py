@@ -31,9 +31,22 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
         plot_level(certificate.document["evidence"], ax)
     elif "cells" in certificate.document["claim"]:
         _plot_cells(certificate, ax)
+    elif "backlash" in certificate.document["claim"]:
+        _plot_sizes(certificate, ax)
     else:
         _plot_popov(certificate, ax)
     return figure
+
+
+def _plot_sizes(certificate: Certificate, ax: Axes) -> None:
+    """What the gap and the elasticity let the drive gain, as a share of what it loses, over the frequency."""
+    from eppanalysis.methods.certificates.elbow.find import gained
+
+    omega = np.geomspace(1.0, 1e4, 401)
+    ax.semilogx(omega, gained(certificate.document, omega), color=BLUE)
+    ax.axhline(1.0, color=VERMILLION, linewidth=1.0)
+    ax.set_xlabel("angular frequency [rad/s]")
+    ax.set_ylabel("gained as a share of lost")
 
 
 def _plot_cover(certificate: Certificate, ax: Axes) -> None:

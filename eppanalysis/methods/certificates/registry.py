@@ -74,7 +74,7 @@ def of_text(text: str) -> Statement:
     return {statement.text: statement for statement in STATEMENTS.values()}[text]
 
 
-#: By the word that `certify` takes; "absence" has three proofs, one of them "cycles", and `certify_orbit` has its own.
+#: By the word that `certify` takes; "absence" has four proofs, one of them "cycles", and `certify_orbit` has its own.
 STATEMENTS = {
     Asked.ROOTS: Statement("all roots of the first-order balance in a box", "check_roots"),
     "balance": Statement("all roots of the first-order balance in a box, of a ring or with a bias", "check_balance"),
@@ -82,4 +82,5 @@ STATEMENTS = {
     "orbit": Statement("one closed orbit of a sequence of affine arcs in a box, and no event earlier", "check_orbit"),
     "cycles": Statement("all periodic motions but rest, by cells of a return map", "check_cells"),
     "absence_with_play": Statement("no periodic motion but rest, for any gap of the play", "check_play"),
+    "elbow": Statement("no periodic motion but rest, for any gap up to the one stated", "check_elbow"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -116,7 +117,7 @@ class Certificate(WithFile):
 
     @checked
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The cover of the box with its roots; the Popov plot with its line; or a level of the function that falls."""
+        """The cover of the box with its roots, the Popov plot, a level of the function that falls, or gain to loss."""
         return self.drawn("plot_certificate", ax)
 
 
@@ -171,6 +172,10 @@ def sentence(document: Mapping[str, Any]) -> str:
     if document["statement"] == STATEMENTS["absence_with_play"].text:
         how = f"a function that falls, quadratic in {claim['sectors']} sectors"
         return f"Proved: {name} has no periodic motion but rest, for any gap ({how})."
+    if document["statement"] == STATEMENTS["elbow"].text:
+        degrees = math.degrees(Fraction(claim["backlash"]))
+        how = "the drive loses more than the gap lets it gain"
+        return f"Proved: {name} has no periodic motion but rest, for any gap up to {degrees:.4g} deg ({how})."
     if document["statement"] == STATEMENTS["cycles"].text:
         return _cycles_sentence(name, claim)
     if document["statement"] == STATEMENTS["orbit"].text:

@@ -33,6 +33,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "absence": epp.certify(limited, "absence"),
         "absence_with_play": epp.certify(slack, "absence", sectors=4),
         "orbit": epp.certify_orbit(relay, cycle),
+        "elbow": epp.certify(epp.case("fig8a_original").with_values({"lock_pin.backlash": "0.06 deg"}), "absence"),
     }
     folder = tmp_path_factory.mktemp("certificates")
     return {name: found.write(folder / f"{name}.json") for name, found in made.items()}
@@ -54,7 +55,7 @@ def test_checkers_are_small_and_stand_alone(program: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit", "elbow"])
 def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: str) -> None:
     """And loads no package that computes in floating point."""
     program = STATEMENTS[name].program
@@ -71,15 +72,16 @@ def test_a_fresh_process_accepts_what_was_written(files: dict[str, Path], name: 
 
 
 def test_the_check_says_what_is_proved(files: dict[str, Path]) -> None:
-    roots, absence, with_play, orbit = (epp.check_certificate(files[name]) for name in files)
+    roots, absence, with_play, orbit, elbow = (epp.check_certificate(files[name]) for name in files)
     assert roots.accepted and "relay deadzone has exactly 2 roots" in str(roots)
     assert absence.accepted and "limited has no periodic motion but rest" in str(absence)
     assert with_play.accepted and "for any gap (a function that falls, quadratic in 8 sectors)" in str(with_play)
     assert orbit.accepted and "relay has a limit cycle of 2.197 s" in str(orbit)
+    assert elbow.accepted and "no periodic motion but rest, for any gap up to 0.06 deg" in str(elbow)
     assert roots.to_dict()["accepted"] is True
 
 
-@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit"])
+@pytest.mark.parametrize("name", ["roots", "absence", "absence_with_play", "orbit", "elbow"])
 def test_every_changed_digit_of_a_file_is_seen(files: dict[str, Path], name: str, tmp_path: Path) -> None:
     """One digit in twelve of all, in one process of the checker's own functions."""
     import importlib
