@@ -12,7 +12,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.methods.certificates import check_elbow
 from eppanalysis.methods.certificates.check_elbow import Refused
-from eppanalysis.methods.certificates.elbow.find import find, rational_elbow
+from eppanalysis.methods.certificates.elbow.find import find, gained, rational_elbow
 from eppanalysis.methods.certificates.registry import sealed
 
 N = 8192
@@ -129,6 +129,18 @@ def test_the_drive_gains_no_more_than_the_proof_allows(orbit: Orbit, document: d
     assert orbit.mean(orbit.seen**2) == pytest.approx(orbit.mean(orbit.i**2), rel=1e-9)
 
 
+def test_the_polynomial_is_that_of_the_responses(document: dict[str, Any]) -> None:
+    """The checker's, in rationals, against complex numbers at a few frequencies; the forearm's friction adds 1e-3."""
+    v = {name: Fraction(document["loop"][name]) for name in check_elbow.NAMES}
+    e = {name: [*map(Fraction, x)] if isinstance(x, list) else Fraction(x) for name, x in document["evidence"].items()}
+    polynomial, _, full, late, lag = check_elbow.share(v, e)
+    limit = 4 * e["mu"] / check_elbow.slope_and_pull(v)[0]
+    whole = check_elbow.times(*map(check_elbow.size, (full, lag, late)), limit)
+    for omega in (1.0, 30.0, 120.0, 150.0, 400.0, 3000.0):
+        left, of = (float(sum(c * Fraction(omega) ** (2 * i) for i, c in enumerate(p))) for p in (polynomial, whole))
+        assert 1.0 - left / of == pytest.approx(float(gained(document, np.array([omega]))[0]), abs=2e-3)
+
+
 def test_means_of_impulse_responses_are_those_of_quadrature() -> None:
     """1/(s + 1) less twice 1/(2 - s) to the other side, and a swing: bounds from above, and near."""
     two = [[Fraction(x) for x in p] for p in ([0, -3], [2, 1, -1])]
@@ -145,6 +157,7 @@ def test_means_of_impulse_responses_are_those_of_quadrature() -> None:
 def test_a_small_gap_is_proved_and_a_larger_one_is_not(profile_range: str, least: float) -> None:
     proved = epp.certify(row_1(f"{least} deg", profile_range), "absence")
     assert proved.proved and "for any gap up to" in str(proved)
+    assert 0.2 < np.max(proved.plot().lines[0].get_ydata()) < 1.0
     refused = epp.certify(row_1("2.5 deg", profile_range), "absence")
     assert not refused.proved and "this one has 2.5" in str(refused)
 
