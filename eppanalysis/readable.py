@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 #: What an SI unit is shown as, and the factor to it.
 READABLE = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m": ("mm", 1e3)}
@@ -89,10 +90,11 @@ def words(name: str) -> str:
 
     Examples
     --------
-    >>> words("lock_pin.backlash")
-    'lock pin backlash'
+    >>> words("lock_pin.backlash"), words("mass.mass")
+    ('lock pin backlash', 'mass')
     """
-    return name.replace("_", " ").replace(".", " ").replace("peak-to-peak", "peak to peak")
+    parts = name.replace("_", " ").replace("peak-to-peak", "peak to peak").split(".")
+    return " ".join(part for before, part in pairwise(["", *parts]) if part != before)
 
 
 def at_rest(value: float) -> float:

@@ -13,7 +13,6 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import manual_table
 from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
-from eppanalysis.readable import cut_text
 from eppanalysis.results.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
 
@@ -135,10 +134,13 @@ def _html(guide: Guide, path: Path) -> None:
 
 def _excel(guide: Guide, path: Path) -> None:
     import pandas
+    from openpyxl.styles import Alignment, Font
 
-    frame = guide.to_frame()
-    texts = frame.select_dtypes(exclude="number").columns
-    frame[texts] = frame[texts].map(csv_cell)
+    frame, rounded = guide.to_frame(), guide.rounded()
+    for name in frame:
+        # As the other files have them: four digits of a cell would be to the nearest, which may be the unsafe side.
+        numbers = pandas.api.types.is_numeric_dtype(frame[name])
+        frame[name] = pandas.to_numeric(rounded[name], errors="coerce") if numbers else rounded[name].map(csv_cell)
     sentences = pandas.DataFrame({"sentence": [csv_cell(s) for s in guide.sentences()]})
     source = pandas.DataFrame({"provenance": [csv_cell(facts(guide))]})
     with pandas.ExcelWriter(path, engine="openpyxl") as book:
@@ -147,11 +149,11 @@ def _excel(guide: Guide, path: Path) -> None:
             cells = book.sheets[name]
             cells.freeze_panes = "A2"
             for column in cells.columns:
-                width = max(len(cut_text(c.value)) if c.value is not None else 0 for c in column)
-                cells.column_dimensions[column[0].column_letter].width = min(width + 2, 60)
-                for cell in column[1:]:
-                    if isinstance(cell.value, float):
-                        cell.number_format = "0.0000"
+                longest = max(len(str(cell.value)) for cell in column[1:])
+                cells.column_dimensions[column[0].column_letter].width = min(max(longest + 2, 16), 100)
+                column[0].font = Font(bold=True)
+                for cell in column:
+                    cell.alignment = Alignment(wrap_text=True, vertical="top")
 
 
 def _one_line(text: str) -> str:

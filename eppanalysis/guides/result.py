@@ -312,14 +312,17 @@ class Guide(Result):
             return f"No bound on the {name} of {self.case.name} was found at {at}. {why}".strip()
         strictest = min(known, key=lambda row: row.cell.sign * row.allowed)
         tested = sum(row.cell.verified for row in known)
-        missing = f"; no bound for {len(self.rows) - len(known)} others" if len(known) < len(self.rows) else ""
-        how = f"{tested} of them verified" if not self.not_covered else "found by search"
+        missing = f"; no bound for {count(len(self.rows) - len(known), 'other')}" if len(known) < len(self.rows) else ""
+        alone = len(known) == 1
+        how = ("verified" if tested else "not verified") if alone else f"{tested} of them verified"
+        how = "found by search" if self.not_covered else how
         safe = strictest.cell.safe_value
         says = math.isfinite(safe) and not self._applied
         where = f", tested at {self.case.text(self.limit, safe, DIGITS)}" if says else ""
         return (
-            f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}, the strictest of "
-            f"{count(len(known), 'bound')} (at {self._place(strictest)}){where}; {how}{missing}."
+            f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}"
+            f"{'' if alone else f', the strictest of {len(known)} bounds'} (at {self._place(strictest)}){where}; "
+            f"{how}{missing}."
         )
 
     @checked

@@ -80,12 +80,17 @@ def test_frame_has_units_and_numbers(guide: Guide) -> None:
     assert "a step of 0.25 mm at the harness starts" in sentence
 
 
-def test_sentences_round_to_the_safe_side(guide: Guide) -> None:
-    """A bound of 0.45977 deg is not 0.46 deg."""
+def test_numbers_are_rounded_to_the_safe_side(guide: Guide, tmp_path: Path) -> None:
+    """A bound of 0.45977 deg is not 0.46 deg, nor 0.4598 in a cell of a spreadsheet that shows four digits."""
     row = dataclasses.replace(guide.rows[0], allowed=0.45977 * DEGREE)
     changed = dataclasses.replace(guide, rows=(row,))
     assert "keep backlash under 0.459 deg" in changed.sentences()[0]
     assert changed.rounded()["largest backlash [deg]"].tolist() == ["0.4597"]
+    assert str(changed).startswith("Keep backlash under 0.459 deg (at a profile range of 1.5 lbf)")
+    changed.write(tmp_path / "g.xlsx")
+    head, cell = pytest.importorskip("openpyxl").load_workbook(tmp_path / "g.xlsx")["guideline"]["B"]
+    assert (cell.value, cell.number_format) == (0.4597, "General")
+    assert head.font.bold and head.alignment.wrap_text
 
 
 @given(st.floats(1e-6, 1e6), st.integers(1, 6))
@@ -292,7 +297,7 @@ def test_bounds_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
     base = ["bounds", "fig8a_original", "--over", "bands.range", "--limit", "lock_pin.backlash"]
     shown = CliRunner().invoke(app, [*base, "-o", str(tmp_path / "b.png")])
     assert shown.exit_code == 0, shown.output
-    assert "0.773493" in shown.output and "1 of 1 bound verified 1 % away" in shown.output
+    assert "0.7735 " in shown.output and "1 of 1 bound verified 1 % away" in shown.output
     assert "No limit cycle exists anywhere" in shown.output
     assert (tmp_path / "b.png").stat().st_size > 5000
     printed = CliRunner().invoke(app, [*base, "--json", "-o", str(tmp_path / "b.csv")])

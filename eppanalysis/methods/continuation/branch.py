@@ -16,7 +16,7 @@ from eppanalysis.methods.continuation.borders import across, border_collision, b
 from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.labels import Change, crossing, difference, is_linear, standstill
+from eppanalysis.methods.continuation.labels import Change, crossing, difference, in_words, is_linear, standstill
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.steps import (
@@ -417,7 +417,7 @@ class Walk:
             points=data,
             special=special,
             status=Status.NOT_CONVERGED if failed else Status.CONVERGED,
-            message=f"One end {ends[0]}; the other {ends[1]}.",
+            message=in_words(ends),
             ends=ends,
             signals=tuple(names),
             units=dict(zip(names, system.signals.units or [""] * len(names), strict=True)),

@@ -42,6 +42,18 @@ class Change(StrEnum):
     SAMPLES = "change of samples"
 
 
+def in_words(ends: tuple[str, str]) -> str:
+    """How a branch ends, as a sentence.
+
+    Examples
+    --------
+    >>> in_words(("begins at the given value", "leaves the range"))
+    'It begins at the given value and leaves the range.'
+    """
+    one, other = ends
+    return f"It {one} and {other}." if one.startswith("begins") else f"One end {one}; the other {other}."
+
+
 def standstill(old: Point, new: Point) -> Change | None:
     """What a branch has come to whose parameter stands still but for rounding; None where it moves."""
     if abs(new.turn) > _STANDS:

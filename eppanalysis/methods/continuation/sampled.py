@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.cover import gaps
-from eppanalysis.methods.continuation.labels import Change
+from eppanalysis.methods.continuation.labels import Change, in_words
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.orbits.samples.locked import (
@@ -340,8 +340,7 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
         points=data,
         special=special,
         status=Status.NOT_CONVERGED if any(s.kind is Change.END for s in special) else Status.INCOMPLETE,
-        message=f"One end {ends[0]}; the other {ends[1]}."
-        + " It covers a part of the range asked for." * bool(missing),
+        message=in_words(ends) + " It covers a part of the range asked for." * bool(missing),
         ends=ends,
         signals=tuple(names),
         units=dict(points[0].cycle.units),
