@@ -15,10 +15,10 @@ from tests.explorer.browser import open_page, pause, press, running_browser, run
 FIELDS = ("lock_pin.backlash", "bands.range", "cable.stiffness", "forearm.prehensor_mass", "controller.delay")
 
 
-def measure(page, picture: str = "step", rounds: int = 8, between: float = 0.2) -> list[float]:
+def measure(page, picture: str = "step", rounds: int = 8, between: float = 0.2, fields=FIELDS) -> list[float]:
     """Times [ms] of `rounds` moves of every slider."""
     found = []
-    for field in FIELDS:
+    for field in fields:
         for i in range(rounds):
             page.evaluate("(name) => { window.watching = watch(name, 5000); }", picture)
             press(page, field, "ArrowLeft" if i % 2 else "ArrowRight")
@@ -40,13 +40,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=20, help="moves of every slider [20]")
     parser.add_argument("--case", default="fig8a_original")
+    parser.add_argument("--fields", nargs="+", default=FIELDS, help="sliders that are moved [some of an elbow]")
     parser.add_argument("--settle", type=float, default=30.0, help="seconds before the first move [30]")
     options = parser.parse_args()
     with running_explorer(options.case) as (address, _), running_browser() as browser:
         page = open_page(browser, address)
         pause(options.settle)  # the slow pictures of the beginning
         for picture in ("step", "nyquist"):
-            times = measure(page, picture, options.rounds)
+            times = measure(page, picture, options.rounds, fields=options.fields)
             line = f"{picture}: {len(times)} moves, median {statistics.median(times):.0f} ms, "
             sys.stdout.write(line + f"95th percentile {percentile(times, 0.95):.0f} ms, longest {max(times):.0f} ms\n")
 
