@@ -26,6 +26,8 @@ _LEVELS = (0.0, 0.7, -0.7)
 _SAME_CURVE = 0.15
 #: Share of its terms below which a sum of them is rounding.
 _CANCELLED = 1e-9
+#: Share of a measured response within which another is that of the same signal.
+_ALIKE = 0.1
 
 
 def choose_pivot(system: LureSystem) -> int:
@@ -354,11 +356,12 @@ def _starts(balance: Balance) -> list[tuple[Array, float]]:
 def _beside(balance: Balance) -> NDArray[np.bool_]:
     """Elements that read the very signal that the pivot reads, shape (m,)."""
     s, p = balance.system, balance.pivot
-    # What a measured signal is made of is not known: the same one answers alike, wherever it is asked.
+    # What a measured signal is made of is not known: the same one answers alike, wherever it is asked, but for noise.
     measured = isinstance(s, DataSystem)
     rows = s.frequency_response(_middle(balance))[0] if measured else np.hstack([s.C, s.D])
     rows = rows[balance.rows]
-    beside: NDArray[np.bool_] = np.all(rows == rows[p], axis=1)
+    apart = _ALIKE * np.abs(rows[p]) if measured else 0.0
+    beside: NDArray[np.bool_] = np.all(np.abs(rows - rows[p]) <= apart, axis=1)
     beside[p] = False
     return beside
 

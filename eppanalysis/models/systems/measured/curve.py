@@ -1,9 +1,9 @@
 """The curve through a measured frequency response: splines of log magnitude and unwrapped phase over log frequency.
 
 Without a standard deviation the curve passes through every point (a cubic interpolating spline). With one it is a cubic
-spline fitted by least squares, with so few knots that the points scatter about it as their deviation says: what is
-between two neighbours is then told by all the points around. Either way the curve is linear in the data, so that its
-own standard deviation is known.
+spline fitted by least squares, with so few knots, and these where the response bends, that the points scatter about it
+as their deviation says: what is between two neighbours is then told by all the points around. Either way the curve is
+linear in the data, so that its own standard deviation is known.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-#: Fewest spans of a fitted spline, and fewest points to each of its coefficients.
-_FEWEST_SPANS, _POINTS_EACH = 3, 3
-#: More spans than the fit needs, by this factor: a spline's bias falls with their fourth power, its scatter rises with
-#: their square root alone.
-_SPARE = 2
+#: Fewest spans of a fitted spline, and fewest points in each.
+_FEWEST_SPANS, _POINTS_EACH = 3, 2
+#: Share of the spans that are halved at once, and halvings without a better fit after which there is none.
+_WORST, _PATIENCE = 0.4, 6
 #: Points on either side from which the error between two points is told.
 _BESIDE = 4
 
@@ -128,26 +127,39 @@ def _through(x: Array, y: Array) -> BSpline:
 
 
 def _fitted(x: Array, y: Array, deviation: Array) -> BSpline:
-    """The spline with the least of Akaike's criterion, and a few more knots.
+    """The spline with the least of Akaike's criterion among those whose spans were halved where they fit worst.
 
-    Akaike (1974): the weighted sum of squares and twice the number of coefficients.
+    Akaike (1974): the weighted sum of squares and twice the number of coefficients. At the end all spans are halved.
     """
-    most = max(_FEWEST_SPANS, len(x) // _POINTS_EACH - 3)
-    counts = np.unique(np.geomspace(_FEWEST_SPANS, most, 24).astype(int))
-    # Magnitude and phase have as many coefficients each: twice Akaike's two.
-    loss = [
-        _chi_square(spline := _with_spans(x, y, deviation, int(n)), x, y, deviation)[0] + 4.0 * len(spline.c)
-        for n in counts
-    ]
-    best = int(counts[int(np.argmin(loss))])
-    return _with_spans(x, y, deviation, min(_SPARE * best, most))
+    edges = np.linspace(0, len(x), _FEWEST_SPANS + 1).astype(int)
+    least, best, since = np.inf, edges, 0
+    while since <= _PATIENCE:
+        spline = _with_knots(x, y, deviation, edges)
+        squares = (((spline(x) - y) / deviation[:, None]) ** 2).sum(1)
+        # Magnitude and phase have as many coefficients each: twice Akaike's two.
+        loss = squares.sum() + 4.0 * len(spline.c)
+        least, best, since = (loss, edges, 0) if loss < least else (least, best, since + 1)
+        # Standard deviations by which the sum of squares of each span is off that of noise.
+        count = 2.0 * np.diff(edges)
+        excess = (np.add.reduceat(squares, edges[:-1]) - count) / np.sqrt(2.0 * count)
+        finer = _halved(edges, excess >= max(0.0, np.quantile(excess, 1.0 - _WORST)))
+        if len(finer) == len(edges):
+            break
+        edges = finer
+    return _with_knots(x, y, deviation, _halved(best, np.ones(len(best) - 1, bool)))
 
 
-def _with_spans(x: Array, y: Array, deviation: Array, spans: int) -> BSpline:
-    """Least-squares cubic spline with as many spans, each with as many points as the others."""
+def _halved(edges: NDArray[np.int_], which: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """The edges of spans with those between, of the spans that have points enough for two."""
+    enough = np.diff(edges) >= 2 * _POINTS_EACH
+    return np.union1d(edges, ((edges[:-1] + edges[1:]) // 2)[which & enough])
+
+
+def _with_knots(x: Array, y: Array, deviation: Array, edges: NDArray[np.int_]) -> BSpline:
+    """Least-squares cubic spline with a knot before the first point of each span but the first."""
     from scipy.interpolate import make_lsq_spline
 
-    inner = np.interp(np.linspace(0.0, len(x) - 1.0, spans + 1)[1:-1], np.arange(len(x)), x)
+    inner = 0.5 * (x[edges[1:-1] - 1] + x[edges[1:-1]])
     t = np.concatenate([np.full(4, x[0]), inner, np.full(4, x[-1])])
     return make_lsq_spline(x, y, t, k=3, w=1.0 / deviation)
 

@@ -52,6 +52,22 @@ def test_deviation_of_the_fitted_curve_is_that_of_draws():
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.17)
 
 
+@pytest.mark.parametrize(("damping", "most"), [(0.1, 0.35), (0.05, 0.4)])
+def test_a_fitted_curve_bends_at_a_resonance_and_is_smooth_beside_it(damping, most):
+    omega, rng = np.geomspace(0.1, 100.0, 601), np.random.default_rng(7)
+    s = 1j * omega
+    true = 64.0 / (s * (s + 1.0) * (s**2 + 16.0 * damping * s + 64.0))
+    off = []
+    for _ in range(20):
+        noise = 1.0 + 0.01 * (rng.standard_normal(omega.size) + 1j * rng.standard_normal(omega.size))
+        curve = epp.MeasuredResponse(omega, true * noise, deviation=0.01).curve
+        off.append(np.log(curve.at(omega)[0] / true) / 0.01)
+    # Over its deviation: of the noise of the points little is left, and at the resonance there is no bias besides.
+    assert np.sqrt(np.mean(np.abs(off) ** 2) / 2.0) < most
+    mean = np.mean(off, 0)[np.abs(omega - 8.0) < 1.0]
+    assert max(np.abs(mean.real).max(), np.abs(mean.imag).max()) < 4.0 / np.sqrt(len(off))
+
+
 def test_points_that_scatter_more_than_said_widen_the_deviation():
     rng = np.random.default_rng(6)
     noise = 1.0 + 0.03 * (rng.standard_normal(OMEGA.size) + 1j * rng.standard_normal(OMEGA.size))
