@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import check_counts, checked
 from eppanalysis.cases import as_case
 from eppanalysis.errors import EppError
+from eppanalysis.models.systems.subject import require_case
 from eppanalysis.readable import count, listed, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
@@ -203,7 +204,8 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
     Raises
     ------
     EppError
-        If there are not two axes, one of them is not valid, or no value of the first axis has a fold.
+        If there are not two axes, one of them is not valid, no value of the first axis has a fold, or the loop has
+        sampled controllers.
 
     Examples
     --------
@@ -213,7 +215,7 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
     >>> found.points.round(3).tolist()
     [[1.0, 1.663], [1.1, 1.829]]
     """
-    case = as_case(case)
+    case = require_case(as_case(case), "fold_boundary")
     x, y = _two(axes)
     design = make_design(case, axes)
     given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))

@@ -91,6 +91,10 @@ def test_a_boundary_knows_its_axes() -> None:
         (lambda: outcome_boundary(RELAY, AXES, scheduler="magic"), "address of a Dask scheduler"),
         (lambda: fold_boundary(RELAY, {"loop.gain": "1:5:4"}), "two of them"),
         (
+            lambda: fold_boundary(epp.case("azimuth_servo"), {"Kp": "20:80:2:V/rad", "Ti": "0.4:0.5:2:s"}),
+            "does not cover loops with sampled controllers: outcome_boundary",
+        ),
+        (
             lambda: fold_boundary(RELAY, {"loop.gain": "0.01:0.02:2", "relay_dead_zone.threshold": "1:1.1:2"}),
             "no fold in relay_dead_zone.threshold",
         ),

@@ -33,6 +33,7 @@ def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
 _INSTEAD = {
     "continue_folds": "locked cycles cease at borders and not in folds; design_bounds has the bound on one parameter "
     "at each value of the other",
+    "fold_boundary": "outcome_boundary with run='cycles' has where the answer of the search changes",
     "design": "design_bounds has the bound on one parameter at each value of another, and sweep a map over both",
     "design_guide": "design_bounds has the bound on one parameter at each value of another",
     "tolerance_bound": "a sweep over Tolerances with run='cycles' or 'simulate' counts the draws that oscillate",
