@@ -11,7 +11,7 @@ L, C, R, SUPPLY, PERIOD, ADC, DUTY = 4e-6, 100e-6, 1.0, 5.0, 4e-6, 0.01, 0.004
 def by_hand(samples):
     """Voltage and pulse width at the samples, counted from the reference and from the step below."""
     held = expm(PERIOD * np.array([[0.0, 1.0, 0.0], [-1 / (L * C), -1 / (R * C), SUPPLY / (L * C)], [0.0, 0.0, 0.0]]))
-    x, integral, found = np.array([50.0, 0.0, 0.0]), 0.0, []
+    x, integral, found = np.array([0.15, 0.0, 0.0]), 0.0, []
     for _ in range(samples):
         error = np.clip(np.round(-x[0] / ADC), -10, 10) * ADC
         integral += 800.0 * PERIOD * error
