@@ -225,7 +225,7 @@ def predict(
         from eppanalysis.methods.describing.predict import predict_limit_cycles
 
         found = predict_limit_cycles(case if measured is None else _with_response(case, measured))
-        len(found.margins)  # made when they are first asked for: now, before a part of the output is out
+        len(found.margins) + len(found.warnings)  # made when first asked for: now, before a part of the output is out
         return found
 
     _carry_out("predict", cases, settings, as_json, output, _Analysis(run, prediction_table, _show_prediction))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -307,7 +308,7 @@ class Prediction(Listing[LimitCycle]):
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
     ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
-    principal element. `search` says how completeness was sought, `warnings` what cycles first order cannot see there.
+    principal element. `search` says how completeness was sought, `unseen` looks for what first order does not see.
     `operating_point` is where the external inputs are held. `margins` are those of the linearised loop: where it is cut
     ("at"), the numbers, and the gains that stand for the elements ("rule").
     """
@@ -317,7 +318,7 @@ class Prediction(Listing[LimitCycle]):
     search: str
     curves: Mapping[str, Any] = field(default_factory=dict)
     margins: Mapping[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    unseen: Callable[[], tuple[str, ...]] = tuple
 
     parts = "cycles"
     in_json = "status message=status.value search warnings margins operating_point cycles provenance"
@@ -329,6 +330,11 @@ class Prediction(Listing[LimitCycle]):
         ended = [] if self.status.ok else [self.status.value]
         margin = "" if self.cycles else _margin(self.margins)
         return " ".join([f"First order predicts {counted(self.cycles)}{margin}.", *doubt, *ended, *self.warnings])
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What cycles first order cannot see there, a sentence each; looked for when they are first asked for."""
+        return self.unseen()
 
     def to_frame(self) -> pandas.DataFrame:
         """The cycles, one a row."""

@@ -33,6 +33,7 @@ from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem, averaged
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.results import DESCRIBING_FUNCTION, LimitCycle, Prediction, Status
+from eppanalysis.results.measured import MeasuredCycle
 from eppanalysis.results.provenance import Provenance
 
 #: Relative residual of the balance up to which a cycle is one.
@@ -102,17 +103,12 @@ def predict_limit_cycles(
     """
     own, at = standing(system, operating_point, "predict_limit_cycles")
     balance, found, points, estimates, cycles = _balanced(own, at)
-    loop = balance.system
+    loop, asked = balance.system, (balance, points, estimates, found)
     with np.errstate(all="ignore"):
         if isinstance(loop, DataSystem):
             told, seen = of_data(loop, balance, points, estimates, cycles)
-            warnings = (*cautions(loop, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
             excluded = len(seen) == len(cycles) and (bool(seen) or not above_the_data(loop, balance, seen))
             points, cycles, found = told, seen, replace(found, complete=found.complete and excluded)
-        else:
-            warnings = blind_spots(balance, points, estimates, found, stable=any(c.stable for c in cycles))
-        if isinstance(loop, AveragedSystem):
-            warnings = (*warnings, _left_out(loop, cycles))
         if is_one_loop(loop):
             curves = Deferred(partial(nyquist_curves, balance, points, cycles))
         else:
@@ -121,7 +117,7 @@ def predict_limit_cycles(
         cycles=cycles,
         status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
         search=found.search,
-        warnings=warnings,
+        unseen=partial(_unseen, *asked, cycles),
         curves=curves,
         margins={} if isinstance(own, DataSystem) else Deferred(lambda: margins(own).summary()),
         provenance=_made_by(own, at),
@@ -181,6 +177,19 @@ def search_balance(system: LureSystem, value: Array) -> tuple[Balance, Found, li
     found = search_one(balance) if single else search_several(balance)
     points = sorted((point(balance, x) for x in found.cycles), key=lambda p: float(p.amplitude[0]))
     return balance, found, [p for p in points if p.residual < _RESIDUAL and np.all(p.amplitude > 0)]
+
+
+@np.errstate(all="ignore")
+def _unseen(
+    balance: Balance, points: Sequence[Point], estimates: Sequence[Estimate], found: Found, cycles: Sequence[LimitCycle]
+) -> tuple[str, ...]:
+    """Sentences about what first order does not see in a loop with these cycles."""
+    loop = balance.system
+    if isinstance(loop, DataSystem):
+        seen = [c for c in cycles if isinstance(c, MeasuredCycle)]
+        return (*cautions(loop, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
+    sentences = blind_spots(balance, points, estimates, found, stable=any(c.stable for c in cycles))
+    return (*sentences, _left_out(loop, cycles)) if isinstance(loop, AveragedSystem) else sentences
 
 
 def _left_out(system: AveragedSystem, cycles: Sequence[LimitCycle]) -> str:
