@@ -12,13 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eppanalysis.methods.harmonic.balance import cycle_of, settled
 from eppanalysis.methods.harmonic.elements import Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop
+from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic.series import Array, ComplexArray, orders
+from eppanalysis.results import LimitCycle
 
 #: Steps along a curve, the first, longest and shortest of them, in shares and relative changes of the unknowns.
 _MOST_STEPS, _FIRST, _LONGEST, _SHORTEST = 80, 0.1, 0.5, 1e-4
 _CORRECTIONS, _CLOSE = 6, 1e-8
+#: Orders of a balance that is found on a curve, and of the one that says how good it is.
+_STRAIGHT, _FINER = 15, 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,3 +130,24 @@ def let_in(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: int) ->
             return None
         here, length = there, min(1.6 * length, _LONGEST)
     return None
+
+
+def balance_on_curve(loop: Loop, guess: LimitCycle) -> LimitCycle | None:
+    """The balance to which the curve leads that begins at first order near a cycle; None where it leads to none.
+
+    Its estimated error is the change by the next order, of frequency and fundamentals.
+    """
+    with np.errstate(all="ignore"):
+        first = settled(loop, inputs_of(loop, guess)[:, :2], guess.omega)
+        if first is None or loop.highest(first[1]) < _FINER:
+            return None
+        Z, omega = first
+        pivot = int(np.flatnonzero(np.abs(Z[:, 1]) > 0)[0])
+        found = let_in(loop, Z, omega, pivot, _STRAIGHT)
+        found = None if found is None else settled(loop, *found)
+        finer = None if found is None else settled(loop, loop.continued(*found, _FINER), found[1])
+        if found is None or finer is None:
+            return None
+        size = np.abs(finer[0][:, 1]).clip(1e-300)
+        change = max(float((np.abs(finer[0][:, 1] - found[0][:, 1]) / size).max()), abs(found[1] / finer[1] - 1.0))
+        return replace(cycle_of(loop, *finer), error_estimate=change)

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.balance import balances_of
+from eppanalysis.methods.harmonic.loop import Loop
+from eppanalysis.methods.harmonic.path import balance_on_curve
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
+from eppanalysis.methods.orbits.balanced import orbit_of_balance
 from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
@@ -216,10 +219,10 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
     # Newton's method may leave the cycle for another one from order to order.
     loosely = asked.loosened()
     try:
-        for balance in balances_of(asked.system, asked.cycle, at):
+        for balance in _balances(asked, at):
             wanted = Asked.of(asked.system, hybrid, balance)
             before = tuple(met)
-            for orbit in chain(before, _new(_directly(hybrid, wanted), met)):
+            for orbit in chain(before, _new(_of_balance(hybrid, wanted, at), met)):
                 found = _compared(wanted, orbit, stable)
                 if not found.difference:
                     found = _compared(loosely, orbit, stable)
@@ -229,6 +232,25 @@ def _by_balance(asked: Asked, hybrid: HybridSystem, met: list[Orbit], at: Operat
                     return
     except ModelError:  # an element that harmonic balance does not cover
         return
+
+
+def _balances(asked: Asked, at: OperatingPoint) -> Iterator[LimitCycle]:
+    """Balances of rising order, and where none of them leads to the orbit, that on the curve from first order."""
+    yield from balances_of(asked.system, asked.cycle, at)
+    # Low orders may stand far from both first order and the cycle (docs/theory/first_order_quality.md, Does the error
+    # estimate cover the error?).
+    straight = balance_on_curve(Loop.of(asked.system, at.vector(asked.system)), asked.cycle)
+    if straight is not None and straight.error_estimate < _TRUSTED:
+        yield straight
+
+
+def _of_balance(hybrid: HybridSystem, wanted: Asked, at: OperatingPoint) -> Iterator[Orbit]:
+    """Orbits from runs that begin on a balance, and the one from its own switches where that can be trusted."""
+    yield from _directly(hybrid, wanted)
+    if wanted.cycle.error_estimate < _TRUSTED:
+        own = orbit_of_balance(hybrid, Loop.of(wanted.system, at.vector(wanted.system)), wanted.cycle)
+        if own is not None:
+            yield own
 
 
 def centre_of(hybrid: HybridSystem, cycle: LimitCycle) -> Array:
