@@ -48,8 +48,8 @@ def _guess(hybrid: HybridSystem, loop: Loop, balance: LimitCycle) -> Guess | Non
     events: list[_Event] = []
     for e, regime in enumerate(regimes):
         own = [(s.phase % TURN, s.mode_guard.guard.mode, s) for s in regime.switches]
-        for phase, before, s in own:
-            row = int(model.guard_first[model.mode_first[e] + before]) + s.mode_guard.number
+        for phase, left, s in own:
+            row = int(model.guard_first[model.mode_first[e] + left]) + s.mode_guard.number
             events.append(_Event(phase / omega, e, row, s.mode, s.memory))
         # Before its first switch of the period an element is as the last one has left it.
         last = max(own, key=lambda item: item[0])[2] if own else None
