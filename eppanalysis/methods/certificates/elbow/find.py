@@ -104,6 +104,8 @@ def find(stated: Mapping[str, Any]) -> dict[str, Any] | str:
     v = {name: Fraction(stated[name]) for name in check_elbow.NAMES}
     if min(v[name] for name in check_elbow.NAMES if name not in ("backlash", "slack")) <= 0:
         return "the proof needs friction, damping and delays above zero."
+    if not 0 <= v["slack"] < v["low"] <= v["high"] < v["max"]:
+        return "the proof needs bands that lie at tensions of zero and more, one above the other."
     number = {name: float(x) for name, x in v.items()}
     for x in _candidates(number):
         evidence = _written(number, x)

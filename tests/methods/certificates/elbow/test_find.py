@@ -168,6 +168,12 @@ def test_no_gap_with_a_known_cycle_is_proved() -> None:
         assert not epp.certify(case, "absence").proved
 
 
+def test_bands_below_a_tension_of_zero_are_not_covered() -> None:
+    """A profile as wide as 8 lbf about 2.5 lbf gives the full voltage at no tension of the cable."""
+    refused = epp.certify(row_1("0.06 deg", "8 lbf"), "absence")
+    assert not refused.proved and "bands that lie at tensions of zero and more" in str(refused)
+
+
 @pytest.mark.parametrize("name", ["elbow", "upright", "robot_servo", "sat_plus_backlash"])
 def test_other_loops_of_several_elements_are_not_covered(name: str) -> None:
     found = epp.certify(epp.case(name), "absence")
