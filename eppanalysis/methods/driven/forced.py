@@ -38,12 +38,17 @@ _ON_IT, _NEARER, _NEAR = 1e-7, 0.7, 0.3
 _RETURNS = 0.15
 #: Periods over which the parting of neighbouring motions is measured, and the rate per period that counts as none.
 _PARTING, _NO_RATE = 300, 0.02
+#: Multiplier of a response above which the loop's own oscillation may hide others, and the phases at which it is tried.
+_SLOW, _PHASES = 0.9, 8
 #: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
 _SAME = 1e-6
 _FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
 _PARTS = {
     Motion.IRREGULAR: "does not repeat itself: neighbouring motions part by a factor {0:.3g} each period of the input",
-    Motion.QUASI_PERIODIC: "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet",
+    Motion.QUASI_PERIODIC: (
+        "does not repeat itself: quasi-periodic, for neighbouring motions neither part nor meet "
+        f"(by more than {100 * _NO_RATE:.0f} % a period, so that a slower entrainment looks the same)"
+    ),
     Motion.UNDECIDED: "has not come to repeat itself within {1} periods of the input",
 }
 
@@ -120,6 +125,7 @@ def forced_response(
     first = sinusoids(drive)
     motion, exponent = search.run(drive.hybrid, to_the_end=True)
     search.from_first_order(first)
+    search.from_phases()
     responses = search.responses()
     names = drive.system.signals.names
     return ForcedResponse(
@@ -183,6 +189,7 @@ class Search:
     found: list[tuple[int, Orbit]] = field(default_factory=list)
     reached: int = 0
     repeats: int = 0
+    end: HybridSystem | None = None
 
     def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
         """Responses near those of first order, and those to which runs from there lead."""
@@ -192,6 +199,23 @@ class Search:
                 continue
             self.closed(start, 1)
             self.run(start)
+
+    def from_phases(self) -> None:
+        """Responses that are the loop's own oscillation, held by the input at one phase or the other.
+
+        A weak sine entrains it at a stable and at an unstable phase: a run comes to the first of them slowly, to the
+        other never. So the motion that the run has come to is begun at several phases of the input.
+        """
+        end = self.end
+        slow = [abs(orbit.multipliers).max(initial=0.0) for _, orbit in self.found]
+        if end is None or (slow and not max(slow) > _SLOW):
+            return
+        for k in range(_PHASES):
+            start = later(end, k * self.drive.period / _PHASES)
+            if start is not None:
+                x = start.x0.copy()
+                x[self.drive.sine] = end.x0[self.drive.sine]
+                self.closed(replace(start, x0=x), 1)
 
     def closed(self, start: HybridSystem, multiple: int) -> tuple[int, Orbit] | None:
         """The response of so many periods near a start, in the shortest form; None where there is none."""
@@ -243,7 +267,8 @@ class Search:
                 states.append(now.x0 if now is not None else start.x0)
             if now is None:
                 return Motion.UNDECIDED, float("nan")
-            self.reached = max(self.reached, made) if to_the_end else self.reached
+            if to_the_end:
+                self.reached, self.end = max(self.reached, made), now
             settled = self._settles(now, np.array(states[-4 * self.most_periods :]))
             if settled:
                 self.repeats = settled if to_the_end else self.repeats

@@ -118,6 +118,24 @@ def test_under_a_vanishing_sine_rest_stays_rest():
     assert half(one) < 1e-11
 
 
+def test_a_weak_sine_entrains_the_loop_s_own_oscillation_at_two_phases():
+    # Averaged over a period the phase obeys d(phase)/dt = detuning - K sin(phase): one stable, one unstable, with
+    # multipliers exp(-K T) and exp(K T), K proportional to the sine (Adler, Proceedings of the IRE 34, 1946).
+    loop = epp.Diagram(
+        parts={"relay": epp.Relay(), "plant": epp.blocks.TransferFunction(num=[1.0], den=[1.0, 3.0, 2.0, 0.0])},
+        connect=["force - plant -> relay", "relay -> plant"],
+        inputs=["force"],
+    )
+    (own,) = epp.find_limit_cycles(loop)
+    rates = []
+    for amplitude in (2e-3, 1e-3):
+        found = epp.forced_response(loop, amplitude=amplitude, frequency=own.frequency)
+        assert [r.stable for r in sorted(found, key=lambda r: not r.stable)] == [True, False]
+        rates.append(sorted(np.log(np.abs(r.cycle.multipliers).max()) for r in found))
+        assert rates[-1][0] == pytest.approx(-rates[-1][1], rel=0.1)
+    assert rates[0] == pytest.approx(2 * np.array(rates[1]), rel=0.1)
+
+
 def test_a_subharmonic_is_found_beside_the_response_of_the_input_s_period():
     # A stiff cubic spring answers with a third of the input's frequency, too (Nayfeh and Mook, section 4.1.4).
     omega, force = 3.6, 4.0
