@@ -23,7 +23,7 @@ from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
-from eppanalysis.methods.harmonic.path import let_in
+from eppanalysis.methods.harmonic.path import along_curve
 from eppanalysis.methods.harmonic.series import ComplexArray, extrema, orders
 from eppanalysis.models.systems.measured.loop import DataSystem
 
@@ -196,8 +196,7 @@ class BalancedOscillation:
 
     def along_curve(self, order: int) -> BalancedOscillation | None:
         """The balance of an order to which the curve leads on which harmonics are let in; None where it does not."""
-        found = let_in(self.loop, self.Z, self.omega, self.pivot, order)
-        found = None if found is None else settled(self.loop, *found)
+        found = along_curve(self.loop, self.Z, self.omega, self.pivot, order)
         return None if found is None else replace(self, Z=found[0], omega=found[1])
 
     def with_harmonics(self, order: int, loop: Loop | None = None) -> BalancedOscillation | None:

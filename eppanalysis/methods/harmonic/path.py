@@ -132,6 +132,12 @@ def let_in(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: int) ->
     return None
 
 
+def along_curve(loop: Loop, Z: ComplexArray, omega: float, pivot: int, order: int) -> tuple[ComplexArray, float] | None:
+    """The balance of an order to which the curve from another one leads, as :func:`let_in`; None where to none."""
+    start = let_in(loop, Z, omega, pivot, order)
+    return None if start is None else settled(loop, *start)
+
+
 def balance_on_curve(loop: Loop, guess: LimitCycle) -> LimitCycle | None:
     """The balance to which the curve leads that begins at first order near a cycle; None where it leads to none.
 
@@ -143,8 +149,7 @@ def balance_on_curve(loop: Loop, guess: LimitCycle) -> LimitCycle | None:
             return None
         Z, omega = first
         pivot = int(np.flatnonzero(np.abs(Z[:, 1]) > 0)[0])
-        found = let_in(loop, Z, omega, pivot, _STRAIGHT)
-        found = None if found is None else settled(loop, *found)
+        found = along_curve(loop, Z, omega, pivot, _STRAIGHT)
         finer = None if found is None else settled(loop, loop.continued(*found, _FINER), found[1])
         if found is None or finer is None:
             return None
