@@ -332,21 +332,21 @@ def validate(raw: RawCase, files: Mapping[str, type[CaseFile]]) -> Any:
 def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> CaseError:
     loc = [str(part) for part in error["loc"]]
     member = {"input": 2, "inputs": 3}.get(loc[1] if loc[0] == "run" and len(loc) > 1 else "", len(loc))
+    signal = INPUTS.get(loc[member]) if member < len(loc) else None
     del loc[member : member + 1]  # the name of the union's member
     if loc[-1] == "[key]":
         del loc[-1]  # it is the name that is wrong, not what stands there
     field, context = ".".join(loc), error.get("ctx", {})
     shown: Any = error["input"]
     if error["type"] == "extra_forbidden":
-        expected = _suggest(loc[-1], _model_at(model, loc[:-1]))
+        expected = _suggest(loc[-1], signal or _model_at(model, loc[:-1]))
     elif error["type"] == "missing":
         shown, expected = Missing(), _wanted(model, loc)
     elif error["type"] == "quantity":
         shown, expected = context["shown"], context["expected"]
         field = f"{field}.{context['key']}" if context["key"] else field
     elif error["type"].startswith("union_tag"):
-        field, expected = f"{field}.kind", "'step', 'steps', 'ramp', 'sine' or 'recorded'"
-        shown = shown.get("kind", Missing()) if isinstance(shown, dict) else shown
+        field, shown, expected = _input_of_no_kind(field, shown)
     elif error["type"] == "literal_error":
         expected = context["expected"]
     elif error["type"] in _LENGTHS:
@@ -356,6 +356,21 @@ def _case_error(error: dict[str, Any], raw: RawCase, model: type[BaseModel]) -> 
     else:
         expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should have ").lower()
     return CaseError(raw.origin(field), field, shown, expected)
+
+
+def _input_of_no_kind(field: str, shown: Any) -> tuple[str, Any, str]:
+    """Field, value and what was expected, where an input signal has no kind that there is.
+
+    A table of tables is one of external inputs by their names, which stands one letter further.
+    """
+    kinds = "'step', 'steps', 'ramp', 'sine' or 'recorded'"
+    if field == "run.input" and isinstance(shown, dict) and shown and all(isinstance(v, dict) for v in shown.values()):
+        return (
+            field,
+            f"a table of {', '.join(shown)}",
+            "one input signal; those of several by their names stand in run.inputs",
+        )
+    return f"{field}.kind", shown.get("kind", Missing()) if isinstance(shown, dict) else shown, kinds
 
 
 def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel] | None:

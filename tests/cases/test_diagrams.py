@@ -213,6 +213,8 @@ MISTAKES = [
     ("[expected]", 'inputs = { dmand = { kind = "step", size = "1 m" } }\n[expected]', "run.inputs.dmand", "demand"),
     ("[expected]", 'input = { kind = "stepp", size = "1 m" }\n[expected]', "run.input.kind", "'step'"),
     ("[expected]", 'input = { kind = "ramp", rate = "1 m" }\n[expected]', "run.input.rate", "a quantity in m/s"),
+    ("[expected]", 'input = { kind = "step", siz = "1 m" }\n[expected]', "run.input.siz", "did you mean 'size'"),
+    ("[expected]", 'input = { demand = { kind = "step", size = "1 m" } }\n[expected]', "run.input", "run.inputs"),
 ]
 
 #: The same for the servo that ships: of machines, controllers, sampling and elements with units.
