@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -33,6 +34,7 @@ DARK = "#4D4D4D"
 STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 #: More marks than these merge into a bar that says nothing.
 _MOST_MARKS = 300
+_MOST_TIMES = 6
 _PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
 #: What varies by less than this share of itself is a constant, whose digits are rounding errors.
 _CONSTANT = 1e-6
@@ -45,6 +47,8 @@ _SMALL, _SMALL_IN_AN_INCH = 8.0, 15.5
 _LINE = 1.25
 #: Characters in a line of small print below a panel.
 _NOTE_WIDTH = 84
+#: Spaces at which a line is not broken: behind a number, and between a letter and a number.
+_WITH_NUMBER = re.compile(r"(?<=\d) (?=[A-Za-z%])|(?<=\b[A-Za-z]) (?=[-\d])")
 #: What a system is called that was given no name.
 _UNNAMED = "loop"
 
@@ -71,8 +75,15 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
 
 
 def _lines(text: str, letters: float) -> list[str]:
-    """A text in lines of so many letters; a dollar would begin a formula."""
-    return textwrap.wrap(text.replace("$", r"\$"), int(letters))
+    """A text in as few lines of so many letters as may be, of like length; a number stays with what stands behind it.
+
+    A dollar would begin a formula.
+    """
+    text = _WITH_NUMBER.sub("\N{NO-BREAK SPACE}", text.replace("$", r"\$"))
+    lines = textwrap.wrap(text, int(letters))
+    least = math.ceil(len(text) / max(len(lines), 1))
+    ways = (textwrap.wrap(text, width) for width in range(max(least, 1), int(letters)))
+    return next((way for way in ways if len(way) == len(lines)), lines)
 
 
 def show_constant(ax: Axes, *curves: Array) -> None:
@@ -180,6 +191,8 @@ def places_of(ax: Axes | None, n: int, height: float = _PANEL_HEIGHT) -> tuple[F
 
 def label_time(panels: Sequence[Axes], text: str) -> None:
     """The lowest panel of each column carries the label of the time axis, and all share its range."""
+    for ax in panels:
+        ax.locator_params(axis="x", nbins=_MOST_TIMES)  # so many of 0.0005 s stand side by side
     if len(panels) == 1:
         panels[0].margins(x=0.0)
         panels[0].set_xlabel(text)

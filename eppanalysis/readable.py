@@ -19,8 +19,10 @@ def readable(unit: str) -> tuple[str, float]:
     ('mm', 1000.0)
     >>> readable("N*m")
     ('N·m', 1.0)
+    >>> readable("kg*m^2")
+    ('kg·m²', 1.0)
     """
-    return READABLE.get(unit, (unit.replace("*", "·"), 1.0))
+    return READABLE.get(unit, (unit.replace("*", "·").replace("^2", "²").replace("^3", "³"), 1.0))
 
 
 def written(unit: str) -> str:

@@ -53,7 +53,8 @@ def line(job: Job, cell: BoundCell) -> tuple[str, ...]:
     case = job.case
 
     def text(value: float) -> str:
-        return case.text(job.limit, value, 4) if math.isfinite(value) else "–"
+        spelt = case.text(job.limit, value, 4).replace("*", "·").replace("^2", "²")
+        return spelt if math.isfinite(value) else "–"
 
     at = f"{job.over} {case.text(job.over, cell.value, 4)}"
     at += "".join(f", {name} {value}" for name, value in job.given.items())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
 from eppanalysis.methods.continuation.picture import plot_branch
 from eppanalysis.methods.continuation.result import Branch
+from eppanalysis.plotting import _lines
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
@@ -52,6 +54,20 @@ def test_trajectory_of_every_status_is_drawn_with_its_sentence(status):
     figure.draw_without_rendering()
     verdict, details = said_above(figure)
     assert letters(f"{verdict} {details}") == letters(str(trajectory(status)))
+
+
+def test_a_cycle_too_fast_for_the_samples_of_its_run_is_the_band_that_it_fills():
+    run = epp.simulate(epp.case("backlash_servo"), t_end=400.0, t_eval=np.linspace(0.0, 400.0, 1001))
+    ax = run.plot(signals=["x"])
+    band = ax.collections[0].get_datalim(ax.transData)
+    assert band.height == pytest.approx(run.limit_cycle.peak_to_peak["x"], rel=1e-3)
+    assert band.x0 == pytest.approx(run.settled_since, abs=0.4) and band.x1 == 400.0
+
+
+def test_numbers_are_not_parted_from_their_units_where_a_verdict_breaks():
+    lines = _lines("Free of limit cycles below a play gap of 3.789 mm to 14.43 mm, with x 7.011", 52)
+    assert len(lines) == 2 and abs(len(lines[0]) - len(lines[1])) < 12
+    assert not any(re.search(r"\d$", line) and re.match(r"mm|rad", follow) for line, follow in pairwise(lines))
 
 
 def test_chosen_signals_keep_their_order():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import Any
@@ -14,7 +14,7 @@ from eppanalysis.cases.files import Missing, RawCase
 from eppanalysis.cases.inputs import motions_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import LoopFile, LoopSection
-from eppanalysis.cases.values.dimensions import check_units
+from eppanalysis.cases.values.dimensions import check_units, units_of_ports
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.elbow.parameters import ElbowParameters
 from eppanalysis.models.elements import Nonlinearity
@@ -107,7 +107,7 @@ def build_loop(loop: LoopSection, blocks: tuple[Block, ...], raw: RawCase) -> Lu
                 system = _from_state_space(loop, blocks, list(made.values()), raw)
             else:
                 system = _from_ring(loop, blocks, made, raw)
-            return _with_margins_at(system, loop, raw)
+            return _with_margins_at(_with_units(system, loop, blocks), loop, raw)
     except ModelError as error:
         raise raw.refused_by_model(error, "loop") from None
 
@@ -280,6 +280,18 @@ def _cuts(loop: LoopSection, elements: list[Nonlinearity], gain: float, raw: Raw
         F=np.array([row.itself for row in loop.cuts.values()]),
         delays=np.array([row.delay for row in loop.cuts.values()]),
     )
+
+
+def _with_units(system: LureSystem, loop: LoopSection, blocks: Sequence[Block]) -> LureSystem:
+    """The loop with units of the signals at its elements' ports, which their fields tell where the file names none."""
+    if loop.signals is not None:
+        return system
+    units: list[str] = []
+    for block in blocks:
+        if block.kind:
+            first, second = units_of_ports(block)
+            units += [first, *[second] * block.width[1]]
+    return replace(system, signals=replace(system.signals, units=tuple(units)))
 
 
 def _with_margins_at(system: LureSystem, loop: LoopSection, raw: RawCase) -> LureSystem:

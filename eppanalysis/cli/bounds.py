@@ -138,6 +138,7 @@ def bounds_columns(result: DesignBounds) -> Table:
 def _show(case: Case, result: DesignBounds) -> None:
     from eppanalysis.tables.designs import bounds_table
 
+    typer.echo(f"{result.headline()}.")
     if result.own:
         typer.echo(f"own values: {', '.join(f'{n} {case.text(n, v)}' for n, v in result.own.items())}")
     print_table(bounds_table(result))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import io
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -241,7 +240,9 @@ def simulate(cases: Cases, settings: Settings = NOTHING, as_json: Json = False, 
 
         return run_simulation(case)
 
-    _carry_out("simulate", cases, settings, as_json, output, _Analysis(run, trajectory_table, _show_trajectory))
+    _carry_out(
+        "simulate", cases, settings, as_json, output, _Analysis(run, trajectory_table, _show_trajectory, named=True)
+    )
 
 
 @app.command(cls=_Command)
@@ -313,6 +314,7 @@ class _Analysis:
     show: Callable[[Case, Any], None]
     show_all: Callable[[Sequence[Case], Sequence[Any]], None] | None = None
     beside: Callable[[Case, Any], Mapping[str, Any]] | None = None
+    named: bool = False  # whether its picture, as its table, has those signals alone that the file names
 
 
 def _carry_out(
@@ -373,8 +375,9 @@ def _write(output: Path, cases: Sequence[Case], results: Sequence[Any], analysis
         write_table(join(tables), output)
         return
     for case, result in zip(cases, results, strict=True):
-        name = output.name.replace("{case}", case.name)
-        write_result(result, analysis.to_table, output.with_name(name))
+        path = output.with_name(output.name.replace("{case}", case.name))
+        options = {"signals": list(case.named_signals) or None} if analysis.named else {}
+        write_result(result, analysis.to_table, path, **options)
 
 
 def _read_response(path: Path) -> MeasuredResponse | MeasuredMatrix:
@@ -396,13 +399,10 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
     from eppanalysis.results.measured import MeasuredCycle
     from eppanalysis.tables.console import cycles_table, margins_table
 
-    n = len(prediction)
-    typer.echo(f"{count(n, 'limit cycle')} predicted. {prediction.search}".strip())
-    if not prediction.status.ok:
-        typer.echo(prediction.status.value)
-    for warning in prediction.warnings:
-        typer.echo(f"Caution: {warning}")
-    if n:
+    typer.echo(str(prediction))
+    if prediction.search:
+        typer.echo(prediction.search)
+    if len(prediction):
         print_table(cycles_table(list(prediction), case.named_signals))
     for cycle in prediction:
         if isinstance(cycle, MeasuredCycle):
@@ -415,8 +415,7 @@ def _show_prediction(case: Case, prediction: Prediction) -> None:
 def _show_trajectory(case: Case, run: Trajectory) -> None:
     from eppanalysis.tables.console import cycles_table, rest_table
 
-    since = f" From {run.settled_since:.4g} s on." if math.isfinite(run.settled_since) else ""
-    typer.echo(f"{run.message}{since} {count(run.n_events, 'event')}.")
+    typer.echo(f"{run} {count(run.n_events, 'event')}.")
     point = run.operating_point
     if point is not None and point.is_driven:
         typer.echo(f"{point}: the command response says what the loop does under it.")
@@ -437,12 +436,14 @@ def _tell_others(case: Case, run: Trajectory) -> None:
 def _show_ladder(case: Case, ladder: Ladder) -> None:
     from eppanalysis.tables.console import AS_FOUND, as_found, ladder_table, rungs_table
 
-    typer.echo(ladder.verdict)
+    typer.echo(f"{ladder.headline()}.\n{ladder.verdict}")
     expected = case.expected
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
-    print_table(ladder_table(ladder, case.named_signals))
+    beside = ladder_table(ladder, case.named_signals)
+    if len(beside.columns) > 1:  # a cycle of any method; there may be none
+        print_table(beside)
     _tell_others(case, ladder.run)
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")

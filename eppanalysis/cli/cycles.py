@@ -88,9 +88,7 @@ def branch(
 
 
 def _show_cycles(case: Case, search: CycleSearch, triggers: Sequence[Trigger]) -> None:
-    # The sentence of a search that found nothing says how it ended already, where it left something open.
-    said = str(search) if not len(search) else f"{count(len(search), 'limit cycle')}. {search.message}"
-    typer.echo(f"{said} Sought with {search.search}")
+    typer.echo(f"{search}\nSought with {search.search}")
     for cycle in search:
         name = case.expected.signal or next(iter(cycle.peak_to_peak))
         kind = "stable  " if cycle.stable else "unstable"
@@ -118,6 +116,7 @@ def _trigger_text(case: Case, hit: Trigger) -> str:
 
 
 def _show_branch(case: Case, over: str, result: Branch) -> None:
+    typer.echo(f"{result.headline()}.")
     for branch in (result, *result.others):
         value = branch.points["value"]
         low, high = (case.text(over, float(v), DIGITS) for v in (value.min(), value.max()))

@@ -122,8 +122,8 @@ def design(
 def _show(case: Case, result: Design) -> None:
     from eppanalysis.tables.designs import design_table
 
-    print_table(design_table(result))
     typer.echo(result.sentence)
+    print_table(design_table(result))
     prices = {n: p for n, p in result.optimum.prices.items() if abs(p) > 5e-3}
     if prices:
         told = ", ".join(f"{n} {p:+.2g} %" for n, p in sorted(prices.items(), key=lambda item: -abs(item[1])))

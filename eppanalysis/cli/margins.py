@@ -47,6 +47,8 @@ def margins(
     result = margins_at(found, names)
 
     def show() -> None:
+        for one in result:
+            typer.echo(f"{one.headline()}; cut at {one.at}.")
         print_table(all_margins_table(result))
         typer.echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
 

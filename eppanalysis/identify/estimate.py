@@ -74,7 +74,7 @@ class Estimate(PlainData):
 
     def text(self, value: float, digits: int = 4) -> str:
         """A value of this parameter as people write it."""
-        return format_si(value, self.unit, self.friendly or self.unit, digits)
+        return format_si(value, self.unit, self.friendly or self.unit, digits).replace("*", "·").replace("^2", "²")
 
     def __str__(self) -> str:
         interval = f"{self.text(self.low)} to {self.text(self.high)}"

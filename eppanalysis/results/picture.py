@@ -36,6 +36,10 @@ Array = NDArray[np.float64]
 
 #: Signals that are drawn of a run where none are named; more are too small to be read.
 _MOST_PANELS = 12
+#: Samples in a period below which its peaks are missed, so that a steady motion would seem to beat.
+_FEWEST_IN_PERIOD = 60
+#: Periods side by side that can be told apart.
+_MOST_PERIODS = 60
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -65,9 +69,8 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
     times = np.array([event.time for event in trajectory.events])
     for name, ax in zip(names, panels, strict=False):
         label, factor = label_of(name, trajectory.units)
-        values = factor * trajectory.signals[name]
-        ax.plot(trajectory.t, values, color=BLUE, linewidth=1.0)
-        show_constant(ax, values)
+        draw_run(ax, trajectory, name, factor, 1.0)
+        show_constant(ax, factor * trajectory.signals[name])
         ax.set_ylabel(label)
         mark_events(ax, times)
         if np.isfinite(trajectory.settled_since) and trajectory.t.size:
@@ -80,6 +83,19 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         if left_out:
             note_below(panels[len(names) - 1], f"Not drawn: {', '.join(map(words, left_out))}.")
     return figure
+
+
+def draw_run(ax: Axes, run: Trajectory, name: str, factor: float, linewidth: float) -> None:
+    """A signal of a run in time; a cycle too fast for the run's samples to meet its peaks is the band that it fills."""
+    values, cycle = factor * run.signals[name], run.limit_cycle
+    periods = 0.0 if cycle is None or not run.t.size else float(run.t[-1]) / cycle.period
+    if cycle is not None and periods > max(_MOST_PERIODS, run.t.size / _FEWEST_IN_PERIOD):
+        _, waveform = one_period(cycle)
+        steady = run.t >= run.settled_since
+        ends = factor * np.min(waveform[name]), factor * np.max(waveform[name])
+        ax.fill_between(run.t[steady], *ends, color=BLUE, linewidth=linewidth)
+        values = np.where(steady, np.nan, values)
+    ax.plot(run.t, values, color=BLUE, linewidth=linewidth)
 
 
 def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:
@@ -175,6 +191,8 @@ def _draw_loop_gain(ax: Axes, prediction: Prediction) -> None:
 def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycle]) -> None:
     """Filled circles for stable cycles, open ones around them for the others; numbers lead to the legend."""
     to_share = ax.transData + ax.transAxes.inverted()
+    # A Nyquist curve climbs to the right, a loop gain falls behind its largest cycle.
+    beside = (8, 5) if ax.get_xscale() == "log" else (8, -13)
     places: dict[tuple[int, int], list[int]] = {}
     for i, (point, cycle) in enumerate(zip(points, cycles, strict=True)):
         colour = GREY if cycle.may_not_exist else GREEN
@@ -201,7 +219,7 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
         ax.annotate(
             ", ".join(str(i + 1) for i in numbers),
             (point.real, point.imag),
-            (8, 5),
+            beside,
             textcoords="offset points",
             fontsize=9,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],

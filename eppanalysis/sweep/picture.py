@@ -313,7 +313,7 @@ def _chosen_places(dataset: xarray.Dataset, by: str | None) -> list[int]:
 
 def _slice_colours(n: int) -> list[Any]:
     """Dark to light, so that neighbours and print in grey keep apart."""
-    return [colormaps["cividis"](0.9 * i / max(n - 1, 1)) for i in range(n)]
+    return [colormaps["cividis"](0.65 * i / max(n - 1, 1)) for i in range(n)]
 
 
 def _slices(ax: Axes, plane: xarray.Dataset, across: np.ndarray, by: str | None, names: Sequence[str]) -> None:

@@ -307,10 +307,9 @@ def rungs_table(ladder: Ladder) -> Table:
 
 
 def _error(share: float | None) -> str:
-    """A relative error in per cent, with a power of ten when it is small."""
-    if share is None or math.isnan(share):
-        return "-"
-    return f"{100.0 * share:+.0e} %" if 0.0 < abs(share) < 1e-4 else signed_percent(share)
+    """A relative error in per cent; of a small one no more than that."""
+    small = share is not None and 0.0 < abs(share) < 1e-4
+    return percent(abs(share)) if small and share is not None else signed_percent(share)
 
 
 class TruthTable:

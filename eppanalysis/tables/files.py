@@ -180,10 +180,10 @@ def check_target(
     require_packages(f"{path}: the file", "tables", *(needed or {}).get(path.suffix.lower(), ()))
 
 
-def write_result(result: Any, to_table: Callable[[Any], Table], path: Path) -> None:
-    """Write a result as the picture or the table that the suffix of `path` asks for."""
+def write_result(result: Any, to_table: Callable[[Any], Table], path: Path, **options: Any) -> None:
+    """Write a result as the picture, drawn with these options, or the table that the suffix of `path` asks for."""
     if path.suffix.lower() in PICTURES:
-        write_figure(result.plot(), path)
+        write_figure(result.plot(**options), path)
     elif path.suffix.lower() == ".nc" and hasattr(result, "to_dataset"):
         write_dataset(result.to_dataset(), path)
     else:

@@ -21,7 +21,7 @@ def test_roots_are_written_and_checked(tmp_path: Path) -> None:
     code, text = run("backlash_servo", "--statement", "roots", "-o", file)
     assert code == 0 and "exactly 2 roots" in text and "1.05569530823" in text
     code, text = run("--check", file)
-    assert code == 0 and text.startswith("Proved: the first-order balance of backlash servo has exactly 2 roots")
+    assert code == 0 and text.startswith("Proved: first order has exactly 2 roots for backlash servo;")
 
 
 def test_absence_is_written_and_checked_and_a_changed_gain_refused(tmp_path: Path) -> None:

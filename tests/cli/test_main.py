@@ -190,7 +190,7 @@ def test_bad_input_is_one_sentence_with_file_field_value_and_what_was_expected(t
 
 def test_simulate_prints_the_verdict():
     output = run("simulate", "fig8b_reduced_backlash").stdout
-    assert "settled at rest" in output
+    assert "Settles at rest: theta at 60.59 deg" in output
     assert "theta [deg]" in output
 
 

@@ -128,7 +128,7 @@ def test_parallel_coordinates_run_through_every_parameter_and_result() -> None:
     assert [t.get_text() for t in ax.get_xticklabels()] == [
         "bands range\n[lbf]",
         "lock pin backlash\n[deg]",
-        "forearm inertia\n[kg·m^2]",
+        "forearm inertia\n[kg·m²]",
         "amplitude\n[deg]",
         "frequency\n[Hz]",
     ]

@@ -93,6 +93,33 @@ def check_fields(block: Block, place: str, raw: RawCase) -> None:
     _check_block(block, known, place, raw)
 
 
+def units_of_ports(block: Block) -> tuple[str, str]:
+    """SI units of an element's input and output, as far as its fields tell; empty where they do not.
+
+    Examples
+    --------
+    >>> from eppanalysis.cases.values.quantities import Parameter
+    >>> gap = Parameter(value=0.012, unit="m", mark="assumed")
+    >>> units_of_ports(Block("play", "play", {"gap": gap}, {}, roles={"gap": IN}))
+    ('m', 'm')
+    """
+    facts = [
+        _Fact(name, block.roles[name], dimensions(parameter.unit))
+        for _, name, parameter in _given(block)
+        if name in block.roles and parameter.unit
+    ]
+    first, second = (_unit_of_port(facts, role) for role in (IN, OUT))
+    return (first or second, second or first) if element_class(block.kind).same_unit else (first, second)
+
+
+def _unit_of_port(known: Sequence[_Fact], role: Role) -> str:
+    direct = [f for f in known if f.direct]
+    names = {"radian", *(name for f in known for name in f.exponents)}
+    powers = {name: _implied(direct if name == "radian" else known, role, name) for name in names}
+    found = {name: power for name, power in powers.items() if power is not None}
+    return unit_of(found) if len(found) == len(names) and any(found.values()) else ""
+
+
 def _of_signals(loop: LoopSection, first_in: int, first_out: int) -> Iterator[_Fact]:
     """Units of input and output of an element, from declared signals that are just these."""
     for name, row in (loop.signals or {}).items():

@@ -89,7 +89,7 @@ def certify(
     >>> servo = epp.LureSystem.from_tf(([2.3758], [0.2, 1.2, 1.0, 0.0]), epp.Play(gap=2.0), name="servo")
     >>> found = epp.certify(servo)
     >>> print(found)
-    Proved: the first-order balance of servo has exactly 2 roots for amplitudes 0.0009766 to 1024 and 0.0009766 to
+    Proved: first order has exactly 2 roots for servo; for amplitudes 0.0009766 to 1024 and 0.0009766 to
     5120 rad/s.
     >>> [f"{root.amplitude[0]:.6f}" for root in found.roots]
     ['1.485175', '1.490930']

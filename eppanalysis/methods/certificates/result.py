@@ -210,10 +210,7 @@ def _roots_sentence(name: str, claim: Mapping[str, int], box: Mapping[str, Any])
     place = f"for amplitudes {a:.4g} to {b:.4g} and {c:.4g} to {d:.4g} rad/s"
     if "bias" in box:
         place = f"for amplitudes {a:.4g} to {b:.4g}, {c:.4g} to {d:.4g} rad/s and biases {e:.4g} to {f:.4g}"
-    number = claim["roots"]
+    number, left = claim["roots"], claim["undecided"]
     count = f"exactly {number} root{'s' * (number != 1)}" if number else "no root"
-    left = claim["undecided"]
-    if not left:
-        return f"Proved: the first-order balance of {name} has {count} {place}."
-    boxes = f"{left} box{'es' * (left > 1)} in which nothing is decided"
-    return f"Proved: the first-order balance of {name} has {count} {place}, outside of {boxes}."
+    outside = f", outside of {left} box{'es' * (left > 1)} in which nothing is decided" if left else ""
+    return f"Proved: first order has {count} for {name}{outside}; {place}."

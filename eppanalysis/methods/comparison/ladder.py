@@ -208,7 +208,16 @@ class Ladder(Result):
         cycle = self.run.limit_cycle
         run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
         first = [*_error_sentences(self.errors, self.signal), *_missed_sentences(self.missed, self.search)]
-        return " ".join([run, *self._exact_sentence(), self.agreement.value, *first])
+        return " ".join([*self._exactly(run), self.agreement.value, *first])
+
+    def _exactly(self, run: str) -> list[str]:
+        """What the run and the exact search find, and first what tells more: a cycle, or that there is none."""
+        if self.search is None or self.run.limit_cycle is not None:
+            return [run, *self._exact_sentence()]
+        if any(found.stable for found in self.search):
+            return [f"Can oscillate: {counted(self.search.cycles, self.signal)}.", run]
+        undecided = self.run.status is Status.UNDECIDED
+        return [f"{self.search.headline()}.", run] if undecided else [run, *self._exact_sentence()]
 
     def _exact_sentence(self) -> list[str]:
         """What the exact search finds; a cycle that the run is on is not told again."""

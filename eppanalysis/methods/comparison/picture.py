@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.plotting import (
     BLUE,
+    GREEN,
     GREY,
     ORANGE,
     SKY,
@@ -24,14 +25,22 @@ from eppanalysis.plotting import (
     label_time,
     root_figure,
 )
+from eppanalysis.readable import number
 from eppanalysis.results import LimitCycle, Prediction
-from eppanalysis.results.picture import one_period, plot_nyquist
+from eppanalysis.results.picture import draw_run, one_period, plot_nyquist
 
 Array = NDArray[np.float64]
 
 
 #: More exact cycles than these beside that of the run cannot be told apart.
 _MOST_OTHERS = 3
+#: Stable cycles side by side, told apart in grey, too.
+_CYCLES: tuple[dict[str, Any], ...] = (
+    {"color": BLUE, "linestyle": "-"},
+    {"color": VERMILLION, "linestyle": "-."},
+    {"color": GREEN, "linestyle": ":"},
+    {"color": ORANGE, "linestyle": "-"},
+)
 
 
 def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
@@ -46,6 +55,8 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
         Where to draw the steady motion of the ladder's own signal alone; all of it on a figure of its own by default.
     """
     draw = _draw_steady if ladder.run.limit_cycle is not None else _draw_begin
+    if not ladder.run.settled_at and ladder.run.limit_cycle is None and len(ladder.search or ()):
+        draw = _draw_cycles
     if given is not None:
         draw(given, ladder, ladder.signal)
         given.set_xlabel("time [s]")
@@ -59,32 +70,40 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout=ConstrainedLayoutEngine(wspace=0.08))
     grid = figure.add_gridspec(2 * n, 2, height_ratios=[1.0] * n + [2.6 / n] * n)
     runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
-    close = [figure.add_subplot(grid[n + i, 0]) for i in range(n)]
+    left, right = _columns(ladder)
+    close = [] if left is None else [figure.add_subplot(grid[n + i, left]) for i in range(n)]
     for name, ax in zip(names, runs, strict=True):
         label, factor = label_of(name, ladder.run.units)
-        ax.plot(ladder.run.t, factor * ladder.run.signals[name], color=BLUE, linewidth=0.7)
+        draw_run(ax, ladder.run, name, factor, 0.7)
         ax.set_ylabel(label)
-    for name, ax in zip(names, close, strict=True):
+    for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
-    for panels, text in ((runs, "time [s]"), (close, "time [s]")):
-        label_time(panels, text)
+    for panels in filter(None, (runs, close)):
+        label_time(panels, "time [s]")
     for ax in close:
         ax.xaxis.set_major_locator(MaxNLocator(5))
     for ax in (*runs, *close):
         ax.spines[["top", "right"]].set_visible(False)
-    handles = each_once(close[0])
-    close[0].legend(
-        handles.values(),
-        handles,
-        fontsize=7,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=2,
-        frameon=False,
-        borderaxespad=0.2,
-    )
-    _draw_prediction(figure.add_subplot(grid[n:, 1]), ladder.prediction)
+    for ax in close[:1]:
+        handles = each_once(ax)
+        above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+        ax.legend(handles.values(), handles, fontsize=7, ncols=2, frameon=False, **above)
+    if right is not None:
+        _draw_prediction(figure.add_subplot(grid[n:, right]), ladder.prediction)
     return figure
+
+
+def _columns(ladder: Ladder) -> tuple[int | slice | None, int | slice | None]:
+    """Columns of the steady motion and of the prediction below the run; none for what has nothing to show."""
+    run, prediction = ladder.run, ladder.prediction
+    curves = prediction is None or prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
+    cycles = (ladder.search, prediction)
+    more = (
+        run.limit_cycle is not None or bool(run.settled_at) or prediction is None or any(len(c or ()) for c in cycles)
+    )
+    if more and curves:
+        return 0, 1
+    return (slice(None), None) if more else (None, slice(None))
 
 
 def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
@@ -132,8 +151,22 @@ def _in_phase(ladder: Ladder, guess: LimitCycle, name: str, time: Array) -> Arra
     return np.sum([np.real(wave) for wave in waves], axis=0)
 
 
+def _draw_cycles(ax: Axes, ladder: Ladder, name: str) -> None:
+    """The cycles that the search finds beside a run that is on none of them, over two periods of the longest."""
+    label, factor = label_of(name, ladder.run.units)
+    cycles = list(ladder.search or ())[: _MOST_OTHERS + 1]
+    time = np.linspace(0.0, 2.0 * max(cycle.period for cycle in cycles), 2001)
+    for i, cycle in enumerate(cycles):
+        own, waveform = one_period(cycle)
+        y = factor * np.interp(time, own - own[0], waveform[name], period=cycle.period)
+        style = _CYCLES[i % len(_CYCLES)] if cycle.stable else {"color": GREY, "linestyle": "--"}
+        text = f"{cycle.method}, {STABILITY[cycle.stable]}, {number(cycle.frequency)} Hz"
+        ax.plot(time, y, linewidth=1.2, label=text + ", first order misses it" * (i in ladder.missed), **style)
+    ax.set_ylabel(label)
+
+
 def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
-    """How a run comes to rest (all of one that does not), and the reach of the stable cycles predicted and missed."""
+    """How a run comes to rest, or all of one that does not, and the reach of the cycles predicted and found."""
     run = ladder.run
     label, factor = label_of(name, run.units)
     y = factor * run.signals[name]

@@ -17,6 +17,7 @@ from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.measured.loop import DataSystem
+from eppanalysis.readable import count
 
 _PER_DECADE = 9
 _INNER_STEPS = 16
@@ -89,8 +90,9 @@ def search_several(balance: Balance) -> Found:
     search = (
         f"Sought on {len(amplitude)} amplitudes {amplitude[0]:.3g} to {amplitude[-1]:.3g} of "
         f"{balance.system.element_names[balance.pivot]} by {len(omega)} frequencies {omega[0]:.3g} to {omega[-1]:.3g} "
-        f"rad/s, all other amplitudes and means solved for at each ({len(sheets)} branches); {len(curves)} curves of "
-        "zero phase followed to their ends, with all local extrema of the loop gain located."
+        f"rad/s, all other amplitudes and means solved for at each ({count(len(sheets), 'branch')}); "
+        f"{count(len(curves), 'curve')} of zero phase followed to their ends, with all local extrema of the loop gain "
+        "located."
     )
     return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search)
 

@@ -19,7 +19,7 @@ from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
-from eppanalysis.readable import count, number, quantity
+from eppanalysis.readable import count, listed, number, quantity, words
 from eppanalysis.results import EXACT_ORBIT, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -312,11 +312,10 @@ class _Response:
         if self.over is Over.AMPLITUDE:
             what = f"of {number(self.drive.frequency)} Hz, from {quantity(low, unit)} to {quantity(high, unit)},"
         folds = sorted((s for b in exact for s in b.folds), key=lambda s: float(getattr(s, self.over)))
+        where = listed([self._where(fold) for fold in folds])
         parts = [
-            f"Response of {self.output} to a sine {what} at {self.drive.input}: {count(len(exact), 'branch')}",
-            f"{count(len(folds), 'fold')}, where the motion jumps, at {', '.join(map(self._where, folds))}"
-            if folds
-            else "no folds",
+            f"Response of {words(self.output)} " + (f"jumps at {where}" if folds else "has no fold, at which it jumps"),
+            f"{count(len(exact), 'branch')} under a sine {what} at {words(self.drive.input)}",
             *(f"{s.kind} at {self._where(s)}" for b in exact for s in b.special if s.kind != Turning.FOLD),
         ]
         if not whole:

@@ -66,7 +66,6 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
     for panel in (upper, *below):
         panel.set_xlabel(with_unit(f"{response.over} of {words(response.input)}", unit))
         panel.margins(x=0.02)
-        panel.grid(True, color="0.9", linewidth=0.6)
     upper.set_ylim(bottom=0.0)
     handles = each_once(upper)
     upper.legend(handles.values(), handles, fontsize=8, framealpha=0.9)

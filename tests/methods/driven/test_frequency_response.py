@@ -118,7 +118,7 @@ def test_results_are_plain_tables_and_pictures(jump):
     assert list(exact.frequency) == list(jump.branches[0].frequency)
     assert exact.stable.astype(bool).sum() == jump.branches[0].stable.sum()
     assert jump.to_dict()["branches"][0]["special"][0]["kind"] == "fold"
-    assert "2 folds, where the motion jumps" in str(jump)
+    assert "jumps at 0.1229 Hz and 0.1325 Hz" in str(jump)
     upper, lower = jump.plot().figure.axes
     labels = [t.get_text() for t in upper.get_legend().get_texts()]
     assert labels == ["first order", "stable", "unstable", "fold"]
