@@ -19,10 +19,19 @@ def readable(unit: str) -> tuple[str, float]:
     ('mm', 1000.0)
     >>> readable("N*m")
     ('N·m', 1.0)
-    >>> readable("kg*m^2")
-    ('kg·m²', 1.0)
     """
-    return READABLE.get(unit, (unit.replace("*", "·").replace("^2", "²").replace("^3", "³"), 1.0))
+    return READABLE.get(unit, (in_print(unit), 1.0))
+
+
+def in_print(unit: str) -> str:
+    """A unit, or a quantity, with the signs of print in place of those of files.
+
+    Examples
+    --------
+    >>> in_print("kg*m^2")
+    'kg·m²'
+    """
+    return unit.replace("*", "·").replace("^2", "²").replace("^3", "³")
 
 
 def written(unit: str) -> str:

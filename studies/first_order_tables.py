@@ -31,7 +31,7 @@ def _line(name: str, rows: Sequence[Row]) -> list[str]:
 
 
 HEADER = ["", "cycles", "not real", *(f"{what} {100 * q:g} %" for what in ("frequency", "size") for q in SHARES)]
-HEADER += ["covered", "estimate/error"]
+HEADER += ["covered", "estimate over error"]
 
 
 def by_element() -> tuple[list[str], list[list[str]]]:

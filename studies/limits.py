@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds.result import BoundCell
+from eppanalysis.readable import in_print
 from studies import STORED
 
 RESULT = STORED / "limits.md"
@@ -53,8 +54,7 @@ def line(job: Job, cell: BoundCell) -> tuple[str, ...]:
     case = job.case
 
     def text(value: float) -> str:
-        spelt = case.text(job.limit, value, 4).replace("*", "·").replace("^2", "²")
-        return spelt if math.isfinite(value) else "–"
+        return in_print(case.text(job.limit, value, 4)) if math.isfinite(value) else "–"
 
     at = f"{job.over} {case.text(job.over, cell.value, 4)}"
     at += "".join(f", {name} {value}" for name, value in job.given.items())

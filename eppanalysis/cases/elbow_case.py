@@ -21,6 +21,7 @@ from eppanalysis.models.devices.declared import declared_fields
 from eppanalysis.models.devices.elbow.loop import elbow
 from eppanalysis.models.devices.elbow.parameters import Bands, ElbowParameters
 from eppanalysis.models.systems.inputs import Step
+from eppanalysis.readable import in_print
 from eppanalysis.units import parse_quantity
 
 _WIDTHS, _THRESHOLDS = Bands.WIDTHS, Bands.THRESHOLDS
@@ -53,7 +54,7 @@ class ElbowVariation(Variation):
                 value = self.case.value(name)
             per_unit = self.case.si(name, f"1 {unit}".strip())
             shown = value / per_unit
-            yield Slider(name, title, unit.replace("*", "·"), per_unit, min(low, shown), max(high, shown), step, shown)
+            yield Slider(name, title, in_print(unit), per_unit, min(low, shown), max(high, shown), step, shown)
 
     def over(self) -> list[str]:
         """The backlash."""

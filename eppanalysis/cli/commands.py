@@ -441,9 +441,7 @@ def _show_ladder(case: Case, ladder: Ladder) -> None:
     if expected.finding:
         must = f" (must {expected.outcome}: {AS_FOUND[as_found(case, ladder)]})" if expected.outcome else ""
         typer.echo(f"{expected.paper or 'expected'}: {expected.finding}{must}")
-    beside = ladder_table(ladder, case.named_signals)
-    if len(beside.columns) > 1:  # a cycle of any method; there may be none
-        print_table(beside)
+    print_table(ladder_table(ladder, case.named_signals))
     _tell_others(case, ladder.run)
     if ladder.errors:
         typer.echo("error: of the first-order cycle against the simulated one; of a mean in % of the peak-to-peak.")

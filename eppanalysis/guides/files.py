@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eppanalysis.errors import EppError
-from eppanalysis.guides.manual import manual_table
+from eppanalysis.guides.manual import manual_table, source
 from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.results.shown import png
@@ -82,7 +82,7 @@ def _markdown(guide: Guide, path: Path) -> None:
     frame = guide.rounded().map(lambda text: text.replace("|", "\\|"))
     table = frame.to_markdown(index=False, disable_numparse=True)
     lines = "\n".join(f"* {s}" for s in guide.sentences())
-    path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{facts(guide)}\n", encoding="utf-8")
+    path.write_text(f"# {_one_line(title(guide))}\n\n{table}\n\n{lines}\n\n{source(guide)}\n", encoding="utf-8")
 
 
 def _csv(guide: Guide, path: Path) -> None:
@@ -102,7 +102,7 @@ def _latex(guide: Guide, path: Path) -> None:
         return style.to_latex(hrules=head, environment="longtable", column_format=columns)
 
     frame = guide.rounded()
-    texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), facts(guide))]})
+    texts = pandas.DataFrame({"text": [_one_line(t) for t in (title(guide), *guide.sentences(), source(guide))]})
     # Every column has a gap on both sides of it.
     width = f"\\dimexpr{1.0 / len(frame.columns):.4f}\\linewidth-2\\tabcolsep"
     numbers = f">{{\\raggedleft\\arraybackslash}}p{{{width}}}" * len(frame.columns)
@@ -127,7 +127,7 @@ def _html(guide: Guide, path: Path) -> None:
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
         f"<style>{_STYLE}</style></head>"
         f'<body><h1>{name}</h1>{table}<ul>{lines}</ul><img alt="What the design does, by region" '
-        f'src="data:image/png;base64,{image}"><footer>{html.escape(facts(guide))}</footer></body></html>\n',
+        f'src="data:image/png;base64,{image}"><footer>{html.escape(source(guide))}</footer></body></html>\n',
         encoding="utf-8",
     )
 
@@ -148,12 +148,15 @@ def _excel(guide: Guide, path: Path) -> None:
             sheet.to_excel(book, sheet_name=name, index=False)
             cells = book.sheets[name]
             cells.freeze_panes = "A2"
+            cells.page_setup.orientation, cells.page_setup.fitToHeight = "landscape", 0
+            cells.sheet_properties.pageSetUpPr.fitToPage = True
             for column in cells.columns:
                 longest = max(len(str(cell.value)) for cell in column[1:])
                 cells.column_dimensions[column[0].column_letter].width = min(max(longest + 2, 16), 100)
                 column[0].font = Font(bold=True)
                 for cell in column:
                     cell.alignment = Alignment(wrap_text=True, vertical="top")
+            cells.row_dimensions[1].height = 15.0 * max(len(name) // 14 + 1 for name in sheet)  # bold, in 16 letters
 
 
 def _one_line(text: str) -> str:

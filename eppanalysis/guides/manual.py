@@ -310,7 +310,8 @@ def _notes(cells: Iterable[BoundCell], rounding: str) -> tuple[str, ...]:
             "was found; on the other side an oscillation exists."
         )
     if unchecked:
-        notes.append(f"{unchecked} of {len(bounds)} limits are not checked: do not use them without a test.")
+        are, them = ("is", "it") if unchecked == 1 else ("are", "them")
+        notes.append(f"{unchecked} of {len(bounds)} limits {are} not checked: do not use {them} without a test.")
     return tuple(notes)
 
 

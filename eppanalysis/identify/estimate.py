@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
-from eppanalysis.readable import count, words
+from eppanalysis.readable import count, in_print, words
 from eppanalysis.results import PlainData, Result, Status
 from eppanalysis.results.shown import frame_of
 from eppanalysis.units import format_si
@@ -74,7 +74,7 @@ class Estimate(PlainData):
 
     def text(self, value: float, digits: int = 4) -> str:
         """A value of this parameter as people write it."""
-        return format_si(value, self.unit, self.friendly or self.unit, digits).replace("*", "·").replace("^2", "²")
+        return in_print(format_si(value, self.unit, self.friendly or self.unit, digits))
 
     def __str__(self) -> str:
         interval = f"{self.text(self.low)} to {self.text(self.high)}"

@@ -89,8 +89,8 @@ _PREDICTION = """\
 prediction = None
 try:
     prediction = epp.predict_limit_cycles(case)
-    display(epp.table(prediction), prediction.plot().figure)
-    print(prediction.status.value, prediction.search, *prediction.warnings)
+    display(epp.table(prediction, case.named_signals), prediction.plot().figure)
+    print(prediction, prediction.search)
 {nyquist}except epp.EppError as reason:
     print(reason)"""
 
@@ -108,20 +108,20 @@ except epp.EppError as reason:
 
 _LADDER = """\
 if ladder is not None:
-    display(epp.table(ladder), run.plot(signals={signals}).figure)
+    display(epp.table(ladder, case.named_signals), run.plot(signals={signals}).figure)
     print(ladder.verdict)
 else:
     if run.status is not epp.Status.UNDECIDED:
-        display(epp.table(run))
-    display(run.plot().figure)
-    print(run.message)"""
+        display(epp.table(run, case.named_signals))
+    display(run.plot(signals={signals}).figure)
+    print(run)"""
 
 _CYCLES = """\
 if cycles is None:
     print("Exact limit cycles were not sought here: eppanalysis cycles does, and eppanalysis report --full (minutes).")
 else:
-    display(epp.table(cycles))
-    print(cycles.message, "Sought with", cycles.search)
+    display(epp.table(cycles, case.named_signals))
+    print(cycles, "Sought with", cycles.search)
     for cycle in cycles.stable[-1:]:
         display(cycle.plot(signals={signals}).figure)"""
 
@@ -151,7 +151,7 @@ else:
     display(branch.plot({signal}at=case.value("{name}")).figure)
     turning = [special for special in branch.special if special.kind != "change of sequence"]
     for special in turning:
-        print(special.kind, "at", case.text("{name}", special.value, 4) + ":", special.note)
+        print(special.kind, "at", case.text("{name}", special.value, 4) + ":", special.note + ".")
     print("changes of the sequence of events:", len(branch.special) - len(turning), "(squares). " + branch.message)"""
 
 _MAP = """\

@@ -25,6 +25,8 @@ from eppanalysis.results.shown import png
 _SIZE, _DOTS = (7.2, 3.4), 150
 #: Where the cycles of a branch cease to exist.
 _ENDS = (Change.FOLD, Change.TURNING, Change.INFINITE, Change.LINEAR)
+#: Letters of a name that is a symbol, before which stands no article.
+_SYMBOL = 2
 #: An end this near to the case's own value, relative to it, is taken to be at it.
 _AT = 1e-9
 
@@ -133,6 +135,10 @@ def _largest(run: Trajectory, cycles: CycleSearch | None, signal: str) -> LimitC
 def _verdict(run: Trajectory, cycles: CycleSearch | None, largest: LimitCycle | None, signal: str) -> str:
     if run.limit_cycle is not None:
         return f"Oscillates: {run.limit_cycle.size_of(signal)}."
+    if run.status is not Status.SETTLED and largest is not None:
+        return f"Can oscillate: {largest.size_of(signal)}. {run}"
+    if run.status is Status.UNDECIDED and cycles is not None:
+        return f"{cycles.headline()}. {run}"
     if run.status is not Status.SETTLED:
         return str(run)
     if largest is not None:
@@ -166,7 +172,7 @@ def _numbers(
     if branch is not None and end is not None:
         name = branch.parameter
         yield (
-            f"{words(name)} at which the oscillation ends",
+            f"{words(name)} at which {'the oscillation ends' if largest is not None else 'oscillations begin'}",
             case.text(name, end.value, DIGITS),
             f"exact: {end.kind} of its branch",
         )
@@ -198,23 +204,30 @@ def _advice(
 ) -> str:
     there = run.limit_cycle is not None or bool(cycles)
     if not there:
+        keep = "" if branch is None or end is None else f" {_beside(case, branch, end)}"
         searched = (
             ""
             if cycles is None or (proof is not None and proof.proved)
             else " The search is thorough and no proof: eppanalysis certify --statement absence asks for one."
         )
+        rests = run.status is Status.SETTLED or (cycles is not None and not cycles.left_open)
         longer = "Simulate for longer (run.t_end), or ask eppanalysis cycles."
-        return f"Nothing, at these values.{searched}" if run.status is Status.SETTLED else longer
+        return f"Nothing, at these values.{keep}{searched}" if rests else longer
     if branch is None:
         far = "eppanalysis bounds CASE --over FIELD --limit FIELD, or eppanalysis design"
         return f"Ask how far a parameter must go: {far}."
-    name = words(branch.parameter)
-    own = case.value(branch.parameter)
     if end is None:
         return (
-            f"The {name} alone does not end it where its branch was followed: change another parameter "
-            "(eppanalysis design), or ask eppanalysis bounds for a wider range."
+            f"The {words(branch.parameter)} alone does not end it where its branch was followed: change another "
+            "parameter (eppanalysis design), or ask eppanalysis bounds for a wider range."
         )
+    return _beside(case, branch, end)
+
+
+def _beside(case: Case, branch: Branch, end: SpecialPoint) -> str:
+    """On which side of where its cycles end the parameter of a branch is to be, or to stay."""
+    name, own = words(branch.parameter), case.value(branch.parameter)
+    the = name if len(name) <= _SYMBOL or name != name.lower() else f"the {name}"
     # The cycles lie on one side of where they end.
     above = float(branch.points["value"].mean()) > end.value
     factor = case.readable(branch.parameter)[1]
@@ -222,9 +235,9 @@ def _advice(
     side = f"{'under' if above else 'above'} {case.text(branch.parameter, safe, DIGITS)}"
     now = case.text(branch.parameter, own)
     if (own - end.value) * (1 if above else -1) < -_AT * abs(own):
-        return f"Keep the {name} {side}; it is {now} now."
+        return f"Keep {the} {side}; it is {now} now."
     return (
-        f"Bring the {name} from {now} {side}, where this oscillation ceases to exist, with a margin. Others may "
+        f"Bring {the} from {now} {side}, where this oscillation ceases to exist, with a margin. Others may "
         "remain: eppanalysis bounds tests for them."
     )
 

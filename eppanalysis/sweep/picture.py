@@ -27,7 +27,7 @@ from eppanalysis.plotting import (
     put_verdict,
     show_constant,
 )
-from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.readable import in_print, readable, with_unit, words
 from eppanalysis.sweep.analyses import Outcome
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _unit(dataset: xarray.Dataset, name: str) -> str:
 
 
 def _readable(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
-    return dataset[name].values * _factor(dataset, name), with_unit(words(name), _unit(dataset, name).replace("*", "·"))
+    return dataset[name].values * _factor(dataset, name), with_unit(words(name), in_print(_unit(dataset, name)))
 
 
 def _place(dataset: xarray.Dataset, name: str, i: int) -> str:

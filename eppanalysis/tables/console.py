@@ -265,6 +265,8 @@ def ladder_table(ladder: Ladder, signals: Sequence[str] | None = None) -> Table:
     shown = (DESCRIBING_FUNCTION, SIMULATION)
     rungs = [row for row in ladder.rows if row.cycle is not None and row.method.startswith(shown)]
     rests = ladder.run.settled_at if ladder.run.limit_cycle is None else {}
+    if not rungs and not rests:
+        return sentence_table("no cycle to compare, and no rest")
     heads = [row.method.replace(DESCRIBING_FUNCTION, "predicted").replace(SIMULATION, "simulated") for row in rungs]
     table = table_of("", *heads, *(["at rest in simulation"] if rests else []), *(["error"] if ladder.errors else []))
 

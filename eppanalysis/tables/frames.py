@@ -76,7 +76,7 @@ def _cell(kind: str, text: str, justify: str) -> str:
     return f'<{kind} style="{style}">{indent}{html.escape(text.strip())}</{kind}>'
 
 
-def table(what: Any) -> ShownTable:
+def table(what: Any, signals: Sequence[str] | None = None) -> ShownTable:
     """A result as a table in the units that people read.
 
     Parameters
@@ -86,6 +86,9 @@ def table(what: Any) -> ShownTable:
         where it rests; of a prediction or a search its limit cycles; of bounds one a row, of a design its optimum and
         its front. A mapping is the margins of a prediction, or the provenance of a case. A sequence holds limit cycles,
         disturbances, or pairs of a case and its ladder. Of any other result it is its `to_frame`, in brief.
+    signals : sequence of str, optional
+        Of a ladder, a run and limit cycles: which signals, all by default; ``case.named_signals`` are those that the
+        console shows.
 
     Returns
     -------
@@ -106,14 +109,15 @@ def table(what: Any) -> ShownTable:
     gain margin            2
     phase margin   28.65 deg
     """
+    chosen = (signals,)
     for kind, make in _MAKERS:
         if isinstance(what, kind):
-            return ShownTable(make(what))
+            return ShownTable(make(what, *chosen[: kind in _WITH_SIGNALS]))
     cycles = getattr(what, "cycles", what)
     if isinstance(cycles, Sequence) and not isinstance(cycles, str) and cycles:
         for kind, make in _OF_SEQUENCES:
             if all(isinstance(item, kind) for item in cycles):
-                return ShownTable(make(cycles))
+                return ShownTable(make(cycles, *chosen[: kind in _WITH_SIGNALS]))
     elif isinstance(cycles, Sequence) and not isinstance(cycles, str):
         return ShownTable(console.sentence_table("none"))
     if isinstance(what, Result):
@@ -134,8 +138,9 @@ def _made_by(facts: Provenance) -> Table:
     return console.provenance_table({name: part for name, part in facts.to_dict().items() if name != "case"})
 
 
-def _run(run: Trajectory) -> Table:
-    return console.rest_table(run) if run.limit_cycle is None else console.cycles_table([run.limit_cycle])
+def _run(run: Trajectory, signals: Sequence[str] | None) -> Table:
+    cycle = run.limit_cycle
+    return console.rest_table(run, signals) if cycle is None else console.cycles_table([cycle], signals)
 
 
 def _overview(pairs: Sequence[tuple[Case, Ladder]]) -> Table:
@@ -157,6 +162,7 @@ _MAKERS: tuple[tuple[type, Any], ...] = (
     (CertifiedOrbit, console.certified_orbit_table),
     (Mapping, _mapping),
 )
+_WITH_SIGNALS = (Ladder, Trajectory, LimitCycle)
 _OF_SEQUENCES: tuple[tuple[type, Any], ...] = (
     (LimitCycle, console.cycles_table),
     (Trigger, console.triggers_table),

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 from eppanalysis.errors import EppError
 from eppanalysis.tables.files import atomic, check_target, csv_cell
 
 #: Most that is given away by rounding, relative to the smallest value of a column.
 _GIVEN_AWAY = 0.02
+#: Letters in a column of a workbook.
+_LETTERS = 24
 _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": "\\textbackslash{}",
     "~": "\\textasciitilde{}",
@@ -253,10 +256,19 @@ def _word(table: ManualTable, path: Path) -> None:
     document.save(str(path))
 
 
+def _size_cells(sheet: Any, table: ManualTable) -> None:
+    """Columns of one width, and rows as high as their texts: not every program looks for that itself."""
+    from openpyxl.utils import get_column_letter
+
+    for i in range(1, len(table.columns) + 1):
+        sheet.column_dimensions[get_column_letter(i)].width = _LETTERS
+    for number, row in enumerate((table.columns, *table.rows), start=2):  # bold letters and margins take a tenth
+        sheet.row_dimensions[number].height = 15.0 * max(math.ceil(1.1 * len(str(cell)) / _LETTERS) for cell in row)
+
+
 def _excel(table: ManualTable, path: Path) -> None:
     from openpyxl import Workbook
     from openpyxl.styles import Alignment, Border, Font, PatternFill, Side
-    from openpyxl.utils import get_column_letter
 
     book = Workbook()
     sheet = book.active
@@ -280,8 +292,7 @@ def _excel(table: ManualTable, path: Path) -> None:
             cell.alignment, cell.border = wrapped, Border(line, line, line, line)
     for cell in sheet[2]:
         cell.font, cell.fill = Font(bold=True), PatternFill("solid", start_color="F0F0F0")
-    for i in range(1, len(table.columns) + 1):
-        sheet.column_dimensions[get_column_letter(i)].width = 24
+    _size_cells(sheet, table)
     for note in table.notes:
         sheet.append([csv_cell(note)])
         sheet.merge_cells(start_row=sheet.max_row, end_row=sheet.max_row, start_column=1, end_column=len(table.columns))

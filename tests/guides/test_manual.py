@@ -118,7 +118,7 @@ def test_what_is_not_checked_and_what_has_no_bound_says_so(bounds):
     table = epp.manual_table(bounds)
     assert [row[-1] for row in table.texts()][:2] == ["yes, 1000 simulations", "no"]
     assert table.texts()[2][1:4] == ("-", "-", "-") and table.texts()[2][4] == Finding.NONE.sentence
-    assert "1 of 2 limits are not checked: do not use them without a test." in table.notes
+    assert "1 of 2 limits is not checked: do not use it without a test." in table.notes
     assert "from the case fig8a_original." in table.notes[-1]
     assert table.texts()[0] == ("2.5", "0.97", "0.980", "8.1", "yes, 1000 simulations")
 
