@@ -35,6 +35,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.types import unliteral
 from numba.misc.appdirs import AppDirs
 
+from eppanalysis.kernels.loading import Files
 from eppanalysis.kernels.parts import Part
 
 #: Of other kernels; from here comes no code.
@@ -58,11 +59,12 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         folder = store()
-        if not options.get("cache") or folder is None:
-            return _whatever_the_value(numba.njit(**options | {"cache": False})(function))
-        module = function.__module__.removeprefix(f"{__package__}.")
-        with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
-            return _whatever_the_value(numba.njit(**options)(function))
+        kernel = numba.njit(**options | {"cache": False})(function)
+        if options.get("cache") and folder is not None and isinstance(kernel, Dispatcher):
+            module = function.__module__.removeprefix(f"{__package__}.")
+            with _kept_in(os.path.join(folder, f"{module}-{sources(module)}")):
+                kernel._cache = Files(function)
+        return _whatever_the_value(kernel)
 
     return compiled
 

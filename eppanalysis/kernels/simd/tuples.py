@@ -24,7 +24,6 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
-from numba.np.arrayobj import populate_array
 
 Tuple = TypeVar("Tuple", bound=type)
 
@@ -86,6 +85,8 @@ def _word(builder, frame, place):
 @lower_getattr_generic(Arrays)
 def _read(context, builder, kind, frame, name):
     """The array of a field, from its words."""
+    from numba.np.arrayobj import populate_array
+
     array_kind, first = kind.arrays[name], kind.places[list(kind.arrays).index(name)]
     array = context.make_array(array_kind)(context, builder)
     address, *shape = (builder.load(_word(builder, frame, first + i)) for i in range(1 + array_kind.ndim))
