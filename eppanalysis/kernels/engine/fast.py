@@ -1,7 +1,7 @@
 """Compiled: fast steps of an affine mode by matrices made beforehand, each with the proof that no guard rises on it.
 
 A fast step proves it from end values, end rates and a bound on the fourth derivative (Bernstein coefficients of the
-cubic plus its remainder); a long one, of 16 or 256 steps of the grid, from a bound on how far a guard travels at all.
+cubic plus its remainder); a long one, of 16 to 65536 steps of the grid, from a bound on how far a guard travels at all.
 Derived in docs/theory/engine.md, "Two ways to advance".
 """
 
@@ -80,13 +80,18 @@ def go_far(compiled, work, workspace, samples, now):
     if now.quiet < LONG_QUIET or not now.armed:
         return False
     q, h = now.q, now.h
-    # The longer nothing has happened, the longer the step that is tried: 16 steps of the grid, then 256.
+    # The longer nothing has happened, the longer the step that is tried: 16 steps of the grid, then 256, and so on; the
+    # longest that ends before the next sample.
     level = min(now.quiet // 32, LONGS - 1)
-    steps = 1 << (LONG_DOUBLINGS * (level + 1))
-    t1 = now.origin + (now.j_grid + steps) * h
     all_taken = now.i_sample == now.n_samples
-    if not (t1 <= now.t_stop and (all_taken or samples.times[now.i_sample] >= t1 - slack_at(t1, h))):
-        return False
+    while True:
+        steps = 1 << (LONG_DOUBLINGS * (level + 1))
+        t1 = now.origin + (now.j_grid + steps) * h
+        if t1 <= now.t_stop and (all_taken or samples.times[now.i_sample] >= t1 - slack_at(t1, h)):
+            break
+        level -= 1
+        if level < 0:
+            return False
     while compiled.longs[q] <= level:
         compile_long(compiled, work, q)
     if _long_step(
@@ -116,8 +121,8 @@ def go_far(compiled, work, workspace, samples, now):
         now.quiet += 4
         now.fast_steps += 1
         return True
-    # A bound that does not exclude an event says nothing of where: short steps take over until it is quiet again.
-    now.quiet = 0
+    # A bound that does not exclude an event says nothing of where: shorter steps take over until it is quiet again.
+    now.quiet = max(32 * (level - 1), 0)
     return False
 
 

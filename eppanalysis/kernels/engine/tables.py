@@ -22,8 +22,8 @@ HOT = {**PART, "_nrt": False}
 #: most of them compute.
 INLINE = {**HOT, "inline": "always"}
 
-#: A long step is 2**4 steps of the grid, the longest 2**8.
-LONG_DOUBLINGS, LONGS = 4, 2
+#: A long step is 2**4 steps of the grid, the longest 2**16: a creep may go on for a million time constants.
+LONG_DOUBLINGS, LONGS = 4, 4
 
 #: Steps after which a run pauses (a fraction of a second), and after which it ends; sixteen fast ones count as one.
 SLICE, MOST_STEPS = 20_000.0, 1e7

@@ -88,18 +88,16 @@ class Orbit:
         """Size of the motion in each place of y, shape (N,); never zero."""
         if self.motion is not None:
             return self.motion.scale
-        both = np.concatenate([self.starts, self.ends])
+        from eppanalysis.kernels.orbits.sizes import size_of_motion
+
         # F holds no contribution of smooth channels; what is driven may have no event but its begin.
-        inner = np.flatnonzero(np.full(self.tau.size, self.arcs.duration is not None) | (self.arcs.smooth != 0))
-        if inner.size and np.all(np.isfinite(both)):
-            both = np.concatenate([both, [middle(self, int(a)) for a in inner]])
-        span = np.ptp(both, axis=0)
-        n = self.arcs.F.shape[1]
-        for y in (self.starts[:-1], self.ends):
-            travel = np.abs(np.einsum("pij,pj->pi", self.arcs.F, y)) * np.abs(self.tau)[:, None]
-            span[:n] = np.maximum(span[:n], 0.1 * travel.max(axis=0))
-        size = np.abs(both).max(axis=0)
-        return np.where(span > 1e-9 * size, span, np.where(size > 0, size, 1.0))
+        within = np.flatnonzero(self.arcs.smooth) if self.arcs.duration is None else np.arange(self.tau.size)
+        if within.size and not (np.all(np.isfinite(self.starts)) and np.all(np.isfinite(self.ends))):
+            within = within[:0]
+        inner = np.array([middle(self, int(a)) for a in within]).reshape(-1, self.y.size)
+        scale = np.empty(self.y.size)
+        size_of_motion(self.arcs.F, self.starts, self.ends, inner, self.tau, scale)
+        return scale
 
     def grazes(self, share: float) -> NDArray[np.bool_]:
         """Which guards are crossed more slowly than this share of the movement across them in a period, shape (p,)."""
@@ -108,10 +106,11 @@ class Orbit:
     @cached_property
     def row_scale(self) -> Array:
         """Sizes of the residual's entries, shape (m + p,)."""
-        guards, kind, T = np.abs(self.arcs.g) @ self.scale, self.arcs.event_sequence.at_once, max(self.period, 1e-300)
-        with np.errstate(over="ignore"):  # an iterate that has gone astray
-            guards = np.where((kind == 1) | (guards == 0), T, np.where(kind == 2, guards / T, guards))
-        return np.concatenate([self.scale[self.arcs.free], guards])
+        from eppanalysis.kernels.orbits.sizes import sizes_of_residuals
+
+        rows, of = np.empty(self.r.size), self.arcs.event_sequence.at_once
+        sizes_of_residuals(self.arcs.g, of, self.arcs.free, self.scale, max(self.period, 1e-300), rows)
+        return rows
 
     @cached_property
     def column_scale(self) -> Array:

@@ -37,9 +37,12 @@ _SHARE = 0.5
 def note_modes(met: Met, start: HybridSystem, run: Run) -> None:
     """Add the combinations of modes that a run has met."""
     met.setdefault(tuple(start.modes0.tolist()), (start.x0, start.H0))
-    rows = run.order
-    for k in np.unique(run.modes[rows], axis=0, return_index=True)[1] if rows.size else ():
-        i = rows[k]
+    modes = run.modes[run.order]
+    # As `np.unique` of rows, which takes longer than the run: the first of each in the order of the modes.
+    rows = np.lexsort(modes.T[::-1])
+    new = np.ones(rows.size, bool)
+    new[1:] = np.any(modes[rows[1:]] != modes[rows[:-1]], axis=1)
+    for i in run.order[rows[new]]:
         met.setdefault(tuple(run.modes[i].tolist()), (run.state[i].copy(), run.memory_values[i].copy()))
 
 

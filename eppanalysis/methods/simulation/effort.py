@@ -29,14 +29,18 @@ class Work:
     @property
     def left(self) -> float:
         """What may still be spent."""
-        own = max(self.most - self.used, 0.0)
-        return own if self.outer is None else min(own, self.outer.left)
+        left: float = float("inf")
+        work: Work | None = self
+        while work is not None:
+            left, work = min(left, work.most - work.used), work.outer
+        return max(left, 0.0)
 
     def spend(self, steps: float) -> None:
         """Count work here and in what lies around."""
-        self.used += steps
-        if self.outer is not None:
-            self.outer.spend(steps)
+        work: Work | None = self
+        while work is not None:
+            work.used += steps
+            work = work.outer
 
 
 _current: ContextVar[Work | None] = ContextVar("work", default=None)

@@ -7,7 +7,8 @@ elements do, which alone makes one of them a limit cycle, is lost (docs/theory/s
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -35,6 +36,87 @@ _OF_STATES, _LOST = 4e-15, 4.0
 _FELT = 1e-4
 
 
+@dataclass(frozen=True, eq=False)
+class _Sizes:
+    """What these tests, which follow every run, take from the model alone.
+
+    Attributes
+    ----------
+    on_inputs : array, shape (z, n + h)
+        Sizes of the gains from states and memory values to the elements' inputs.
+    on_rates, straight : arrays, shapes (n, w), (z, w)
+        Sizes of the gains from outputs, late ones too, to the rates of the states and to the inputs.
+    elements : tuple of (slice, array, float)
+        Of each element: its inputs, the largest weights of these in its guards, and its largest threshold.
+    modes : tuple of (slice, int)
+        Of each element: its modes, and the number of its outputs.
+    constant, per_smooth : arrays, shapes (modes, w), (modes, w, channels)
+        Most of each output in a mode that does not grow with the inputs, and its gains from smooth channels.
+    """
+
+    on_inputs: Array
+    on_rates: Array
+    straight: Array
+    elements: tuple[tuple[slice, Array, float], ...]
+    modes: tuple[tuple[slice, int], ...]
+    constant: Array
+    per_smooth: Array
+
+    @classmethod
+    def of(cls, hybrid: HybridSystem) -> _Sizes:
+        """Those of a hybrid system."""
+        m, sampled = hybrid.model, sampled_among(hybrid.elements)
+        on_rates, lines = np.abs(m.B), np.flatnonzero(m.smooth_kind == DELAY_LINE)
+        on_rates[:, m.smooth_w[lines]] += np.abs(m.S[:, lines])
+        elements, modes, constant = [], [], np.abs(m.mode_w0)
+        for e, ((z, w, _), (z_end, w_end, _)) in enumerate(pairwise(m.first.tolist())):
+            own, rows = m.guard_element == e, slice(int(m.mode_first[e]), int(m.mode_first[e + 1]))
+            constant[rows] += np.abs(m.mode_wh[rows]) @ np.abs(m.reset_0[own]).max(axis=0, initial=0.0)
+            modes.append((rows, w_end - w))
+            weight = np.abs(m.guard_z[own, : z_end - z]).max(axis=0, initial=0.0)
+            if e in sampled or not own.any():
+                # An element without levels hands on what it sees, perhaps straight to one that has some; so does a
+                # controller, whose guards see its clock alone.
+                weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
+            elements.append((slice(z, z_end), weight, float(np.abs(m.guard_0[own]).max(initial=0.0))))
+        on_inputs = np.abs(np.hstack([m.C, m.Kz]))
+        return cls(
+            on_inputs, on_rates, np.abs(m.D), tuple(elements), tuple(modes), constant, np.abs(m.mode_ws)
+        )  # fmt: skip
+
+    def outputs(self, varies: Array) -> Array:
+        """Most of each output that does not grow with the inputs, of smooth channels that vary so far."""
+        most = self.constant + self.per_smooth @ varies
+        return np.concatenate([most[rows, :count].max(axis=0) for rows, count in self.modes])
+
+    @cached_property
+    def still(self) -> Array:
+        """That without smooth channels."""
+        return self.outputs(np.zeros(self.per_smooth.shape[2]))
+
+
+class _OfModel:
+    """A hybrid system that stands for all with the same model."""
+
+    def __init__(self, hybrid: HybridSystem) -> None:
+        self.hybrid = hybrid
+
+    def __hash__(self) -> int:
+        return id(self.hybrid.model)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _OfModel) and other.hybrid.model is self.hybrid.model
+
+
+@lru_cache(maxsize=8)
+def _sizes(of: _OfModel) -> _Sizes:
+    return _Sizes.of(of.hybrid)
+
+
+def _sizes_of(hybrid: HybridSystem) -> _Sizes:
+    return _sizes(_OfModel(hybrid))
+
+
 def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> bool:
     """Whether what the elements see of a motion is rounding of their thresholds and of where it takes place.
 
@@ -46,19 +128,13 @@ def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array
     moves : array, shape (n,)
         How far each state moves at most.
     """
-    model = hybrid.model
+    model, of = hybrid.model, _sizes_of(hybrid)
     place = np.abs(states @ model.C.T + memory @ model.Kz.T).max(axis=0)
-    amplitude = np.abs(model.C) @ moves + np.abs(model.Kz) @ np.ptp(memory, axis=0)
-    seen, sampled = False, sampled_among(hybrid.elements)
-    for e, (first, end) in enumerate(pairwise(model.first[:, 0])):
-        own = model.guard_element == e
-        weight = np.abs(model.guard_z[own, : end - first]).max(axis=0, initial=0.0)
-        if e in sampled or not own.any():
-            # An element without levels hands on what it sees, perhaps straight to one that has some; so does a
-            # controller, whose guards see its clock alone.
-            weight, own = np.where(weight > 0.0, 0.0, 1.0), np.zeros_like(own)
-        size = float(np.abs(model.guard_0[own]).max(initial=0.0)) + float(np.sum(weight * place[first:end]))
-        if float(np.sum(weight * amplitude[first:end])) > _ROUNDING * size:
+    amplitude = of.on_inputs @ np.concatenate([moves, np.ptp(memory, axis=0)])
+    seen = False
+    for inputs, weight, level in of.elements:
+        size = level + float(weight @ place[inputs])
+        if float(weight @ amplitude[inputs]) > _ROUNDING * size:
             return False
         seen |= size > 0.0
     return seen
@@ -70,10 +146,12 @@ def may_be_lost(hybrid: HybridSystem, states: Array, memory: Array, moves: Array
     Parameters are those of :func:`is_rounding`, and the period [s].
     """
     own = _own_sizes(hybrid, states, memory, moves)
-    sizes = np.abs(states).max(axis=0) + moves
-    seen = np.abs(hybrid.model.C) @ sizes + np.abs(hybrid.model.Kz) @ np.abs(memory).max(axis=0)
     # Without any size of its own a loop is homogeneous whatever its motion.
-    return bool(np.any(own > 0.0)) and _share(hybrid, own, sizes, seen, period) < _FELT
+    if not np.any(own > 0.0):
+        return False
+    sizes = np.abs(states).max(axis=0) + moves
+    seen = _sizes_of(hybrid).on_inputs @ np.concatenate([sizes, np.abs(memory).max(axis=0)])
+    return _share(hybrid, own, sizes, seen, period) < _FELT
 
 
 def watched(hybrid: HybridSystem) -> HybridSystem:
@@ -125,15 +203,8 @@ def _unexplained(z: Array, w: Array) -> Array:
 
 def _own_sizes(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
     """Most of each output that does not grow in proportion to what the element sees, shape (outputs,)."""
-    m = hybrid.model
-    varies = _smooth_variation(hybrid, states, memory, moves)
-    sizes = np.zeros(m.D.shape[1])
-    for e, (first, end) in enumerate(pairwise(m.first[:, 1])):
-        modes = slice(m.mode_first[e], m.mode_first[e + 1])
-        held = np.abs(m.reset_0[m.guard_element == e]).max(axis=0, initial=0.0)
-        most = np.abs(m.mode_w0[modes]) + np.abs(m.mode_ws[modes]) @ varies + np.abs(m.mode_wh[modes]) @ held
-        sizes[first:end] = most.max(axis=0)[: end - first]
-    return sizes
+    of = _sizes_of(hybrid)
+    return of.outputs(_smooth_variation(hybrid, states, memory, moves)) if of.per_smooth.shape[2] else of.still
 
 
 def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> Array:
@@ -158,11 +229,8 @@ def _smooth_variation(hybrid: HybridSystem, states: Array, memory: Array, moves:
 
 def _share(hybrid: HybridSystem, outputs: Array, states: Array, inputs: Array, period: float) -> float:
     """Largest share of states, or of what elements see, that outputs of these sizes change in a period."""
-    m = hybrid.model
-    gain = np.abs(m.B)
-    lines = np.flatnonzero(m.smooth_kind == DELAY_LINE)
-    gain[:, m.smooth_w[lines]] += np.abs(m.S[:, lines])
-    changes = np.concatenate([(gain @ outputs * period)[hybrid.compared], np.abs(m.D) @ outputs])
-    sizes = np.concatenate([states[hybrid.compared], inputs])
+    of, compared = _sizes_of(hybrid), hybrid.compared
+    changes = np.concatenate([(of.on_rates @ outputs * period)[compared], of.straight @ outputs])
+    sizes = np.concatenate([states[compared], inputs])
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.max(np.where(changes > 0.0, changes / sizes, 0.0), initial=0.0))

@@ -178,7 +178,9 @@ def _with_point(run: Trajectory, at: OperatingPoint) -> Trajectory:
 
 def _steps_at_once(hybrid: HybridSystem) -> bool:
     """Whether inputs step at the start, before which a dead time still has what the elements put out until then."""
-    return bool(np.any(hybrid.model.smooth_kind == DELAY_LINE) and np.any(hybrid.model.breakpoint_time <= 0.0))
+    model = hybrid.model
+    late = model.smooth_kind.size and np.any(model.smooth_kind == DELAY_LINE)
+    return bool(late and np.any(model.breakpoint_time <= 0.0))
 
 
 def _without_memory(hybrid: HybridSystem) -> NDArray[np.bool_]:
@@ -226,27 +228,27 @@ def run_hybrid(
         of_thread.workspaces(hybrid, base),
         of_thread.buffer(hybrid, max(1, min(keep, max_events))),
     )
-    n, n_y = hybrid.x0.size, hybrid.model.Yx.shape[0]
+    n, n_y, past_known = hybrid.x0.size, hybrid.model.Yx.shape[0], _steps_at_once(hybrid)
     _begin(hybrid, workspace, hybrid.modes0)
-    if _steps_at_once(hybrid):
+    if past_known:
         # A run of an instant with the inputs where they were settles the modes of what has no memory: what these
         # elements put out until the start is still on its way.
         before = make_progress(_INSTANT * base, base, max_events, _MOST_STEPS)
-        before.watch = False  # the inputs are held
+        before["watch"] = False  # the inputs are held
         run(hybrid.model, compiled, work, workspace, make_samples(np.zeros(0), n_y), buffer, before)
         settled = workspace.modes.copy()
         workspace.x[:n] = hybrid.x0
-        lines_before(hybrid.model, compiled, workspace, before.q)
+        lines_before(hybrid.model, compiled, workspace, before["q"])
         _begin(hybrid, workspace, np.where(_without_memory(hybrid), settled, hybrid.modes0))
     smooth = hybrid.model.smooth_kind
-    cost = (_DELAYED if np.all(smooth == DELAY_LINE) else _SMOOTH) if hybrid.model.S.shape[1] else 1.0
+    cost = (_DELAYED if np.all(smooth == DELAY_LINE) else _SMOOTH) if smooth.size else 1.0
     most = min(float(max_steps), left() / cost)
     samples, now = make_samples(times, n_y), make_progress(t_end, base, max_events, most)
-    now.past_known = _steps_at_once(hybrid)
+    now["past_known"] = past_known
     code = PAUSED
     while code == PAUSED:  # between the calls an interrupt is heard
         code = run(hybrid.model, compiled, work, workspace, samples, buffer, now)
-    made = float(now.series_steps + now.refused_series + now.fast_steps / _FAST_STEPS)
+    made = float(now["series_steps"] + now["refused_series"] + now["fast_steps"] / _FAST_STEPS)
     spend(cost * (most if code == STEP_LIMIT else made))
     if code == SINGULAR:
         raise EppError(
@@ -257,7 +259,7 @@ def run_hybrid(
         raise EppError(
             "simulate: the dead time spans more switches than its history holds; expected a shorter dead time."
         )
-    count = int(now.count)
+    count = int(now["count"])
     t, guard, states, rates, memory, passed = (a[: max(1, count)].copy() for a in buffer)
     low, high, x_end, rate_end = (a[:n].copy() for a in (workspace.low, workspace.high, workspace.x, workspace.rate))
     stats = np.array([now[name] for name in _COUNTED], float)

@@ -21,7 +21,8 @@ BoolArray = NDArray[np.bool_]
 
 def sampled_among(elements: Iterable[Nonlinearity]) -> dict[int, SampledController]:
     """The sampled controllers among the elements of a loop, by their places."""
-    return {i: e for i, e in enumerate(elements) if isinstance(e, SampledController)}
+    # Asked at every run: `isinstance` of an abstract class takes five times as long.
+    return {i: e for i, e in enumerate(elements) if SampledController in type(e).__mro__}  # type: ignore[misc]
 
 
 def is_sampled(elements: Iterable[Nonlinearity]) -> bool:
