@@ -10,21 +10,21 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.engine.modes import compile_guards, compile_modes
+from eppanalysis.kernels.engine.modes import find_combination
 from eppanalysis.kernels.engine.series import DELAY_LINE
-from eppanalysis.kernels.engine.tables import clear
 from eppanalysis.kernels.filling import accumulate, fill, fill_rows
 
 READY, SINGULAR, NOT_A_GUARD, UNSUPPORTED = 0, 1, 2, 3
 
 
 @njit(**KERNEL)
-def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
+def build_arcs(model, compiled, work, base_step, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W):
     """Fill the arrays of an orbit's arcs from the modes on them and the guards that end them.
 
     Parameters
     ----------
-    model : eppanalysis.kernels.engine.tables.Model
+    model, compiled, work : eppanalysis.kernels.engine.tables.Model, Combinations, Work
+        Mode combinations that runs with steps of `base_step` have met are compiled already.
     modes, guards, timing : int arrays (p, E), (p,), (p,)
         Modes on each arc; number of the guard at its end, -1 for none, and of the guard that tells when that is.
     F, S : arrays (p, n, N), (p, n, s)
@@ -48,12 +48,10 @@ def build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smo
         READY, or why the arcs cannot be had.
     """
     n, n_s, n_H = model.A.shape[0], model.S.shape[1], model.K.shape[1]
-    q = 0
-    clear(compiled, q)
     for a in range(guards.size):
-        if not compile_modes(model, compiled, work, q, modes[a]):
+        q = find_combination(model, compiled, work, modes[a], base_step)
+        if q < 0:
             return SINGULAR
-        compile_guards(model, compiled, work, q, modes[a])
         for i in range(n):
             for j in range(n):
                 F[a, i, j] = compiled.M[q, j, i]

@@ -153,9 +153,10 @@ class Arcs:
         F, S, g, gs = np.empty((p, n, N)), np.empty((p, n, n_s)), np.empty((p, N)), np.empty((p, n_s))
         J, smooth, sense = np.empty((p, N, N)), np.empty(p, np.int64), np.ones((p, n_s))
         Y, Ys, W = np.empty((p, n_y, N)), np.empty((p, n_y, n_s)), np.empty((p, n_w, N))
-        compiled, work = of_thread.combination(model)
+        base = 2.0 * hybrid.time_scale  # as runs have it
+        compiled, work, _ = of_thread.workspaces(hybrid, base)
         modes, guards, timing = event_sequence.modes, event_sequence.guards, event_sequence.timing
-        code = build_arcs(model, compiled, work, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
+        code = build_arcs(model, compiled, work, base, modes, guards, timing, F, S, g, gs, J, smooth, sense, Y, Ys, W)
         if code != READY:
             what = (
                 "a combination of modes without a unique solution" if code == SINGULAR else "an event it does not have"
@@ -164,14 +165,12 @@ class Arcs:
         channels = Channels(
             model.smooth_kind, model.smooth_x, model.smooth_H, model.smooth_s, model.smooth_scale, sense
         )
-        n_memory = model.K.shape[1]
-        plain = cls(
-            event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, np.zeros(0, np.int64), np.zeros(N)
-        )
-        arcs = plain._with_delays(model) if np.any(model.smooth_kind == DELAY_LINE) else plain
-        shift = np.zeros(arcs.size)
-        shift[arcs.memory.start : arcs.memory.start + n_memory] = _clock_shift(hybrid)
-        return replace(arcs, free=arcs._free(hybrid) if like is None else like.free, shift=shift)
+        shift = np.concatenate([np.zeros(n), _clock_shift(hybrid)])
+        free = np.zeros(0, np.int64) if like is None else like.free
+        arcs = cls(event_sequence, F, S, g, gs, J, smooth, Y, Ys, W, channels, n, 0, free, shift)
+        if n_s and np.any(model.smooth_kind == DELAY_LINE):
+            arcs = arcs._with_delays(model)
+        return replace(arcs, free=arcs._free(hybrid)) if like is None else arcs
 
     def halved(self, hybrid: HybridSystem, image: Array) -> Arcs:
         """All arcs but the last, closed by a map: the half of an orbit that is its own image.
@@ -247,7 +246,10 @@ class Arcs:
             J[origin, n + int(first[e])] = 0.0
             J[origin, n + int(first[e]), one] = model.smooth_delay[line]
         zeros = np.zeros((p, n + n_t, self.S.shape[2]))
-        return replace(self, F=F, S=zeros, g=g, gs=np.zeros_like(self.gs), J=J, Y=Y, W=widen(self.W), n_timers=n_t)
+        return replace(
+            self, F=F, S=zeros, g=g, gs=np.zeros_like(self.gs), J=J, Y=Y, W=widen(self.W), n_timers=n_t,
+            shift=widen(self.shift),
+        )  # fmt: skip
 
 
 def _constant_outputs(W: Array, outputs: IntArray) -> Array:
@@ -271,9 +273,9 @@ def _clock_shift(hybrid: HybridSystem) -> Array:
     model = hybrid.model
     n = model.A.shape[0]
     shift = np.zeros(model.K.shape[1])
-    clock = (
-        ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1) & (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
-    )
+    clock = (model.K[:, -1] != 0) & (np.arange(n) < hybrid.n_plant)
+    if clock.any():
+        clock &= ~np.any(model.A, axis=1) & ~np.any(model.B, axis=1)
     if not clock.any():
         return shift
     passes = np.where(clock, model.K[:, -1], 0.0)

@@ -60,10 +60,7 @@ def steady_hybrid(system: LureSystem, at: OperatingPoint | None = None, observed
     if system.time_step:
         raise EppError(f"{system.name}: a discrete-time loop has no motion between samples; it is iterated instead.")
     memory = system if at is None else replace(system, v0=at.vector(system))
-    hybrid = HybridSystem.from_lure(memory, observed=observed)
-    none = {"breakpoint_time": np.zeros(0), "breakpoint_state": np.zeros(0, np.int64), "breakpoint_value": np.zeros(0)}
-    none |= {"breakpoint_memory": np.zeros(0, np.int64), "breakpoint_slope": np.zeros(0)}
-    return replace(hybrid, model=hybrid.model._replace(**none))
+    return HybridSystem.from_lure(memory, observed=observed).held
 
 
 def exact_orbit(

@@ -8,14 +8,14 @@ elements do, which alone makes one of them a limit cycle, is lost (docs/theory/s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.models.elements.automaton import SMOOTH_FUNCTIONS, SMOOTH_KINDS
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.sampled.strobe import sampled_among
 
 Array = NDArray[np.float64]
@@ -95,26 +95,7 @@ class _Sizes:
         return self.outputs(np.zeros(self.per_smooth.shape[2]))
 
 
-class _OfModel:
-    """A hybrid system that stands for all with the same model."""
-
-    def __init__(self, hybrid: HybridSystem) -> None:
-        self.hybrid = hybrid
-
-    def __hash__(self) -> int:
-        return id(self.hybrid.model)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _OfModel) and other.hybrid.model is self.hybrid.model
-
-
-@lru_cache(maxsize=8)
-def _sizes(of: _OfModel) -> _Sizes:
-    return _Sizes.of(of.hybrid)
-
-
-def _sizes_of(hybrid: HybridSystem) -> _Sizes:
-    return _sizes(_OfModel(hybrid))
+_sizes_of = of_model(_Sizes.of)
 
 
 def is_rounding(hybrid: HybridSystem, states: Array, memory: Array, moves: Array) -> bool:

@@ -23,7 +23,7 @@ from eppanalysis.methods.simulation.rounding import (
 )
 from eppanalysis.methods.simulation.samples import judge_samples, locked_or_not, rests_since
 from eppanalysis.methods.simulation.workspaces import announce_compilation, of_thread
-from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem, of_model
 from eppanalysis.models.systems.inputs import InputSignal, input_signals_by_name
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -60,7 +60,6 @@ _MOST_STEPS = 10_000_000
 #: What a search may compute is counted in series steps without smooth channels: so many are worth the set-up of a run,
 #: one with delayed signals alone, and one with other smooth channels; so many fast steps are worth one.
 _SET_UP, _DELAYED, _SMOOTH, _FAST_STEPS = 200.0, 5.0, 20.0, 20.0
-_BREAKPOINTS = ("breakpoint_time", "breakpoint_state", "breakpoint_value", "breakpoint_memory", "breakpoint_slope")
 #: A state beyond this has diverged, in a run that rounding has stopped.
 _LARGEST_STATE = 1e100
 #: Changes from period to period, relative to the cycle's size, that may be rounding.
@@ -370,14 +369,26 @@ def named_events(hybrid: HybridSystem, times: Array, guards: IntArray, modes: In
         listed &= elements != sampled
     times, guards, elements = times[listed], guards[listed], elements[listed]
     # A guard is one of one element, whose mode after it makes the second half of what happened.
-    most = int(modes.max(initial=0)) + 1
-    kinds = guards * most + modes[listed, elements]
-    words = {}
-    for kind in np.unique(kinds).tolist():
-        guard, mode = divmod(kind, most)
-        e = int(hybrid.model.guard_element[guard])
-        words[kind] = hybrid.element_names[e], hybrid.guard_name(guard), hybrid.mode_name(e, mode)
-    return Events(times, kinds, words)
+    words = _words_of(hybrid)
+    kinds = guards * words.most + modes[listed, elements]
+    return Events(times, kinds, {kind: words[kind] for kind in np.unique(kinds).tolist()})
+
+
+class _Words(dict[int, tuple[str, str, str]]):
+    """Element, guard and mode in words, by the number of what happened."""
+
+    def __init__(self, hybrid: HybridSystem) -> None:
+        super().__init__()
+        self.hybrid, self.most = hybrid, int(np.diff(hybrid.model.mode_first).max(initial=0))
+
+    def __missing__(self, kind: int) -> tuple[str, str, str]:
+        guard, mode = divmod(kind, self.most)
+        e = int(self.hybrid.model.guard_element[guard])
+        self[kind] = self.hybrid.element_names[e], self.hybrid.guard_name(guard), self.hybrid.mode_name(e, mode)
+        return self[kind]
+
+
+_words_of = of_model(_Words)
 
 
 def _since(hybrid: HybridSystem, run: Run, found: Array) -> float:
@@ -409,9 +420,8 @@ def _from_event(hybrid: HybridSystem, run: Run, place: int) -> tuple[HybridSyste
     begin = float(run.time[place])
     if np.any(hybrid.model.breakpoint_time > begin) or np.any(hybrid.model.smooth_kind == DELAY_LINE):
         return hybrid, 0.0
-    model = hybrid.model._replace(**{name: getattr(hybrid.model, name)[:0] for name in _BREAKPOINTS})
     x, memory, modes = (a[place].copy() for a in (run.state, run.memory_values, run.modes))
-    return replace(hybrid, model=model, x0=x, H0=memory, modes0=modes), begin
+    return replace(hybrid.held, x0=x, H0=memory, modes0=modes), begin
 
 
 def cycle_of_run(

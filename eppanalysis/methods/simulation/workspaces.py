@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from eppanalysis.models.systems.hybrid import HybridSystem
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.engine.tables import Combinations, Model, Work
+    from eppanalysis.kernels.engine.tables import Model
     from eppanalysis.kernels.engine.workspace import EventBuffer
 
 
 #: Workspaces that a thread keeps.
-_STRUCTURES = 2
+_STRUCTURES = 4
 
 
 class _Kept(NamedTuple):
@@ -39,7 +39,6 @@ class _Own(threading.local):
     def __init__(self) -> None:
         self.kept: dict[tuple[Any, ...], _Kept] = {}
         self.events: EventBuffer | None = None
-        self.single: tuple[tuple[Any, ...], Combinations, Work] | None = None
 
     def workspaces(self, hybrid: HybridSystem, base: float) -> tuple[Any, Any, Any]:
         """Workspaces for a model, emptied where they hold mode combinations of another model or for another step."""
@@ -56,15 +55,6 @@ class _Own(threading.local):
         while len(self.kept) > _STRUCTURES:
             del self.kept[next(iter(self.kept))]
         return workspaces
-
-    def combination(self, model: Model) -> tuple[Combinations, Work]:
-        """Room for one mode combination of a model, and for compiling it; that of the last structure is kept."""
-        from eppanalysis.kernels.engine.tables import make_combinations, make_work
-
-        structure = _structure(model)
-        if self.single is None or self.single[0] != structure:
-            self.single = structure, make_combinations(model, 1), make_work(model)
-        return self.single[1:]
 
     def buffer(self, hybrid: HybridSystem, keep: int) -> EventBuffer:
         """A buffer for so many events, the beginning of the longest one so far."""
@@ -84,7 +74,7 @@ class _Own(threading.local):
 def _structure(model: Model) -> tuple[Any, ...]:
     """What the sizes of its workspaces follow from."""
     of = model.mode_first, model.guard_first, model.smooth_kind
-    return (*(a.shape for a in model), *(a.tobytes() for a in of))
+    return (*[a.shape for a in model], *[a.tobytes() for a in of])
 
 
 of_thread = _Own()

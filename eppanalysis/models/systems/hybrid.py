@@ -7,10 +7,11 @@ elements are stacked into one vector ``H`` whose last entry is 1 and carries eve
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, wraps
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+T = TypeVar("T")
 DELAY_LINE = 10
 #: Dead time, relative to the fastest time constant of the linear part.
 _LEAST_DELAY = 1e-7
@@ -82,6 +84,11 @@ class HybridSystem:
         automaton, first = self.automata[e], self.model.guard_first[self.model.mode_first[e]]
         return name_of(automaton.guards, int(automaton.by_mode[guard - first]))
 
+    @property
+    def held(self) -> HybridSystem:
+        """The same system, its inputs going on as they stand at its start."""
+        return replace(self, model=_without_breakpoints(self)) if self.model.breakpoint_time.size else self
+
     def begun(self, state: Array, memory: Sequence[Any]) -> HybridSystem:
         """The same system, begun at a state of its loop with what its elements remember; see `starting_values`."""
         x0, H0, modes0 = starting_values(self, state, memory)
@@ -123,6 +130,32 @@ class HybridSystem:
             automata.append(_observer())
             names.append("observer")
         return _Packer(system, automata, names, input_signals).pack()
+
+
+class _OfModel:
+    """A hybrid system that stands for all with the same model."""
+
+    def __init__(self, hybrid: HybridSystem) -> None:
+        self.hybrid = hybrid
+
+    def __hash__(self) -> int:
+        return id(self.hybrid.model)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _OfModel) and other.hybrid.model is self.hybrid.model
+
+
+def of_model(function: Callable[[HybridSystem], T]) -> Callable[[HybridSystem], T]:
+    """What a function takes from a system's model alone, kept for the last few models: runs differ in their start."""
+    kept = lru_cache(maxsize=8)(lambda of: function(of.hybrid))
+    return wraps(function)(lambda hybrid: kept(_OfModel(hybrid)))
+
+
+@of_model
+def _without_breakpoints(hybrid: HybridSystem) -> Model:
+    return hybrid.model._replace(**{
+        name: column[:0] for name, column in hybrid.model._asdict().items() if name.startswith("breakpoint_")
+    })  # fmt: skip
 
 
 #: The hybrid system last made of each loop, and of what: a loop, which does not change, is run many times.
