@@ -33,12 +33,21 @@ ON_THE_WAY = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Means and gains (nb, nw), and their derivatives (3, nb, nw) by ln a, b and ln omega of the owning element."""
+    """What the elements make of their inputs Z (nb, m): as they are, and with ln a, b and ln omega shifted by steps.
 
-    mean: Array
-    gain: ComplexArray
-    d_mean: Array
-    d_gain: ComplexArray
+    Means and gains have shape (4, nb, nw), steps (3, nb, nw); a shift is that of the element that owns an output.
+    """
+
+    Z: ComplexArray
+    omega: Array
+    means: Array
+    gains: ComplexArray
+    steps: Array
+
+    @property
+    def by_shifts(self) -> tuple[Array, ComplexArray]:
+        """Derivatives of means and gains, shape (3, nb, nw)."""
+        return (self.means[1:] - self.means[0]) / self.steps, (self.gains[1:] - self.gains[0]) / self.steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,24 +125,14 @@ class Balance:
         places[self.others] = 2 * np.arange(1, self.m)
         return places
 
-    @cached_property
-    def first_outputs(self) -> NDArray[np.intp]:
-        """Place of each element's first output."""
-        return np.array([s.start for s in self.system.output_slices], dtype=np.intp)
-
-    @cached_property
-    def further_outputs(self) -> list[int]:
-        """Places of the others."""
-        return [k for k in range(self.owner.size) if k not in self.first_outputs]
-
     def linear(self, omega: Array) -> ComplexArray:
         """Response from all outputs to the first inputs, shape (nb, m, nw)."""
-        return self.system.frequency_response(omega)[:, self.rows]
+        return np.take(self.system.frequency_response(omega), self.rows, axis=1)
 
     def linear_and_slope(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """:meth:`linear` and its derivative by ln omega."""
         L, dL = self.system.frequency_response_and_slope(omega)
-        return L[:, self.rows], dL[:, self.rows] * omega[:, None, None]
+        return np.take(L, self.rows, axis=1), np.take(dL, self.rows, axis=1) * omega[:, None, None]
 
     def evaluate(self, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
         """Mean outputs and gains of all elements, shapes (..., nw)."""
@@ -144,26 +143,20 @@ class Balance:
             gains.append(gain)
         return np.concatenate(means, -1), np.concatenate(gains, -1)
 
-    def slopes(self, a: Array, b: Array, omega: Array, free_pivot: bool = True) -> Slopes:
-        """Means, gains and derivatives at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
-        m, n, nw = self.m, len(omega), self.owner.size
-        # The step that is really made: of a small one beside a large bias rounding changes the size.
-        step_b = (b + (_STEP * a + 1e-12 * np.abs(b))) - b
-        # Along the second axis: as it is, then with its amplitude, its bias and the frequency shifted.
-        A, B, W = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n))
-        A[:], B[:], W[:] = a.T[:, None], b.T[:, None], omega
-        A[:, 1] *= 1.0 + _STEP
-        B[:, 2] += step_b.T
-        W[3] *= 1.0 + _STEP
-        mean, gain = np.empty((4, n, nw)), np.empty((4, n, nw), complex)
+    def slopes(self, X: Array, free_pivot: bool = True) -> Slopes:
+        """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
+        from eppanalysis.kernels.balances import shift
+
+        m, n, nw = self.m, len(X), self.owner.size
+        a, b, omega, Z = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n)), np.empty((n, m), complex)
+        mean, gain, steps = np.empty((4, n, nw)), np.empty((4, n, nw), complex), np.empty((3, n, nw))
+        shift(X, self.places, self.pivot, self.owner, _STEP, Z, a, b, omega, steps)
         for i, e in enumerate(self.system.elements):
             out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
-            means, gains = describe(e, A[i, used], B[i, used], W[used])
+            means, gains = describe(e, a[i, used], b[i, used], omega[used])
             mean[:, :, out], gain[:, :, out] = means[0], gains[0]
             mean[used, :, out], gain[used, :, out] = means, gains
-        step = np.full((3, n, nw), _STEP)
-        step[1] = np.maximum(step_b, 1e-290)[:, self.owner]
-        return Slopes(mean[0], gain[0], (mean[1:] - mean[0]) / step, (gain[1:] - gain[0]) / step)
+        return Slopes(Z, omega[0], mean, gain, steps)
 
     def _shifts(self, element: int, free_pivot: bool) -> slice:
         """Which of the shifts change the outputs of an element."""
@@ -188,56 +181,27 @@ class Balance:
 
     def residual(self, X: Array) -> tuple[Array, Array]:
         """Residual (nb, 3 m), Jacobian (nb, 3 m, 3 m + 1); rows: real parts, imaginary parts, static balance."""
-        a, phase, b, omega = self.unpack(X)
-        s = self.slopes(a, b, omega)
-        return self.assemble(X, s, a * np.exp(1j * phase), b, *self.linear_and_slope(omega))
+        s = self.slopes(X)
+        return self.assemble(X, s, *self.linear_and_slope(s.omega))
 
-    def assemble(
-        self, X: Array, s: Slopes, Z: ComplexArray, b: Array, L: ComplexArray, dL: ComplexArray | None
-    ) -> tuple[Array, Array]:
-        """Residual and Jacobian from what they are made of: slopes, inputs Z, biases, linear response and its slope.
+    def assemble(self, X: Array, s: Slopes, L: ComplexArray, dL: ComplexArray) -> tuple[Array, Array]:
+        """Residual and Jacobian from what they are made of: slopes, linear response and its slope.
 
-        Without the slope of the linear response, what belongs to omega is left out.
+        Without the slope of the linear response, of length zero, what belongs to omega is left out.
         """
-        n, m, others, places = len(X), self.m, self.others, self.places
-        front = 1.0 / Z
-        front[:, self.pivot] *= np.exp(X[:, -1])
-        L = L * front[:, :, None]
-        Zw = Z[:, self.owner]
-        outputs = (s.gain * Zw)[:, None, :]
-        # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j: what the
-        # slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several elements).
-        G = self._by_element(L * outputs)
-        by = slice(2 if dL is None else 3)
-        by_slope = self._by_element(L * (s.d_gain[by] * Zw)[:, :, None, :])
-        total = G.sum(-1)
-        rows = np.zeros((n, m, 3 * m + 1), complex)
-        diagonal = np.arange(m)
-        rows[:, :, places] = G + by_slope[0]
-        rows[:, diagonal, places] -= total
-        rows[:, :, places[others] + 1] = 1j * G[:, :, others]
-        rows[:, others, places[others] + 1] -= 1j * total[:, others]
-        rows[:, :, 2 * m : 3 * m] = by_slope[1]
-        rows[:, self.pivot, -1] = total[:, self.pivot]
-        static = self._by_element(self.on_mean * s.d_mean[by, :, None, :])
-        J = np.zeros((n, 3 * m, 3 * m + 1))
-        if dL is not None:
-            rows[:, :, 1] = by_slope[2].sum(-1) + (dL * front[:, :, None] * outputs).sum(-1)
-            J[:, 2 * m :, 1] = static[2].sum(-1)
-        J[:, :m], J[:, m : 2 * m] = rows.real, rows.imag
-        J[:, 2 * m :, places] = static[0]
-        J[:, 2 * m :, 2 * m : 3 * m] = self.on_bias + static[1]
-        R = np.concatenate([total.real - 1.0, total.imag, self._static(b, s.mean)], -1)
+        from eppanalysis.kernels.balances import assemble
+
+        n, m = len(X), self.m
+        J, R = np.zeros((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
+        elements = s.means, s.gains, s.steps
+        assemble(X, self.places, self.owner, self.pivot, self._of_means, elements, s.Z, L, dL, J, R)
         return R, J
 
-    def _by_element(self, columns: NDArray) -> NDArray:
-        """Sum over the outputs of each element: (..., nw) to (..., m)."""
-        if self.owner.size == self.m:
-            return columns
-        out = np.take(columns, self.first_outputs, axis=-1)  # numpy's reduceat takes four times as long
-        for k in self.further_outputs:
-            out[..., self.owner[k]] += columns[..., k]
-        return out
+    @cached_property
+    def _of_means(self) -> tuple[Array, Array, Array]:
+        """The static balance as kernels take it."""
+        on_bias, on_mean = (np.ascontiguousarray(part, float) for part in (self.on_bias, self.on_mean))
+        return on_bias, on_mean, self.prescribed
 
     def _static(self, b: Array, mean: Array) -> Array:
         return b @ self.on_bias.T + mean @ self.on_mean.T - self.prescribed
@@ -292,7 +256,7 @@ def newton_and_jacobian(
 ) -> tuple[Array, NDArray, Array]:
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
-    X, done, m = X.copy(), np.zeros(len(X), bool), balance.m
+    X, done = X.copy(), np.zeros(len(X), bool)
     settled = np.zeros(len(X), bool)
     alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
@@ -303,15 +267,10 @@ def newton_and_jacobian(
             x = X[todo]
             R, J = balance.residual(x)
             jacobian[todo] = J
-            J = np.concatenate([J, normal[todo, None]], 1)
-            R = np.concatenate([R, np.zeros((len(todo), 1))], 1)
-            step, regular = solve_rows(J, R)
-            largest = (np.abs(step) / scales(balance, x)).max(-1)
-            # In logarithms a step is a factor: no amplitude or frequency becomes negative, or changes by more than
-            # about two.
-            step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))[:, None]
-            X[todo] = x = x - step
-            alive[todo] = regular & np.isfinite(x).all(-1) & (np.abs(x[:, : 2 * m]).max(-1) < 300.0)
+            step, regular = solved(J, R, normal[todo])
+            largest, sound = moved(balance, x, step, _LARGEST_STEP)
+            X[todo] = x
+            alive[todo] = regular & sound
             # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
             small = (largest < 1e-9) & regular
             done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])
@@ -328,26 +287,41 @@ def scales(balance: Balance, X: Array) -> Array:
     return scale
 
 
-def solve_rows(J: Array, R: Array) -> tuple[Array, NDArray]:
-    """Solve a batch of systems after scaling their rows; singular or non-finite ones give zero and False."""
-    size = np.abs(J).max(-1)
-    ok = ((size > 0) & np.isfinite(size) & np.isfinite(R)).all(-1)
-    safe, right = J / size[..., None], R / size
-    if not ok.all():
-        safe[~ok], right[~ok] = np.eye(J.shape[-1]), 0.0
-    try:
-        out = np.linalg.solve(safe, right[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        # One exactly singular matrix stops the whole batch; shifted, it gives a huge step that the caller rejects.
-        # The shifts differ in size and order, or a shift would only move a matrix onto another singular one.
-        shifted = safe + 1e-13 * np.diag(np.sqrt(np.arange(2.0, J.shape[-1] + 2.0)))
-        try:
-            out = np.asarray(np.linalg.solve(shifted, right[..., None])[..., 0], float)
-        except np.linalg.LinAlgError:
-            out = (np.linalg.pinv(safe) @ right[..., None])[..., 0]
-            ok &= np.linalg.matrix_rank(safe) == J.shape[-1]
-    ok &= np.isfinite(out).all(-1)
-    out[~ok] = 0.0
+def moved(balance: Balance, X: Array, step: Array, longest: float) -> tuple[Array, NDArray]:
+    """Take steps (nb, 3 m + 1) from points, which are changed, shortened to the longest one in :func:`scales`.
+
+    Returns
+    -------
+    (largest, sound) : array (nb,), bool array (nb,)
+        Lengths of the whole steps, and whether points are finite and have not run away.
+    """
+    from eppanalysis.kernels.balances import move
+
+    largest, sound = np.empty(len(X)), np.empty(len(X), bool)
+    move(X, balance.places, step, longest, largest, sound)
+    return largest, sound
+
+
+def solved(J: Array, R: Array, border: Array, edge: float = 0.0) -> tuple[Array, NDArray]:
+    """Solutions (nb, c) of systems J (nb, c - 1, c) with one row more, the border with `edge` on its right side."""
+    rows, columns = np.arange(R.shape[1]), np.arange(J.shape[2])
+    return solved_in_part(J, R, rows, columns, border, edge)
+
+
+def solved_in_part(
+    J: Array, R: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], border: Array, edge: float = 0.0
+) -> tuple[Array, NDArray]:
+    """Solve a batch of systems, for some columns by some rows, after scaling these.
+
+    Returns
+    -------
+    (solution, regular) : array (nb, c), bool array (nb,)
+        Singular systems give a huge solution, which the caller limits; those that are not finite zeros and False.
+    """
+    from eppanalysis.kernels.balances import solve
+
+    out, ok = np.empty((len(R), J.shape[2])), np.empty(len(R), bool)
+    solve(J, R, rows, columns, border, edge, out, ok)
     return out, ok
 
 

@@ -11,7 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, ComplexArray, newton, solve_rows
+from eppanalysis.methods.describing.balance import (
+    ON_THE_WAY,
+    Array,
+    Balance,
+    ComplexArray,
+    moved,
+    newton,
+    solved_in_part,
+)
 from eppanalysis.methods.describing.curves import contour_lines, crossings, distinct, polish, settle
 from eppanalysis.methods.describing.search import Found, frequency_scales
 from eppanalysis.methods.describing.trace import Box, trace
@@ -71,7 +79,7 @@ def _acts(system: LureSystem, omega: float) -> NDArray[np.bool_]:
 def search_several(balance: Balance) -> Found:
     """All limit cycles on the solution curves that cross the grid over (amplitude of the pivot, omega)."""
     amplitude, omega = _pivot_nodes(balance), _omega_nodes(balance)
-    L = balance.system.frequency_response(omega)[:, balance.rows, :]
+    L = balance.linear(omega)
     pieces: list[Array] = []
     sheets = _sheets(balance, amplitude, omega, L)
     for X, loop in sheets:
@@ -416,7 +424,7 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
     """
     m, p = balance.m, balance.pivot
     rows = np.array([r for r in range(3 * m) if r not in (p, m + p)])
-    columns = np.arange(2, 3 * m)
+    columns, still = np.arange(2, 3 * m), np.empty((0, *L.shape[1:]), complex)
     X, loop, done = X.copy(), np.full(len(X), np.nan, complex), np.zeros(len(X), bool)
     alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
@@ -425,18 +433,12 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
             if not todo.size:
                 break
             x = X[todo]
-            a, phase, b, omega = balance.unpack(x)
-            slopes = balance.slopes(a, b, omega, free_pivot=False)
-            R, J = balance.assemble(x, slopes, a * np.exp(1j * phase), b, L[todo], None)
+            R, J = balance.assemble(x, balance.slopes(x, free_pivot=False), L[todo], still)
             loop[todo] = R[:, p] + 1.0 + 1j * R[:, m + p]
-            step, regular = solve_rows(J[:, rows[:, None], columns], R[:, rows])
-            scale = np.ones_like(step)
-            scale[:, 2 * (m - 1) :] = a + 0.1 * np.abs(b)
-            size = (np.abs(step) / scale).max(-1)
-            x[:, 2 : 3 * m] -= step * np.minimum(1.0, 1.0 / np.maximum(size, 1e-300))[:, None]
+            step, regular = solved_in_part(J, R, rows, columns, x)
+            size, sound = moved(balance, x, step, 1.0)
             X[todo] = x
-            within = np.abs(x[:, 2 : 2 * m]).max(-1, initial=0.0) < 300
-            alive[todo] = regular & np.isfinite(x).all(-1) & within
+            alive[todo] = regular & sound
             done[todo] = (size < 1e-7) & regular
     return X, loop, done & alive
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton_and_jacobian, scales, solve_rows
+from eppanalysis.methods.describing.balance import ON_THE_WAY, Array, Balance, newton_and_jacobian, scales, solved
 
 _FIRST, _LARGEST, _SMALLEST = 0.08, 0.3, 1e-4
 
@@ -84,10 +84,9 @@ def trace(balance: Balance, start: Array, outward: Array, box: Box, steps: int =
 
 def tangents(balance: Balance, J: Array, X: Array, heading: Array) -> tuple[Array, NDArray]:
     """Unit tangents in scaled unknowns at points with the Jacobian J, on the side of `heading`."""
+    size = scales(balance, X)
     with np.errstate(all="ignore"):
-        bordered = np.concatenate([J * scales(balance, X)[:, None, :], heading[:, None, :]], 1)
-        right = np.zeros(bordered.shape[:2])
-        right[:, -1] = 1.0
-        tangent, ok = solve_rows(bordered, right)
+        tangent, ok = solved(J, np.zeros(J.shape[:2]), heading / size, 1.0)
+        tangent /= size
     length = np.linalg.norm(tangent, axis=-1, keepdims=True)
     return np.where(length > 0, tangent / np.maximum(length, 1e-300), heading), ok

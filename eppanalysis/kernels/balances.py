@@ -1,0 +1,230 @@
+"""Compiled: Newton's method for many first-order balances, but for what elements and linear part answer.
+
+What the equations are is in :mod:`eppanalysis.methods.describing.balance`; here are the loops over points, elements and
+outputs, which are too short for array operations to be worth their calls.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+
+_COMPILED = {**KERNEL, "error_model": "numpy"}
+_INNER = {**PART, "error_model": "numpy"}
+#: Stands for a pivot of zero in a matrix whose rows are of size one: a huge step, which whoever takes it limits.
+_SINGULAR = 1e-13
+#: Logarithm or phase beyond which a point has run away.
+_FAR = 300.0
+
+
+@njit(**_COMPILED)
+def shift(X, places, pivot, of_outputs, relative, inputs, a, b, omega, steps):
+    """Inputs of n points, and the same with amplitude, bias and frequency shifted.
+
+    Parameters
+    ----------
+    X : array, shape (n, 3 m + 1)
+        Unknowns.
+    places, of_outputs : int array, shapes (m,), (nw,)
+        Of the balance: places of amplitudes, owners of outputs.
+    pivot : int
+    relative : float
+        Step, in units of the amplitude and of the frequency.
+    inputs : complex array, shape (n, m)
+        Phasors, which are filled as the next ones are.
+    a, b, omega : arrays, shapes (m, 4, n), (m, 4, n), (4, n)
+        Along the second axis: as it is, then with its amplitude, its bias and the frequency shifted.
+    steps : array, shape (3, n, nw)
+        By how much, for the element that owns an output.
+    """
+    m = places.size
+    for i in range(len(X)):
+        for e in range(m):
+            size, mean = math.exp(X[i, places[e]]), X[i, 2 * m + e]
+            phase = X[i, places[e] + 1] if e != pivot else 0.0
+            inputs[i, e] = complex(size * math.cos(phase), size * math.sin(phase))
+            for k in range(4):
+                a[e, k, i], b[e, k, i] = size, mean
+            a[e, 1, i] = size * (1.0 + relative)
+            b[e, 2, i] = mean + (relative * size + 1e-12 * abs(mean))
+        for k in range(4):
+            omega[k, i] = math.exp(X[i, 1])
+        omega[3, i] *= 1.0 + relative
+        for j in range(of_outputs.size):
+            e = of_outputs[j]
+            # The step that is really made: of a small one beside a large bias rounding changes the size.
+            steps[0, i, j], steps[1, i, j], steps[2, i, j] = relative, max(b[e, 2, i] - b[e, 0, i], 1e-290), relative
+
+
+@njit(**_COMPILED)
+def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
+    """Fill the residuals R (n, 3 m) and Jacobians J (n, 3 m, 3 m + 1), which are zeros, of n balances.
+
+    Parameters
+    ----------
+    X, places, owner, pivot, inputs
+        As of :func:`shift`.
+    static : arrays on_bias (m, m), on_mean (m, nw), prescribed (m,)
+        Balance of the means.
+    of_elements : arrays mean (4, n, nw), gain (4, n, nw), steps (3, n, nw)
+        As they are, then with amplitude, bias and frequency shifted; by how much.
+    L, dL : complex array, shapes (n, m, nw)
+        Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega stands
+        still.
+    """
+    on_bias, on_mean, prescribed = static
+    mean, gain, steps = of_elements
+    m, moves = places.size, len(dL) > 0
+    for i in range(len(R)):
+        for r in range(m):
+            front = (math.exp(X[i, 3 * m]) if r == pivot else 1.0) / inputs[i, r]
+            total = complex(0.0, 0.0)
+            level = -prescribed[r]
+            for j in range(owner.size):
+                o = owner[j]
+                response, z, place = L[i, r, j] * front, inputs[i, o], places[o]
+                output = gain[0, i, j] * z
+                loop = response * output
+                total += loop
+                # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
+                # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
+                # elements).
+                by = loop + response * ((gain[1, i, j] - gain[0, i, j]) / steps[0, i, j] * z)
+                J[i, r, place] += by.real
+                J[i, m + r, place] += by.imag
+                if o != pivot:
+                    J[i, r, place + 1] -= loop.imag
+                    J[i, m + r, place + 1] += loop.real
+                by = response * ((gain[2, i, j] - gain[0, i, j]) / steps[1, i, j] * z)
+                J[i, r, 2 * m + o] += by.real
+                J[i, m + r, 2 * m + o] += by.imag
+                level += on_mean[r, j] * mean[0, i, j]
+                J[i, 2 * m + r, place] += on_mean[r, j] * ((mean[1, i, j] - mean[0, i, j]) / steps[0, i, j])
+                J[i, 2 * m + r, 2 * m + o] += on_mean[r, j] * ((mean[2, i, j] - mean[0, i, j]) / steps[1, i, j])
+                if moves:
+                    by = response * ((gain[3, i, j] - gain[0, i, j]) / steps[2, i, j] * z)
+                    by += dL[i, r, j] * front * output
+                    J[i, r, 1] += by.real
+                    J[i, m + r, 1] += by.imag
+                    J[i, 2 * m + r, 1] += on_mean[r, j] * ((mean[3, i, j] - mean[0, i, j]) / steps[2, i, j])
+            J[i, r, places[r]] -= total.real
+            J[i, m + r, places[r]] -= total.imag
+            if r == pivot:
+                J[i, r, 3 * m], J[i, m + r, 3 * m] = total.real, total.imag
+            else:
+                J[i, r, places[r] + 1] += total.imag
+                J[i, m + r, places[r] + 1] -= total.real
+            for k in range(m):
+                level += on_bias[r, k] * X[i, 2 * m + k]
+                J[i, 2 * m + r, 2 * m + k] += on_bias[r, k]
+            R[i, r], R[i, m + r], R[i, 2 * m + r] = total.real - 1.0, total.imag, level
+
+
+@njit(**_INNER)
+def _take(J, R, rows, columns, border, edge, matrix, right):
+    """Rows and columns of a linear system, and its border, each row divided by its largest entry.
+
+    Returns whether that leaves finite numbers.
+    """
+    for r in range(columns.size):
+        size = 0.0
+        for c in range(columns.size):
+            matrix[r, c] = J[rows[r], columns[c]] if r < rows.size else border[columns[c]]
+            size = max(size, abs(matrix[r, c])) if not math.isnan(matrix[r, c]) else math.inf
+        right[r] = R[rows[r]] if r < rows.size else edge
+        if not (0.0 < size < math.inf and math.isfinite(right[r])):
+            return False
+        right[r] /= size
+        for c in range(columns.size):
+            matrix[r, c] /= size
+    return True
+
+
+@njit(**_INNER)
+def _eliminate(matrix, right):
+    """Bring a linear system to an upper triangle, with the largest entry of each column as its pivot."""
+    n = right.size
+    for k in range(n):
+        best = k
+        for r in range(k + 1, n):
+            if abs(matrix[r, k]) > abs(matrix[best, k]):
+                best = r
+        if best != k:
+            right[k], right[best] = right[best], right[k]
+            for c in range(k, n):
+                matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
+        if matrix[k, k] == 0.0:
+            matrix[k, k] = _SINGULAR
+        for r in range(k + 1, n):
+            factor = matrix[r, k] / matrix[k, k]
+            if factor != 0.0:
+                right[r] -= factor * right[k]
+                for c in range(k + 1, n):
+                    matrix[r, c] -= factor * matrix[k, c]
+
+
+@njit(**_COMPILED)
+def solve(J, R, rows, columns, border, edge, step, regular):
+    """Solve n linear systems for some of their columns; those that are not finite give zeros and False.
+
+    Parameters
+    ----------
+    J, R : array, shapes (n, r, c), (n, r)
+        Left and right sides.
+    rows, columns : int array, shapes (k,), (k,) or (k + 1,)
+        Those that are taken.
+    border : array, shape (n, c)
+        One more row where there is one more column, with `edge` on its right side.
+    step, regular : array and bool array, shapes (n, c), (n,)
+        Are filled; zeros in columns that are not taken.
+    """
+    size = columns.size
+    matrix, right = np.empty((size, size)), np.empty(size)
+    for i in range(len(R)):
+        step[i] = 0.0
+        ok = _take(J[i], R[i], rows, columns, border[i], edge, matrix, right)
+        if ok:
+            _eliminate(matrix, right)
+            for k in range(size - 1, -1, -1):
+                for c in range(k + 1, size):
+                    right[k] -= matrix[k, c] * right[c]
+                right[k] /= matrix[k, k]
+                step[i, columns[k]] = right[k]
+                ok = ok and math.isfinite(right[k])
+        regular[i] = ok
+        if not ok:
+            step[i] = 0.0
+
+
+@njit(**_COMPILED)
+def move(X, places, step, longest, largest, sound):
+    """Take steps from points, shortened to the longest that is allowed.
+
+    Parameters
+    ----------
+    X, step : array, shape (n, 3 m + 1)
+        Points, which are moved.
+    places : int array, shape (m,)
+        As of :func:`shift`.
+    longest : float
+        In logarithms, where a step is a factor; in phases; in biases relative to the amplitude.
+    largest, sound : array and bool array, shape (n,)
+        Are filled: lengths of the whole steps, and whether a point has numbers that can be worked with.
+    """
+    m = places.size
+    for i in range(len(X)):
+        length, far = 0.0, 0.0
+        for c in range(3 * m + 1):
+            size = 3.0 if c == 3 * m else 1.0
+            if 2 * m <= c < 3 * m:
+                size = math.exp(X[i, places[c - 2 * m]]) + 0.1 * abs(X[i, c])
+            length = max(length, abs(step[i, c]) / size)
+        share = min(1.0, longest / max(length, 1e-300))
+        for c in range(3 * m + 1):
+            X[i, c] -= step[i, c] * share
+            far = max(far, abs(X[i, c])) if c < 2 * m else far
+            far = far if math.isfinite(X[i, c]) else math.inf
+        largest[i], sound[i] = length, far < _FAR
