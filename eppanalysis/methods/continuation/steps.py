@@ -15,7 +15,7 @@ from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.guess import Guess
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, solve
-from eppanalysis.methods.orbits.shooting import close_orbit, next_guess
+from eppanalysis.methods.orbits.shooting import close_orbit, is_met, next_guess
 
 Array = NDArray[np.float64]
 
@@ -249,7 +249,7 @@ def admissible(point: Point) -> bool:
 
 
 def _true(orbit: Orbit) -> bool:
-    return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and next_guess(orbit) is None
+    return bool(np.all(orbit.tau > -1e-12 * orbit.period)) and is_met(orbit)
 
 
 def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: float = 1e-10) -> Point | None:
@@ -362,7 +362,7 @@ def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
     way = float(np.sign(inside.tangent[-1])) or 1.0
     for reach in (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 5e-3, 2e-2):
         virtual = outside if reach == 0.0 else step(inside, reach)
-        guess = None if virtual is None else next_guess(virtual.orbit)
+        guess = None if virtual is None or is_met(virtual.orbit) else next_guess(virtual.orbit)
         if virtual is None or guess is None:
             continue
         for turns_back in (False, True):

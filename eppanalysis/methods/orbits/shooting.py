@@ -67,11 +67,11 @@ def close_orbit(hybrid: HybridSystem, guess: Guess) -> Orbit | None:
                 return None
             # The equations close for sequences, too, that the loop does not have: the engine has the last word
             # (docs/theory/exact_orbits.md, Closing an orbit).
-            found = next_guess(orbit)
-            if found is None:
+            if is_met(orbit):
                 orbit = _finished(orbit)
                 return orbit if crosses(orbit) else None
-            if found.event_sequence.key in seen:
+            found = next_guess(orbit)
+            if found is None or found.event_sequence.key in seen:
                 return None
         else:
             found = follow(hybrid, guess)
@@ -239,32 +239,53 @@ def _repeats(orbit: Orbit, q: int) -> bool:
     return bool(np.all(change <= tol * orbit.scale[free]))
 
 
-def next_guess(orbit: Orbit) -> Guess | None:
-    """None when the engine, started on the orbit, meets just its events; else what it meets, as a new guess.
+def is_met(orbit: Orbit) -> bool:
+    """Whether the engine, started on the orbit, meets just its events.
 
-    The run begins in the middle of the longest arc, where no guard is near. A loop with dead time cannot be started in
-    the middle of its history; its sequence is that of the run it came from.
+    A loop with dead time cannot be started in the middle of its history; its sequence is that of the run it came from.
     """
     if orbit.arcs.n_timers:
-        return None
-    p, T = orbit.arcs.n_arcs, orbit.period
+        return True
+    # A turn from the middle of the longest arc, where no guard is near; an orbit that is left within a turn, switch by
+    # switch.
+    p, arcs = orbit.arcs.n_arcs, np.flatnonzero(orbit.tau > 1e-9 * orbit.period)
     k = int(np.argmax(orbit.tau))
-    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, k), orbit.arcs.event_sequence.modes[k])
-    base = 2.0 * orbit.hybrid.time_scale
-    run = run_hybrid(start, 1.1 * T, _NO_SAMPLES, base, 3 * p + 40, 3 * p + 40)
-    order = run.order
-    if run.n_kept >= p and np.array_equal(run.guard[order[:p]], np.roll(orbit.arcs.event_sequence.guards, -k)):
-        times = np.cumsum(np.roll(orbit.tau, -k)) - 0.5 * orbit.tau[k]
-        # Behind the last one, to where the run began, there is none: that part of the longest arc is an arc, too.
-        more = run.time[order[p:]] < (1.0 - 1e-6) * T
-        if np.max(np.abs(run.time[order[:p]] - times)) < 1e-6 * T and not np.any(more):
-            return None
-    once = one_turn(orbit.hybrid, run, start.modes0, T)
+    if _meets(orbit, k, p, (1.0 - 1e-6) * orbit.period):
+        return True
+    later = np.append(arcs[1:], arcs[0] + p)
+    return arcs.size > 1 and all(
+        _meets(orbit, int(a), int(b - a), 0.5 * float(orbit.tau[a] + orbit.tau[b % p]))
+        for a, b in zip(arcs, later, strict=True)
+    )
+
+
+def _meets(orbit: Orbit, first: int, count: int, t_end: float) -> bool:
+    """Whether a run from the middle of an arc meets the next `count` events of the orbit and no other until `t_end`."""
+    whole = count == orbit.arcs.n_arcs
+    run = _from_middle(orbit, first, 1.1 * orbit.period if whole else t_end, 3)
+    order, tau = run.order, np.roll(orbit.tau, -first)[:count]
+    guards = np.roll(orbit.arcs.event_sequence.guards, -first)[:count]
+    if run.n_kept < count or not np.array_equal(run.guard[order[:count]], guards):
+        return False
+    late = np.abs(run.time[order[:count]] - (np.cumsum(tau) - 0.5 * tau[0]))
+    return bool(np.max(late) < 1e-6 * orbit.period) and not np.any(run.time[order[count:]] < t_end)
+
+
+def _from_middle(orbit: Orbit, arc: int, t_end: float, turns: int) -> Run:
+    """A run from the middle of an arc, with room for the events of so many turns."""
+    start = restarted(orbit.hybrid, orbit.arcs, middle(orbit, arc), orbit.arcs.event_sequence.modes[arc])
+    most = turns * orbit.arcs.n_arcs + 40
+    return run_hybrid(start, t_end, _NO_SAMPLES, 2.0 * orbit.hybrid.time_scale, most, most)
+
+
+def next_guess(orbit: Orbit) -> Guess | None:
+    """What the engine meets that is started on the orbit, where that has other events; None where it is nothing."""
+    T, k = orbit.period, int(np.argmax(orbit.tau))
+    once = one_turn(orbit.hybrid, _from_middle(orbit, k, 1.1 * T, 3), orbit.arcs.event_sequence.modes[k], T)
     if once is not None and once.event_sequence.cyclic_key != orbit.arcs.event_sequence.cyclic_key:
         return once
-    run = run_hybrid(start, 2.6 * T, _NO_SAMPLES, base, 8 * p + 80, 8 * p + 80)
     best = None
-    for guess in recurrences(orbit.hybrid, run, (0.6 * T, 1.5 * T), 80):
+    for guess in recurrences(orbit.hybrid, _from_middle(orbit, k, 2.6 * T, 8), (0.6 * T, 1.5 * T), 80):
         # Just beyond a change of sequence much of the run still follows the old one.
         if guess.event_sequence.cyclic_key != orbit.arcs.event_sequence.cyclic_key:
             return guess

@@ -22,6 +22,7 @@ from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
+from eppanalysis.methods.orbits.locus import orbits_on_locus
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
@@ -178,6 +179,7 @@ class _Search(Ends):
     n_left: int = 0
     n_cut: int = 0
     n_images: int = 0
+    n_loci: int = 0
     n_towards: int = 0
     unclosed: list[LimitCycle] = field(default_factory=list)
 
@@ -199,6 +201,7 @@ class _Search(Ends):
             f"the mirror {'image' if self.n_images == 1 else 'images'} of {count(self.n_images, 'cycle')} not tried": (
                 self.n_images
             ),
+            f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
         }
         return tuple(text for text, number in parts.items() if number)
 
@@ -206,7 +209,7 @@ class _Search(Ends):
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
         with allotted(_MOST_WORK) as self.work:
             # In the order of docs/theory/exact_orbits.md, All of them: predictions, rays, random starts, rays to what
-            # was found, mirror images. Basin boundaries are bisected where a ray shows them.
+            # was found, other periods, mirror images. Basin boundaries are bisected where a ray shows them.
             led_to = self._close_all()
             for ray in self.rays:
                 self._scan(ray)
@@ -217,6 +220,8 @@ class _Search(Ends):
                 self.outcome(*start)
             for orbit in list(self.orbits):
                 self._scan(self._ray_to(orbit))
+            for orbit in list(self.orbits):
+                self._add_on_locus(orbit)
             for orbit in list(self.orbits):
                 self._add_mirrored(orbit)
         self.unclosed = self._not_among(led_to)
@@ -281,7 +286,8 @@ class _Search(Ends):
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
             f"({ends}); "
             f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles; the mirror image "
-            "of each cycle tried. Cycles with several unstable directions that no prediction is near may be missed."
+            "of each cycle tried, and its switches at other periods. Unstable cycles that no prediction is near and no "
+            "boundary leads to may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
         )
 
@@ -330,6 +336,15 @@ class _Search(Ends):
             else "They are not listed; simulate from such a start to see one"
         )
         return f" Some runs are on cycles without a closed orbit: {why}. {what}."
+
+    def _add_on_locus(self, orbit: Orbit) -> None:
+        """Add orbits with the switches of one at other periods; on a boundary a run finds the least unstable only."""
+        try:
+            with allotted(FOR_ONE * _MOST_WORK):
+                for found in orbits_on_locus(orbit):
+                    self.add(found)
+        except Spent:
+            self.n_loci += 1
 
     def _add_mirrored(self, orbit: Orbit) -> None:
         """Add the mirror image of an orbit, which a symmetric loop has too."""
