@@ -8,7 +8,7 @@ looked for here: a bound is put to the test where it matters, at the optimum, an
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -78,8 +78,10 @@ class Frontier:
         1 where the parameter is to be large, so that cycles are sought above its bound.
     allowed : Allowed or None
     families : list of list of Known
-    bounds, first : dict of tuple
+    bounds, first, questions : dict of tuple
         What is known already, exactly and by first order, by the values of the parameters that run.
+    derivatives : dict of (Point, str, float)
+        Of exact bounds, by parameters with their sizes.
     """
 
     question: Question
@@ -89,6 +91,8 @@ class Frontier:
     families: list[list[Known]] = field(default_factory=list)
     bounds: dict[Place, ExactBound] = field(default_factory=dict)
     first: dict[Place, float | None] = field(default_factory=dict)
+    questions: dict[Place, Question] = field(default_factory=dict)
+    derivatives: dict[tuple[Point, str, float], float] = field(default_factory=dict)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -98,10 +102,18 @@ class Frontier:
 
     def here(self, place: Place) -> Question:
         """The question at values of the parameters that run."""
-        if not place:
-            return self.question
-        values = dict(zip(self.widths, place, strict=True))
-        return replace(self.question, case=self.question.case.with_values(values))
+        if place not in self.questions:
+            values = dict(zip(self.widths, place, strict=True))
+            case = self.question.case.with_values(values) if place else self.question.case
+            self.questions[place] = replace(self.question, case=case)
+        return self.questions[place]
+
+    def slopes(self, place: Place, point: Point, sizes: Mapping[str, float]) -> dict[str, float]:
+        """Derivative of an exact bound at a place by parameters, as :func:`exact_slopes` has it."""
+        new = {n: s for n, s in sizes.items() if (point, n, s) not in self.derivatives}
+        for name, slope in exact_slopes(self.here(place), point, new).items() if new else ():
+            self.derivatives[point, name, sizes[name]] = slope
+        return {name: self.derivatives[point, name, size] for name, size in sizes.items()}
 
     def worth(self, bound: ExactBound) -> float:
         """How good a bound is: larger is better; minus infinity where nothing is free."""
@@ -171,7 +183,7 @@ class Frontier:
         # Slopes of the orbit's equations foretell folds and border collisions alone.
         if point is None or (point.arc is None and abs(point.turn) > FLAT) or self.allowed is not None:
             return value
-        slopes = exact_slopes(self.here(near.place), point, {name: self.widths[name] for name in moves})
+        slopes = self.slopes(near.place, point, {name: self.widths[name] for name in moves})
         change = sum(slopes[name] * move for name, move in moves.items())
         return value + change if abs(change) < _MOST_FORETOLD * abs(value) else value
 
@@ -309,7 +321,8 @@ def first_turn(question: Question, value: float, cycle: LimitCycle, sign: float)
         return None
     # Most branches turn back soon.
     window = max(limits[0], value - _WINDOW * abs(value)), min(limits[1], value + _WINDOW * abs(value))
-    family = Family(lambda v: steady_case(question.case_at(v)), limits, window)
+    # The walk asks for some sixty systems.
+    family = Family(lambda v: steady_case(question.case_at(v)), limits, window, patience=1)
     try:
         hybrid = family.at(value)
         if cycle.state.size != hybrid.n_plant:  # of a loop of another structure

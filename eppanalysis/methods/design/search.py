@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
-from eppanalysis.methods.bounds.elasticity import exact_slopes, size_elasticities
+from eppanalysis.methods.bounds.elasticity import size_elasticities
 from eppanalysis.methods.bounds.exact import ExactBound
 from eppanalysis.methods.bounds.harmonic import Question, spread
 from eppanalysis.methods.bounds.result import Turn
@@ -269,12 +269,13 @@ class Search:
         point, frontier = pick.bound.point, self.frontier
         if point is None or not pick.by_cycle:
             return {}
-        here = self.here(pick.place, pick.corner)
+        full = self.full(pick.place, pick.corner)
+        here = frontier.here(full)
         if pick.bound.kind is Turn.SIZE and frontier.allowed is not None:
             elastic = size_elasticities(here, point, frontier.allowed)
             found = {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in names}
         elif point.arc is not None or (pick.bound.kind is Turn.FOLD and abs(point.turn) < FLAT):
-            found = exact_slopes(here, point, names)
+            found = frontier.slopes(full, point, names)
         else:
             found = {n: self._by_neighbour(pick, n) for n in names if n in frontier.widths}
         corner, shares = pick.corner, self.shares

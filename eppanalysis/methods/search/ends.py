@@ -46,6 +46,8 @@ _QUIET_TURN, _SEEN = 2, 3.0
 #: A state this many times beyond all cycles and its own start that still moves has diverged. The threshold is relative,
 #: for integrators grow slowly, beyond no bound (docs/theory/exact_orbits.md, All of them).
 _FAR = 1e6
+#: Share of its largest value at which a state that grows, and swings, may be met.
+_GROWN = 0.1
 #: Switches accumulate: the amplitude between them is taken over this many events, and is rest below this share of the
 #: amplitude of the whole run.
 _PILE, _PILED = 64, 1e-3
@@ -263,7 +265,10 @@ class Ends:
         """Whether a run has diverged: it is far beyond all cycles and still moves. Integrators pass no fixed bound."""
         n = start.n_plant
         here, size = np.abs(run.x_end[:n]), np.maximum(self._sizes()[:n], np.abs(start.x0[:n]))
-        return bool(np.any((here > _FAR * size) & (size > 0) & (np.abs(run.rate_end[:n]) * t > 0.5 * here)))
+        # A size may be rounding alone. What has been far larger before does not grow.
+        grown = here > _GROWN * np.maximum(np.abs(run.low), np.abs(run.high))[:n]
+        moves = np.abs(run.rate_end[:n]) * t > 0.5 * here
+        return bool(np.any((here > _FAR * size) & (size > 0) & grown & moves))
 
     def _recognise(self, start: HybridSystem, run: Run, period: float | None) -> End | int:
         """Number of the cycle that a run is on at its end."""
