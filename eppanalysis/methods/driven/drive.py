@@ -23,8 +23,9 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, require_cont
 
 Array = NDArray[np.float64]
 
-#: Longest step of a run, relative to the period of the input.
-_STEP = 1.0 / 16.0
+#: Longest step of a run, relative to the period of the input: no simple share of it, for switches of what keeps step
+#: with the input would fall on the ends of steps, where rounding has them met again and again.
+_STEP = 0.0618
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import check_counts
 from eppanalysis.methods.driven.closing import begun, close, ends_as_it_begins, later, passed
 from eppanalysis.methods.driven.drive import Drive, drive_of
+from eppanalysis.methods.driven.entrained import Entrainment, entrainments, undriven
 from eppanalysis.methods.driven.first_order import Sinusoid, sinusoids
 from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicResponse
 from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
@@ -38,8 +39,8 @@ _ON_IT, _NEARER, _NEAR = 1e-7, 0.7, 0.3
 _RETURNS = 0.15
 #: Periods over which the parting of neighbouring motions is measured, and the rate per period that counts as none.
 _PARTING, _NO_RATE = 300, 0.02
-#: Multiplier of a response above which the loop's own oscillation may hide others, and the phases at which it is tried.
-_SLOW, _PHASES = 0.9, 8
+#: Multiplier of a response above which the loop's own oscillation may hide others.
+_SLOW = 0.9
 #: Two responses whose states at phase zero are nearer than this, relative to the motion, are one.
 _SAME = 1e-6
 _FOLLOWS, _EVERY = "comes to follow the input", "repeats itself every {} periods"
@@ -125,7 +126,8 @@ def forced_response(
     first = sinusoids(drive)
     motion, exponent = search.run(drive.hybrid, to_the_end=True)
     search.from_first_order(first)
-    search.from_phases()
+    own = search.from_own_cycles() if motion is not Motion.IRREGULAR else None
+    motion = search.by_adlers_law(motion, own)
     responses = search.responses()
     names = drive.system.signals.names
     return ForcedResponse(
@@ -137,8 +139,10 @@ def forced_response(
         repeats=search.repeats,
         exponent=exponent,
         status=Status.CONVERGED if responses else Status.NOT_CONVERGED,
-        message=_sentence(drive, responses, motion, exponent, search),
+        message=_sentence(drive, responses, motion, exponent, search, own),
         first_order={name: np.array([one.response(name) for one in first]) for name in names} if first else {},
+        beat=float("nan") if own is None else own.beat(drive.period),
+        tongue=(float("nan"), float("nan")) if own is None else own.tongue(drive.frequency),
         provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
         operating_point=drive.at,
     )
@@ -189,6 +193,7 @@ class Search:
     found: list[tuple[int, Orbit]] = field(default_factory=list)
     reached: int = 0
     repeats: int = 0
+    settled: bool = False
     end: HybridSystem | None = None
 
     def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
@@ -200,22 +205,33 @@ class Search:
             self.closed(start, 1)
             self.run(start)
 
-    def from_phases(self) -> None:
+    def from_own_cycles(self) -> Entrainment | None:
         """Responses that are the loop's own oscillation, held by the input at one phase or the other.
 
         A weak sine entrains it at a stable and at an unstable phase: a run comes to the first of them slowly, to the
-        other never. So the motion that the run has come to is begun at several phases of the input.
+        other never. What is returned is the cycle that the run has come to, where it has come to one.
         """
         end = self.end
         slow = [abs(orbit.multipliers).max(initial=0.0) for _, orbit in self.found]
         if end is None or (slow and not max(slow) > _SLOW):
-            return
-        for k in range(_PHASES):
-            start = later(end, k * self.drive.period / _PHASES)
-            if start is not None:
-                x = start.x0.copy()
-                x[self.drive.sine] = end.x0[self.drive.sine]
-                self.closed(replace(start, x0=x), 1)
+            return None
+        on = None
+        for own in entrainments(self.drive, end, self.most_periods):
+            for start in own.phases:
+                self.closed(start, own.multiple)
+            if on is None and own.is_weak(self.drive.omega) and own.on_it(undriven(self.drive, end)):
+                on = own
+        return on
+
+    def by_adlers_law(self, motion: Motion, own: Entrainment | None) -> Motion:
+        """How a run goes on that has come to the loop's own oscillation, of which no length of it tells the end."""
+        if own is None or motion is Motion.PERIODIC:
+            return motion
+        entrained = any(n == own.multiple and is_stable(orbit.multipliers) for n, orbit in self.found)
+        if own.phases and entrained:
+            self.repeats = own.multiple
+            return Motion.PERIODIC
+        return motion if own.phases else Motion.QUASI_PERIODIC
 
     def closed(self, start: HybridSystem, multiple: int) -> tuple[int, Orbit] | None:
         """The response of so many periods near a start, in the shortest form; None where there is none."""
@@ -271,7 +287,8 @@ class Search:
                 self.reached, self.end = max(self.reached, made), now
             settled = self._settles(now, np.array(states[-4 * self.most_periods :]))
             if settled:
-                self.repeats = settled if to_the_end else self.repeats
+                if to_the_end:
+                    self.repeats, self.settled = settled, True
                 return Motion.PERIODIC, float("nan")
         return self._parting(now) if to_the_end and now is not None else (Motion.UNDECIDED, float("nan"))
 
@@ -354,15 +371,25 @@ def periodic_response(drive: Drive, multiple: int, orbit: Orbit) -> PeriodicResp
 
 
 def _sentence(
-    drive: Drive, responses: tuple[PeriodicResponse, ...], motion: Motion, exponent: float, search: Search
+    drive: Drive,
+    responses: tuple[PeriodicResponse, ...],
+    motion: Motion,
+    exponent: float,
+    search: Search,
+    own: Entrainment | None,
 ) -> str:
     stable = sum(r.stable for r in responses)
     multiples = sorted({r.multiple for r in responses} - {1})
     what = f"{len(responses)} found, {stable} stable" if responses else "none found"
     sub = f", some of them of {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
     goes_on = _FOLLOWS if search.repeats == 1 else _EVERY.format(search.repeats)
-    if motion is not Motion.PERIODIC:
+    by_law = own is not None and not search.settled
+    if own is not None and by_law and motion is Motion.QUASI_PERIODIC:
+        goes_on = f"does not repeat itself: quasi-periodic, {own.in_words(drive.frequency)}"
+    elif motion is not Motion.PERIODIC:
         goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
+    elif own is not None and by_law:
+        goes_on = f"{goes_on}, {own.in_words(drive.frequency)}"
     return f"Periodic responses to a sine of {_sine(drive)}: {what}{sub}. The run from the loop's own start {goes_on}."
 
 

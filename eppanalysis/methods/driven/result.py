@@ -132,6 +132,11 @@ class ForcedResponse(Listing[PeriodicResponse]):
     first_order : dict of str to complex array
         Complex gains that describing functions say, by signal, one for each of their solutions; empty where they have
         none.
+    beat : float
+        Time in which the loop's own oscillation gains or loses a period of a weak sine, by Adler's law [s]; nan where
+        the run has come to no such oscillation, or keeps step.
+    tongue : (float, float)
+        Frequencies between which a weak sine entrains the oscillation that the run has come to, by Adler's law [Hz].
     """
 
     input: str
@@ -144,11 +149,13 @@ class ForcedResponse(Listing[PeriodicResponse]):
     status: Status
     message: str
     first_order: dict[str, ComplexArray] = field(default_factory=dict)
+    beat: float = float("nan")
+    tongue: tuple[float, float] = (float("nan"), float("nan"))
 
     parts = "responses"
     in_json = (
-        "input amplitude frequency status message motion repeats exponent responses first_order operating_point "
-        "provenance"
+        "input amplitude frequency status message motion repeats exponent beat tongue responses first_order "
+        "operating_point provenance"
     )
 
     @property

@@ -33,6 +33,8 @@ _SHARES = tuple(0.4**k for k in range(8))
 _SINGULAR = 1e-14
 #: A continuum of cycles is tested for below this share, at orbits so far beside the one found.
 _NEARLY, _BESIDE = 1e-7, 0.01
+#: Residual below which a motion of given period, beside another one, is one more.
+_CLOSES = 1e-12
 #: A solution this many times larger than its right-hand side is rounding.
 _STRAY = 1e9
 #: Steps of the engine that one sweep with its linear equations is worth: all at once, each arc, each entry of the
@@ -174,7 +176,9 @@ class Orbit:
         beside = solve(self.hybrid, Guess(self.arcs.event_sequence, y, tau), self.arcs)
         moved = np.concatenate([beside.y[self.arcs.free] - self.y[self.arcs.free], beside.tau - self.tau])
         moved /= self.column_scale
-        return beside.residual < CONVERGED and float(away @ moved) > 0.5 * float(away @ away)
+        # Beside what a weak input holds at its phase every motion closes nearly.
+        closes = CONVERGED if self.arcs.duration is None else _CLOSES
+        return beside.residual < closes and float(away @ moved) > 0.5 * float(away @ away)
 
     def correction(self, right: Array) -> Array:
         """Solution of the scaled linear equations for a right-hand side, in the units of the unknowns; nan for none."""

@@ -1,0 +1,186 @@
+"""The loop's own oscillation under a weak sine: entrained at two phases, or passed by with a beat (Adler's law).
+
+The exact cycle of the undriven loop is the motion to order zero. To first order a sine of amplitude V moves its phase
+by a sinusoid of the phase at which they meet, and so says where the two keep step (docs/theory/driven.md, Entrainment).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.describing.predict import predicted_cycles
+from eppanalysis.methods.driven.closing import begun, later, passed, quiet, run_over
+from eppanalysis.methods.driven.drive import Drive
+from eppanalysis.methods.orbits.orbit import Orbit, evaluate
+from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
+from eppanalysis.methods.simulation.stability import is_stable
+from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.readable import quantity
+
+Array = NDArray[np.float64]
+
+#: Most cycles of the loop that are compared with periods of the input, and how far apart both may be.
+_MOST_CYCLES, _APART = 6, 0.2
+#: Share of the next singular value below which that of a shift along the cycle is zero.
+_SHIFT = 1e-6
+#: Change of the phase over a pass [rad] up to which first order is believed, and a run's distance from the cycle.
+_WEAK, _ON_IT = 0.2, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Entrainment:
+    """A cycle of the undriven loop beside n periods of the input, to first order in the sine.
+
+    Attributes
+    ----------
+    multiple : int
+        Periods of the input.
+    late : float
+        How much longer they last than the loop's own cycles [s].
+    width : float
+        How much of that the sine makes up at most [s].
+    phases : tuple of HybridSystem
+        Starts at which the two keep step: none, or two.
+    cycle : Orbit
+        The undriven one.
+    """
+
+    multiple: int
+    late: float
+    width: float
+    phases: tuple[HybridSystem, ...]
+    cycle: Orbit
+
+    def is_weak(self, omega: float) -> bool:
+        """Whether the phase moves so little over a pass that first order says how it goes on."""
+        return omega * self.width < _WEAK
+
+    def tongue(self, frequency: float) -> tuple[float, float]:
+        """Frequencies of the input between which the loop is entrained [Hz], from the one that it has."""
+        time = self.multiple / frequency
+        own = time - self.late
+        return frequency * time / (own + self.width), frequency * time / (own - self.width)
+
+    def in_words(self, frequency: float) -> str:
+        """How the phase goes on by Adler's law, and the frequencies between which the loop is entrained."""
+        low, high = self.tongue(frequency)
+        tongue = f"by Adler's law within {low:.9g} to {high:.9g} Hz"
+        if not self.phases:
+            beat = f"with a beat of {quantity(self.beat(1.0 / frequency), 's', 4)}"
+            return f"{beat}; the loop is entrained {tongue}" if self.width > 0 else beat
+        rate = 2.0 * np.pi * frequency * float(np.sqrt(self.width**2 - self.late**2)) / self.multiple
+        slow = f"{1.0 / rate:.3g}" if rate > 0 else "ever more"
+        return f"{tongue}: slowly, its phase comes nearer by a factor e in {slow} periods"
+
+    def beat(self, period: float) -> float:
+        """Time in which the loop's own oscillation gains or loses a period of the input [s]; nan where it keeps step.
+
+        Its phase obeys d(phase)/dt = detuning - K sin(phase), which takes 2 pi / sqrt(detuning^2 - K^2) for a turn.
+        """
+        if abs(self.late) <= self.width:
+            return float("nan")
+        return period * (self.multiple * period - self.late) / float(np.sqrt(self.late**2 - self.width**2))
+
+    def on_it(self, start: HybridSystem) -> bool:
+        """Whether a motion is on the cycle, which is stable, but for what a weak sine moves it by."""
+        run = run_over(start, 1.5 * self.cycle.period)
+        if run is None or not run.count or not is_stable(self.cycle.multipliers, self.cycle.one_of_many):
+            return False
+        first, n, compared = run.order[0], start.x0.size, start.compared
+        met = self.cycle.arcs.event_sequence.guards == run.guard[first]
+        away = np.abs(self.cycle.starts[1:, :n][met] - run.state[first])[:, compared] / self.cycle.scale[:n][compared]
+        return bool(len(away)) and float(np.min(np.max(away, axis=1))) < _ON_IT
+
+
+def entrainments(drive: Drive, end: HybridSystem, most_periods: int) -> Iterator[Entrainment]:
+    """The loop's own cycles beside the input: the one near a motion, and those near describing functions."""
+    known: list[Orbit] = []
+    for orbit in _own_cycles(drive, end, most_periods):
+        if any(same_orbit(one, orbit) for one in known):
+            continue
+        known.append(orbit)
+        found = _beside(drive, orbit, most_periods)
+        if found is not None:
+            yield found
+
+
+def undriven(drive: Drive, start: HybridSystem) -> HybridSystem:
+    """The loop in a state, without the sine: its two states are at zero, where they stay."""
+    x = start.x0.copy()
+    x[drive.sine] = 0.0
+    return replace(start, x0=x)
+
+
+def _own_cycles(drive: Drive, end: HybridSystem, most_periods: int) -> Iterator[Orbit]:
+    """Exact cycles of the undriven loop."""
+    here, still = undriven(drive, end), undriven(drive, drive.hybrid)
+    starts = [(here, n * drive.period) for n in range(1, most_periods + 1)]
+    with suppress(EppError, ModelError):  # such as an element without a describing function
+        starts += [(still.begun(c.state, c.memory), c.period) for c in predicted_cycles(drive.system, drive.at)]
+    for start, period in starts:
+        # A start on a switch may be met on its wrong side.
+        placed = quiet(start, period)
+        near = None if placed is None else next(orbits_near(placed, placed.x0, placed.H0, period), None)
+        if near is not None and near.motion is None:
+            yield near
+
+
+def _beside(drive: Drive, cycle: Orbit, most_periods: int) -> Entrainment | None:
+    """The cycle beside so many periods of the input that both last nearly the same; None where that is far off."""
+    pairs = ((n, m) for n in range(1, most_periods + 1) for m in range(1, _MOST_CYCLES + 1) if np.gcd(n, m) == 1)
+    n, m = min(
+        pairs, key=lambda nm: (abs(np.log(nm[0] * drive.period / (nm[1] * cycle.period))) > _APART / sum(nm), sum(nm))
+    )
+    duration, own = n * drive.period, m * cycle.period
+    if abs(np.log(duration / own)) > _APART / (n + m):
+        return None
+    longest = int(np.argmax(cycle.tau))
+    # The sine that keeps step: what it does at another frequency differs by the second order.
+    hybrid = drive.changed(omega=2.0 * np.pi * n / own).hybrid
+    begin = replace(begun(cycle), model=hybrid.model, time_scale=hybrid.time_scale)
+    placed = later(begin, float(cycle.tau[:longest].sum() + 0.5 * cycle.tau[longest]))
+    orbit = None if placed is None else passed(placed, own)
+    if placed is None or orbit is None:
+        return None
+    A = orbit.A / orbit.row_scale[:, None] * orbit.column_scale
+    if not np.all(np.isfinite(A)):
+        return None
+    left, sizes, right = np.linalg.svd(A)
+    if not sizes[-1] < _SHIFT * sizes[-2]:  # more than one direction is free, or a switch lies at the begin
+        return None
+    # A shift along the cycle solves the undriven equations: what the sine and the difference of the durations add to
+    # them must be seen by none of its left null vector.
+    psi = left[:, -1] / orbit.row_scale
+    by_sine, by_cosine = (_by_state(orbit, i) for i in range(drive.sine.start, drive.sine.stop))
+    longer = np.zeros(orbit.r.size)
+    longer[-1] = duration - own
+    g = np.array([psi @ by_sine, psi @ by_cosine])
+    size = float(np.hypot(*g))
+    # Of a symmetric loop even harmonics do nothing, to rounding.
+    if size <= _SHIFT * float(np.abs(psi) @ (np.abs(by_sine) + np.abs(by_cosine))):
+        return Entrainment(n, duration - own, 0.0, (), cycle)
+    phases, ratio = [], float(psi @ longer) / size
+    for turn in (-1.0, 1.0) if abs(ratio) <= 1.0 else ():
+        phase = float(np.arctan2(g[0], g[1]) + turn * np.arccos(ratio))
+        # The state moves by what the rest of the equations says.
+        missing = (np.sin(phase) * by_sine + np.cos(phase) * by_cosine - longer) / orbit.row_scale
+        step = -(right[:-1].T @ ((left[:, :-1].T @ missing) / sizes[:-1])) * orbit.column_scale
+        x = orbit.moved(step)[0][: placed.x0.size].copy()
+        x[drive.sine] = np.sin(phase), np.cos(phase)
+        phases.append(replace(drive.hybrid, x0=x, H0=placed.H0, modes0=placed.modes0))
+    return Entrainment(n, duration - own, size / abs(float(psi[-1])), tuple(phases), cycle)
+
+
+def _by_state(orbit: Orbit, i: int) -> Array:
+    """Derivative of the residual by a state of the sine, by a difference as large as the sine."""
+    up, down = orbit.y.copy(), orbit.y.copy()
+    up[i], down[i] = 1.0, -1.0
+    return 0.5 * (
+        evaluate(orbit.hybrid, orbit.arcs, up, orbit.tau).r - evaluate(orbit.hybrid, orbit.arcs, down, orbit.tau).r
+    )

@@ -1,0 +1,92 @@
+"""Weak sines beside the loop's own oscillation: the two phases of entrainment, its tongue and the beat beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import eppanalysis as epp
+from eppanalysis.methods.driven.result import Motion
+
+
+def driven(name: str, element: epp.Nonlinearity, num: list[float], den: list[float]) -> epp.Diagram:
+    parts = {name: element, "plant": epp.blocks.TransferFunction(num=num, den=den)}
+    return epp.Diagram(parts=parts, connect=[f"force - plant -> {name}", f"{name} -> plant"], inputs=["force"])
+
+
+LOOPS: dict[str, Callable[[], epp.Diagram]] = {
+    "relay": lambda: driven("relay", epp.Relay(), [1.0], [1.0, 3.0, 2.0, 0.0]),
+    "saturation": lambda: driven("spring", epp.Saturation(lower=-1.0, upper=1.0), [10.0], [1.0, 3.0, 2.0, 0.0]),
+    "relay with hysteresis": lambda: driven("relay", epp.HysteresisRelay(-0.1, 0.1), [2.0], [0.3, 1.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("amplitude", [1e-3, 1e-5, 1e-8])
+@pytest.mark.parametrize("name", LOOPS)
+def test_within_the_tongue_two_phases_keep_step_and_beside_it_the_motion_beats(name: str, amplitude: float) -> None:
+    loop = LOOPS[name]()
+    (own,) = epp.find_limit_cycles(loop).stable
+    at = epp.forced_response(loop, amplitude=amplitude, frequency=own.frequency)
+    low, high = at.tongue if np.isfinite(at.tongue[0]) else (own.frequency, own.frequency)
+    assert low < own.frequency < high
+    rates = sorted(np.log(np.abs(r.cycle.multipliers[0])) for r in at if abs(r.largest_multiplier - 1.0) < 0.3)
+    # Multipliers exp(-K T) and exp(K T), K half the width of the tongue (Adler, Proceedings of the IRE 34, 1946).
+    half = np.pi * (high - low) / own.frequency
+    assert rates == pytest.approx([-half, half], rel=max(20 * half, 1e-6))
+    for share, phases in ((0.8, 2), (1.2, 0)):
+        found = epp.forced_response(loop, amplitude=amplitude, frequency=own.frequency + share * 0.5 * (high - low))
+        assert sum(abs(r.largest_multiplier - 1.0) < 0.3 for r in found) == phases
+        assert found.motion is (Motion.PERIODIC if phases else Motion.QUASI_PERIODIC)
+        if not phases:
+            law = 1.0 / (0.5 * (high - low) * np.sqrt(share**2 - 1.0))
+            assert found.beat == pytest.approx(law, rel=max(20 * half, 1e-6)) and "with a beat of" in found.message
+
+
+def switches(omega: float, amplitude: float, n: int) -> np.ndarray:
+    """Times at which the relay loop switches, by matrix exponentials and Brent's method alone."""
+    A, B = np.array([[0.0, 1, 0], [0, 0, 1], [0, -2, -3]]), np.array([0.0, 0, 1])
+    whole = np.zeros((5, 5))
+    whole[:3, :3], whole[:3, 3] = A, B
+    h = 0.02
+    F, x, t, out = expm(h * whole), np.array([0.3, 0.0, 0.0, -1.0, 0.0]), 0.0, []
+
+    def seen(dt: float, start: np.ndarray, at: float) -> float:
+        return float(amplitude * np.sin(omega * (at + dt)) - (expm(dt * whole) @ start)[0])
+
+    while len(out) < n:
+        new = F @ x
+        # The relay is at 1 while the force less the plant's output is positive.
+        if (amplitude * np.sin(omega * (t + h)) - new[0]) * x[3] < 0:
+            dt = brentq(seen, 0.0, h, args=(x, t), xtol=1e-15)
+            x, t = expm(dt * whole) @ x, t + dt
+            x[3] = -x[3]
+            out.append(t)
+        else:
+            x, t = new, t + h
+    return np.array(out)
+
+
+def test_the_tongue_and_the_beat_are_those_of_an_independent_integration() -> None:
+    loop, amplitude = LOOPS["relay"](), 1e-3
+    (own,) = epp.find_limit_cycles(loop)
+    low, high = epp.forced_response(loop, amplitude=amplitude / 10, frequency=own.frequency).tongue
+    half = 5.0 * (high - low)  # proportional to the amplitude
+    for share in (0.8, 1.2):
+        omega = 2.0 * np.pi * (own.frequency + share * half)
+        times = switches(omega, amplitude, 2400)[1::2]
+        phase = np.unwrap((omega * times) % (2.0 * np.pi))
+        found = epp.forced_response(loop, amplitude=amplitude, frequency=omega / (2.0 * np.pi))
+        if share < 1:
+            assert abs(phase[-1] - phase[-200]) < 1e-3
+            (held,) = found.stable
+            events = np.array([held.phase + omega * e.time for e in held.cycle.events])
+            assert min(abs(np.exp(1j * phase[-1]) - np.exp(1j * events))) < 1e-3
+        else:
+            # Whole turns, counted from where the motion has come to the cycle.
+            turns = np.abs(phase - phase[100]) / (2.0 * np.pi)
+            beat = 0.5 * (np.interp(3.0, turns[100:], times[100:]) - np.interp(1.0, turns[100:], times[100:]))
+            assert found.motion is Motion.QUASI_PERIODIC and found.beat == pytest.approx(beat, rel=0.03)
