@@ -80,47 +80,48 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
     m, moves = places.size, len(dL) > 0
     for i in range(len(R)):
         for r in range(m):
+            real, imaginary, level = J[i, r], J[i, m + r], J[i, 2 * m + r]
             front = (math.exp(X[i, 3 * m]) if r == pivot else 1.0) / inputs[i, r]
-            total = complex(0.0, 0.0)
-            level = -prescribed[r]
+            total, off = complex(0.0, 0.0), -prescribed[r]
             for j in range(owner.size):
-                o = owner[j]
-                response, z, place = L[i, r, j] * front, inputs[i, o], places[o]
-                output = gain[0, i, j] * z
-                loop = response * output
+                o, share = owner[j], on_mean[r, j]
+                place, z = places[o], inputs[i, o]
+                response = L[i, r, j] * front
+                here, means = gain[0, i, j], mean[0, i, j]
+                loop = response * (here * z)
                 total += loop
+                off += share * means
                 # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
                 # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
                 # elements).
-                by = loop + response * ((gain[1, i, j] - gain[0, i, j]) / steps[0, i, j] * z)
-                J[i, r, place] += by.real
-                J[i, m + r, place] += by.imag
                 if o != pivot:
-                    J[i, r, place + 1] -= loop.imag
-                    J[i, m + r, place + 1] += loop.real
-                by = response * ((gain[2, i, j] - gain[0, i, j]) / steps[1, i, j] * z)
-                J[i, r, 2 * m + o] += by.real
-                J[i, m + r, 2 * m + o] += by.imag
-                level += on_mean[r, j] * mean[0, i, j]
-                J[i, 2 * m + r, place] += on_mean[r, j] * ((mean[1, i, j] - mean[0, i, j]) / steps[0, i, j])
-                J[i, 2 * m + r, 2 * m + o] += on_mean[r, j] * ((mean[2, i, j] - mean[0, i, j]) / steps[1, i, j])
-                if moves:
-                    by = response * ((gain[3, i, j] - gain[0, i, j]) / steps[2, i, j] * z)
-                    by += dL[i, r, j] * front * output
-                    J[i, r, 1] += by.real
-                    J[i, m + r, 1] += by.imag
-                    J[i, 2 * m + r, 1] += on_mean[r, j] * ((mean[3, i, j] - mean[0, i, j]) / steps[2, i, j])
-            J[i, r, places[r]] -= total.real
-            J[i, m + r, places[r]] -= total.imag
+                    real[place + 1] -= loop.imag
+                    imaginary[place + 1] += loop.real
+                response *= z
+                for k in range(3 if moves else 2):
+                    by = response * ((gain[k + 1, i, j] - here) / steps[k, i, j])
+                    c = place
+                    if k == 0:
+                        by += loop
+                    elif k == 1:
+                        c = 2 * m + o
+                    else:
+                        by += dL[i, r, j] * front * (here * z)
+                        c = 1
+                    real[c] += by.real
+                    imaginary[c] += by.imag
+                    level[c] += share * ((mean[k + 1, i, j] - means) / steps[k, i, j])
+            real[places[r]] -= total.real
+            imaginary[places[r]] -= total.imag
             if r == pivot:
-                J[i, r, 3 * m], J[i, m + r, 3 * m] = total.real, total.imag
+                real[3 * m], imaginary[3 * m] = total.real, total.imag
             else:
-                J[i, r, places[r] + 1] += total.imag
-                J[i, m + r, places[r] + 1] -= total.real
+                real[places[r] + 1] += total.imag
+                imaginary[places[r] + 1] -= total.real
             for k in range(m):
-                level += on_bias[r, k] * X[i, 2 * m + k]
-                J[i, 2 * m + r, 2 * m + k] += on_bias[r, k]
-            R[i, r], R[i, m + r], R[i, 2 * m + r] = total.real - 1.0, total.imag, level
+                off += on_bias[r, k] * X[i, 2 * m + k]
+                level[2 * m + k] += on_bias[r, k]
+            R[i, r], R[i, m + r], R[i, 2 * m + r] = total.real - 1.0, total.imag, off
 
 
 @njit(**_INNER)

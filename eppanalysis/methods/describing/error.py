@@ -12,7 +12,7 @@ one that passes a threshold by less than the harmonics that are still neglected.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,6 @@ from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop
 from eppanalysis.methods.harmonic.path import along_curve
 from eppanalysis.methods.harmonic.series import ComplexArray, extrema, orders
-from eppanalysis.models.systems.measured.loop import DataSystem
 
 #: Highest harmonics of the balances, one after the other; odd, as oscillations with like half-waves have no others.
 _ORDERS = (3, 5, 9, 15, 25)
@@ -155,7 +154,7 @@ class BalancedOscillation:
         A play straight behind a relay is pushed on by it, however high the order; Lanczos's factors all but end it.
         """
         Z = self.Z.copy()
-        Z[_remember_jumps(self.loop), 1:] *= np.sinc(np.arange(self.order) / self.order) ** 2
+        Z[self.loop.behind_jumps, 1:] *= np.sinc(np.arange(self.order) / self.order) ** 2
         return Z
 
     @cached_property
@@ -192,7 +191,7 @@ class BalancedOscillation:
     def jumps(self) -> list[int]:
         """How often each element with jumps switches in a period; one that slides switches as often as it is let to."""
         regimes = self.loop.answers(self.Z, self.omega)[1]
-        return [len(r.switches) for r, jumps in zip(regimes, _jumps_freely(self.loop), strict=True) if jumps]
+        return [len(r.switches) for r, jumps in zip(regimes, self.loop.free_jumps, strict=True) if jumps]
 
     def along_curve(self, order: int) -> BalancedOscillation | None:
         """The balance of an order to which the curve leads on which harmonics are let in; None where it does not."""
@@ -228,25 +227,6 @@ class _Muted(Loop):
     def _muted(self, response: ComplexArray) -> ComplexArray:
         response[1:] *= self.share
         return response
-
-
-def _remember_jumps(loop: Loop) -> list[bool]:
-    """Which elements with a memory of values stand straight behind one that jumps."""
-    system = loop.system
-    slopes = [np.abs(e.slope_bounds()).max() for e in system.elements]
-    jumping = np.repeat(np.isinf(slopes), [e.n_outputs for e in system.elements])
-    behind = np.any(system.D[loop.rows][:, jumping], axis=1)
-    return [bool(b) and e.automaton.n_memory > 0 for e, b in zip(loop.elements, behind, strict=True)]
-
-
-def _jumps_freely(loop: Loop) -> list[bool]:
-    """Which elements jump at a threshold without the loop pulling them back straight away, so that they would slide."""
-    system = loop.system
-    at_once = system.straight if isinstance(system, DataSystem) else system.C @ system.B
-    straight = [float(np.sum(at_once[row, out])) for row, out in zip(loop.rows, system.output_slices, strict=True)]
-    modes = [e.automaton.mode_columns for e in loop.elements]
-    jumps = [own["jump"][own["sticking"]] for own in modes]
-    return [own.size > 0 and bool(np.all(s * own >= 0)) for s, own in zip(straight, jumps, strict=True)]
 
 
 def _refined(first: BalancedOscillation) -> list[BalancedOscillation]:
@@ -311,6 +291,6 @@ def _gently(first: BalancedOscillation, order: int) -> BalancedOscillation | Non
     """The balance of an order, with the harmonics let in share by share."""
     here: BalancedOscillation | None = first
     for share in _SHARES:
-        muted = _Muted(**vars(first.loop), share=share)
+        muted = _Muted(**{f.name: getattr(first.loop, f.name) for f in fields(first.loop)}, share=share)
         here = here and here.with_harmonics(order, muted)
     return here

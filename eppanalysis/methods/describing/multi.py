@@ -390,10 +390,10 @@ def start_points(balance: Balance, grid: Array, L: ComplexArray, bias: Array, le
     omega = np.exp(grid[:, 1])
     # With the pivot's input given the others are driven: linear equations for fixed gains, and gains anew at what these
     # give.
+    starts, single = [s.start for s in balance.system.output_slices], balance.owner.size == m
     for _ in range(6 if len(o) else 0):
         N = balance.evaluate(a, b, omega)[1]
-        starts = [s.start for s in balance.system.output_slices]
-        G: ComplexArray = np.asarray(np.add.reduceat(L * N[:, None, :], starts, axis=-1), complex)
+        G = L * N[:, None, :] if single else np.asarray(np.add.reduceat(L * N[:, None, :], starts, axis=-1), complex)
         matrix = np.eye(len(o)) - G[:, o[:, None], o[None, :]]
         right = G[:, o, p] * a[:, [p]]
         Z[:, o] = _complex_solve(matrix, right)

@@ -9,6 +9,7 @@ phase: the fundamental of one input is a sine.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,25 @@ class Loop:
         )
         given = np.array(system.v0, float) if value is None else value
         return cls(system, elements, *static, given)
+
+    @cached_property
+    def behind_jumps(self) -> list[bool]:
+        """Which elements with a memory of values stand straight behind one that jumps."""
+        system = self.system
+        slopes = [np.abs(e.slope_bounds()).max() for e in system.elements]
+        jumping = np.repeat(np.isinf(slopes), [e.n_outputs for e in system.elements])
+        behind = np.any(system.D[self.rows][:, jumping], axis=1)
+        return [bool(b) and e.automaton.n_memory > 0 for e, b in zip(self.elements, behind, strict=True)]
+
+    @cached_property
+    def free_jumps(self) -> list[bool]:
+        """Which elements jump at a threshold without the loop pulling them back straight away, which would slide."""
+        system = self.system
+        at_once = system.straight if isinstance(system, DataSystem) else system.C @ system.B
+        straight = [float(np.sum(at_once[row, out])) for row, out in zip(self.rows, system.output_slices, strict=True)]
+        modes = [e.automaton.mode_columns for e in self.elements]
+        jumps = [own["jump"][own["sticking"]] for own in modes]
+        return [own.size > 0 and bool(np.all(s * own >= 0)) for s, own in zip(straight, jumps, strict=True)]
 
     def highest(self, omega: float) -> int:
         """Highest order: unlimited but for a discrete-time loop and for one that is measured."""
