@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from benchmarks import growth, job_a, job_b, job_c, job_orbit, job_sweep, report, start
+from benchmarks import growth, job_a, job_b, job_c, job_calls, job_orbit, job_sweep, report, start
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "docs" / "_static" / "benchmarks.json"
@@ -54,6 +54,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
             "job_b": lambda: job_b.run(3, 1, 1, clock),
             "job_c": lambda: job_c.run(1000, 1, clock),
             "job_orbit": lambda: job_orbit.run(1, clock),
+            "job_calls": lambda: job_calls.run(clock, quick=True),
             "job_sweep": lambda: job_sweep.run(4, 1, clock, (5, 16), 10),
             "growth": lambda: growth.run(quick=True),
             "levels": lambda: growth.with_levels((40, 2048), 1, clock),
@@ -64,6 +65,7 @@ def jobs(quick: bool, clock: str) -> dict[str, Callable[[], dict[str, Any]]]:
         "job_b": lambda: job_b.run(clock=clock),
         "job_c": lambda: job_c.run(clock=clock),
         "job_orbit": lambda: job_orbit.run(clock=clock),
+        "job_calls": lambda: job_calls.run(clock),
         "job_sweep": lambda: job_sweep.run(clock=clock),
         "growth": growth.run,
         "levels": lambda: growth.with_levels(clock=clock),

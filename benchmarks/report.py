@@ -109,6 +109,15 @@ def job_orbit(found: Results) -> str:
     return markdown(["who", "time of one orbit", "ours is faster by", "error of the period", "target", ""], rows)
 
 
+def job_calls(found: Results) -> str:
+    """What users call."""
+    rows = []
+    for r in found["rows"]:
+        target = "" if r["target"] is None else f"under {duration(r['target'])}"
+        rows.append([r["name"], duration(r["seconds"]), duration(r["before"]), target, verdict(r)[1]])
+    return markdown(["call", "time", "before", "target", ""], rows)
+
+
 def start(found: Results) -> str:
     """Fresh processes and memory."""
 
@@ -162,6 +171,7 @@ TABLES: dict[str, tuple[str, str, Callable[[Results], str]]] = {
     "job_b": ("Job B: 10 x 10 map of profile range and backlash, 6 s each", "job_b", job_b),
     "job_c": ("Job C: describing function of the five-band law", "job_c", job_c),
     "job_orbit": ("Exact limit cycle of a saturating loop from its first-order prediction", "job_orbit", job_orbit),
+    "job_calls": ("What users call, beside what it took before", "job_calls", job_calls),
     "job_sweep": ("Sweeps: 100 x 100 map of profile range and backlash, 6 s each", "job_sweep", job_sweep),
     "start": ("Fresh processes", "start", start),
     "states": ("Growth with states: 6 s of a chain of masses, sampled every millisecond", "growth", states),

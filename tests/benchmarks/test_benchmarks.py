@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import fixed_step, growth, job_a, job_c, job_orbit, job_sweep, libraries, mode_steps, report
+from benchmarks import fixed_step, growth, job_a, job_c, job_calls, job_orbit, job_sweep, libraries, mode_steps, report
 from benchmarks.timing import Contender, alternate
 from tests.reference.elbow_reference import Elbow, row
 
@@ -83,3 +83,11 @@ def test_growth_with_levels_and_its_table() -> None:
     found = growth.with_levels((40, 400), turns=1)
     assert len({r["events"] for r in found["rows"]}) == 1 and found["rows"][0]["events"] > 50
     assert "| 400" in report.levels(json.loads(json.dumps(found)))
+
+
+def test_calls_stand_beside_what_they_took_before() -> None:
+    """Searches and a short branch, each with the figure before and its verdict."""
+    found = job_calls.run("cpu", quick=True)
+    assert [r["met"] is None for r in found["rows"]] == [False, False, True, False]
+    assert len(job_calls.branch(20).points["value"]) == 20
+    assert "| 1.1 s" in report.job_calls(json.loads(json.dumps(found)))
