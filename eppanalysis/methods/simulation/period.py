@@ -6,12 +6,12 @@ so that integrals are spectrally exact and the interpolating polynomial gives ex
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import legendre, polynomial
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
@@ -78,18 +78,21 @@ def analyse_period(
             break
         pieces, before = pieces.halved(coarse, before)
         values = _whole(sample, pieces.times)
-    return pieces.analyse(dict(zip(names, values.T, strict=True)))
+    return pieces.analyse(names, values)
 
 
 def _whole(sample: Callable[[Array], Array], times: Array) -> Array:
-    """Signals at all times: a run that is made once more may end before the one that was on the cycle did."""
+    """Signals at all times, shape (signals, nt).
+
+    A run that is made once more may end before the one that was on the cycle did.
+    """
     values = sample(times)
     if len(values) < times.size:
         raise EppError(
             f"The motion of a period of {times[-1] - times[0]:.6g} s could not be computed once more: "
             f"{len(values)} of {times.size} samples."
         )
-    return values
+    return np.ascontiguousarray(values.T)
 
 
 def _corners(marks: Array, delays: Array) -> Array:
@@ -128,11 +131,10 @@ class _Pieces:
         nodes = _rule()[0]
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
-    def coefficients(self, samples: Array, first: int = 0) -> Array:
-        """Legendre coefficients from degree `first` on of signals (pieces * N_NODES, s), shape (s, pieces, degrees)."""
+    def coefficients(self, values: Array, first: int = 0) -> Array:
+        """Legendre coefficients from degree `first` on of signals (s, pieces * N_NODES), shape (s, pieces, degrees)."""
         # einsum, not BLAS: its threads cost far more than these small products.
-        by_signal = np.ascontiguousarray(samples.T).reshape(samples.shape[1], -1, N_NODES)
-        return np.einsum("spj,kj->spk", by_signal, _rule()[2][first:])
+        return np.einsum("spj,kj->spk", values.reshape(len(values), -1, N_NODES), _rule()[2][first:])
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[NDArray[np.bool_], Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
@@ -141,7 +143,8 @@ class _Pieces:
         tail, it is rounding. Returns the tails of these pieces too.
         """
         tails = np.abs(self.coefficients(values, N_NODES - 2)).max(axis=2)
-        size = np.maximum(np.ptp(values, axis=0), 1e-6 * np.abs(values).max(axis=0))[:, None]
+        low, high = values.min(axis=1), values.max(axis=1)
+        size = np.maximum(high - low, 1e-6 * np.maximum(high, -low))[:, None]
         tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
         coarse = ~(tail <= _RESOLVED)
         if before is not None:
@@ -157,29 +160,32 @@ class _Pieces:
         start[second] += size[second]
         return _Pieces(start, size), np.repeat(np.where(coarse, tail, np.inf), count)
 
-    def analyse(self, samples: Mapping[str, Array]) -> PeriodShape:
-        """Mean, peak-to-peak, harmonics and waveform of signals sampled at `times`."""
+    def analyse(self, names: Sequence[str], values: Array) -> PeriodShape:
+        """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces * N_NODES)."""
         begin, period = float(self.start[0]), float(self.size.sum())
         w = (self.size[:, None] * _rule()[1] / 2).ravel() / period
         grid, on_grid = _grid()
-        values = np.column_stack(list(samples.values()))
         turn = np.exp(-2j * np.pi * (self.times - begin) / period)
-        phases = np.vstack([w, np.broadcast_to(turn, (N_HARMONICS, turn.size))])
-        np.cumprod(phases, axis=0, out=phases)
-        rows = np.ascontiguousarray(values.T)
-        series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), rows) + 0j
-        series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), rows)
+        phases = np.empty((N_HARMONICS + 1, turn.size), complex)
+        phases[0] = w
+        for k in range(N_HARMONICS):
+            np.multiply(phases[k], turn, out=phases[k + 1])
+        series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), values) + 0j
+        series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), values)
         series[:, 0] /= 2.0
         c = self.coefficients(values)
         fine = np.einsum("sij,kj->sik", c, on_grid)
-        both = _maxima(np.concatenate([c, -c]), np.concatenate([fine, -fine]), grid)
-        peak = dict(zip(samples, (both[: len(c)] + both[len(c) :]).tolist(), strict=True))
-        mean = dict(zip(samples, series[:, 0].real.tolist(), strict=True))
-        harmonics = dict(zip(samples, series, strict=True))
+        mean = series[:, 0].real
         fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
-        waveform = {name: y[:, :-1:4].ravel() for name, y in zip(samples, fine, strict=True)}
-        rms = dict(zip(samples, np.sqrt(w @ (values - series[:, 0].real) ** 2).tolist(), strict=True))
-        return PeriodShape(mean, peak, harmonics, fine_t, waveform, rms)
+        rms = np.sqrt((values - mean[:, None]) ** 2 @ w)
+        return PeriodShape(
+            dict(zip(names, mean.tolist(), strict=True)),
+            dict(zip(names, _spans(c, fine, grid).tolist(), strict=True)),
+            dict(zip(names, series, strict=True)),
+            fine_t,
+            {name: y[:, :-1:4].ravel() for name, y in zip(names, fine, strict=True)},
+            dict(zip(names, rms.tolist(), strict=True)),
+        )
 
 
 @cache
@@ -200,26 +206,34 @@ def _grid() -> tuple[Array, Array]:
 
 @cache
 def _derivatives() -> tuple[Array, Array]:
-    """Matrices from Legendre coefficients to those of the first and the second derivative."""
-    one, two = (legendre.legder(np.eye(N_NODES), order, axis=1) for order in (1, 2))
+    """Matrices from Legendre coefficients to those of the first and the second derivative in powers."""
+    powers = np.zeros((N_NODES, N_NODES))
+    for k in range(N_NODES):
+        powers[k, : k + 1] = legendre.leg2poly(np.eye(N_NODES)[k, : k + 1])
+    one, two = (polynomial.polyder(powers, order, axis=1) for order in (1, 2))
     return np.asarray(one, float), np.asarray(two, float)
 
 
-def _maxima(c: Array, fine: Array, grid: Array) -> Array:
-    """Maximum of each signal, shape (signals,): its best grid values, each refined by Newton on its own piece.
+def _spans(c: Array, fine: Array, grid: Array) -> Array:
+    """Greatest less least value of each signal, shape (signals,): the best grid values, each refined by Newton.
 
-    The best grid value may stand at the end of a piece with the maximum just inside the next one: several of the
+    The best grid value may stand at the end of a piece with the extremum just inside the next one: several of the
     best pieces are tried. `c` are Legendre coefficients, shape (signals, pieces, N_NODES), `fine` values on the grid.
     """
-    best = np.argsort(fine.max(axis=2), axis=1)[:, -_TRIED:]
-    rows = np.arange(len(c))[:, None]
-    c, fine = c[rows, best], fine[rows, best]
+    n = len(c)
+    # A least value is the greatest of the mirror image.
+    sign = np.repeat([1.0, -1.0], n)[:, None, None]
+    best = np.argsort(np.concatenate([fine.max(axis=2), -fine.min(axis=2)]), axis=1)[:, -_TRIED:]
+    rows = np.arange(2 * n)[:, None] % n
+    c, fine = sign * c[rows, best], sign * fine[rows, best]
     slope, bend = (np.einsum("spj,jk->spk", c, matrix) for matrix in _derivatives())
     u = grid[np.argmax(fine, axis=2)]
+    powers = np.ones((*u.shape, N_NODES - 1))
     for _ in range(8):
-        basis = legendre.legvander(u, N_NODES - 2)
-        rate = np.einsum("spj,spj->sp", basis, slope)
-        curvature = np.einsum("spj,spj->sp", basis[..., :-1], bend)
+        # Powers tell the place well enough, for at an extremum the value hardly depends on it.
+        np.cumprod(np.broadcast_to(u[..., None], (*u.shape, N_NODES - 2)), axis=-1, out=powers[..., 1:])
+        rate = np.einsum("spj,spj->sp", powers, slope)
+        curvature = np.einsum("spj,spj->sp", powers[..., :-1], bend)
         turns = curvature < 0
         if not np.any(turns):
             break
@@ -227,4 +241,5 @@ def _maxima(c: Array, fine: Array, grid: Array) -> Array:
         if np.max(np.abs(u - old)) < 1e-9:
             break
     refined = np.einsum("spj,spj->sp", legendre.legvander(u, N_NODES - 1), c)
-    return np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))
+    greatest = np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))
+    return np.asarray(greatest[:n] + greatest[n:], float)
