@@ -57,11 +57,22 @@ def test_trajectory_of_every_status_is_drawn_with_its_sentence(status):
 
 
 def test_a_cycle_too_fast_for_the_samples_of_its_run_is_the_band_that_it_fills():
-    run = epp.simulate(epp.case("backlash_servo"), t_end=400.0, t_eval=np.linspace(0.0, 400.0, 1001))
+    run = epp.simulate(epp.case("backlash_servo"), t_end=1600.0, t_eval=np.linspace(0.0, 1600.0, 4001))
     ax = run.plot(signals=["x"])
     band = ax.collections[0].get_datalim(ax.transData)
     assert band.height == pytest.approx(run.limit_cycle.peak_to_peak["x"], rel=1e-3)
-    assert band.x0 == pytest.approx(run.settled_since, abs=0.4) and band.x1 == 400.0
+    assert band.x0 == pytest.approx(run.settled_since, abs=0.4) and band.x1 == 1600.0
+
+
+def test_a_run_whose_samples_miss_the_peaks_of_its_cycle_is_drawn_with_the_cycle():
+    """Samples of one run in fifteen a period, the line drawn against the same run in two hundred."""
+    coarse, fine = (
+        epp.simulate(epp.case("backlash_servo"), t_end=400.0, t_eval=np.linspace(0.0, 400.0, n)) for n in (1501, 20001)
+    )
+    t, drawn = coarse.plot(signals=["x"]).lines[0].get_data()
+    late = t > 60.0
+    np.testing.assert_allclose(drawn[late], np.interp(t[late], fine.t, fine.signals["x"]), atol=0.02)
+    assert np.ptp(drawn[late]) == pytest.approx(coarse.limit_cycle.peak_to_peak["x"], rel=1e-3)
 
 
 def test_numbers_are_not_parted_from_their_units_where_a_verdict_breaks():

@@ -22,6 +22,10 @@ _TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 _HEIGHT = 360
 #: How near to the design a drag begins, relative to the axes.
 _NEAR = 0.06
+#: Outcomes of the map's cells in words, as its legend has them.
+_CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided"}
+#: What stands behind the design in the map's legend.
+DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
 
 
@@ -214,7 +218,7 @@ class MapPicture:
         self.star, self.begins = ColumnDataSource(data=_NOTHING), ColumnDataSource(data=_NOTHING)
         colours = LinearColorMapper(palette=OUTCOME_COLOURS, low=-0.5, high=len(OUTCOME_COLOURS) - 0.5)
         made.image(image="image", x="x", y="y", dw="dw", dh="dh", source=self.cells, color_mapper=colours)
-        for code, word in ((1, "settles"), (2, "oscillates"), (3, "diverges"), (0, "not decided")):
+        for code, word in _CODES.items():
             made.scatter(
                 [math.nan], [math.nan], marker="square", size=11, color=OUTCOME_COLOURS[code], legend_label=word
             )
@@ -226,11 +230,12 @@ class MapPicture:
         star: dict[str, Any] = {"marker": "star", "size": 19, "fill_color": "black", "line_color": "white"}
         made.scatter("x", "y", source=self.star, legend_label="the case", **star)
         _legend(made)
+        made.legend[0].ncols = 2  # on a phone three are wider than the screen
 
     def show_place(self, x: float, y: float) -> None:
         """Where the case stands, in the picture and in its legend."""
         self.star.data = {"x": [x], "y": [y]}
-        self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g} (drag or tap)"}
+        self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g}{DRAGGED}"}
 
     def show_begins(self, places: Sequence[tuple[float, float]]) -> None:
         """Where cycles appear exactly, which cells tell to their width only."""
@@ -274,11 +279,14 @@ class MapPicture:
         return all(abs(d) < _NEAR * (s.end - s.start) for d, s in zip(away, spans, strict=True))
 
     def show_cells(self, facts: dict[str, Any], x_factor: float, y_factor: float) -> None:
-        """The outcomes."""
+        """The outcomes, and in the legend those that there are."""
         xs, ys = (np.asarray(facts[n]) * f for n, f in (("x", x_factor), ("y", y_factor)))
         dx, dy = xs[1] - xs[0], ys[1] - ys[0]
+        outcome = np.asarray(facts["outcome"], dtype=np.uint8)
+        for code, item in zip(_CODES, self.figure.legend[0].items, strict=False):
+            item.visible = bool(np.any(outcome == code))
         self.cells.data = {
-            "image": [np.asarray(facts["outcome"], dtype=np.uint8)],
+            "image": [outcome],
             "x": [xs[0] - dx / 2],
             "y": [ys[0] - dy / 2],
             "dw": [xs[-1] - xs[0] + dx],

@@ -7,6 +7,8 @@ WIDGETS = """
 :host { color: var(--ink); }
 .bk-input, .bk-btn { background: var(--paper); color: var(--ink); border-color: var(--line); }
 .bk-btn:hover { border-color: var(--accent); }
+select:not([multiple]).bk-input { background-image: url("data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' \
+viewBox='0 0 8 8'%3E%3Cpath fill='%23808080' d='M0 2h8L4 7z'/%3E%3C/svg%3E"); background-size: 8px; }
 .bk-slider-title { overflow-wrap: anywhere; }
 .noUi-target { background: var(--line); }
 :focus-visible, .noUi-handle:focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }

@@ -298,7 +298,7 @@ class Page:
 
     def _save_page(self) -> None:
         """The page as one file: what it says and shows now."""
-        said = (self.heading.text, self.verdict.text, self.exact.text)
+        said = (self.verdict.text, self.exact.text, self.heading.text)
         names = [picture.figure.name for picture in self.pictures]
         page = standalone(self.doc, self.base.title, said, names)
         self._send(f"{self.base.name}.html", "text/html", page.encode())

@@ -182,7 +182,7 @@ def _numbers(
         how = (
             "exact branch; what is beyond was not followed" if branch.missing else "exact branch, without an end in it"
         )
-        yield f"{words(branch.parameter)} with the oscillation", f"{low} to {high}", how
+        yield f"{words(branch.parameter)} with the oscillation", f"{low.partition(' ')[0]} to {high}", how
 
 
 def _nearest_end(case: Case, branch: Branch | None) -> SpecialPoint | None:
@@ -218,16 +218,21 @@ def _advice(
         return f"Ask how far a parameter must go: {far}."
     if end is None:
         return (
-            f"The {words(branch.parameter)} alone does not end it where its branch was followed: change another "
-            "parameter (eppanalysis design), or ask eppanalysis bounds for a wider range."
+            f"{_the(branch).replace('the ', 'The ', 1)} alone does not end it where its branch was followed: change "
+            "another parameter (eppanalysis design), or ask eppanalysis bounds for a wider range."
         )
     return _beside(case, branch, end)
 
 
+def _the(branch: Branch) -> str:
+    """The parameter of a branch in a sentence; a symbol has no article."""
+    name = words(branch.parameter)
+    return name if len(name) <= _SYMBOL or name != name.lower() else f"the {name}"
+
+
 def _beside(case: Case, branch: Branch, end: SpecialPoint) -> str:
     """On which side of where its cycles end the parameter of a branch is to be, or to stay."""
-    name, own = words(branch.parameter), case.value(branch.parameter)
-    the = name if len(name) <= _SYMBOL or name != name.lower() else f"the {name}"
+    the, own = _the(branch), case.value(branch.parameter)
     # The cycles lie on one side of where they end.
     above = float(branch.points["value"].mean()) > end.value
     factor = case.readable(branch.parameter)[1]

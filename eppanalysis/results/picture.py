@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 _MOST_PANELS = 12
 #: Samples in a period below which its peaks are missed, so that a steady motion would seem to beat.
 _FEWEST_IN_PERIOD = 60
-#: Periods side by side that can be told apart.
-_MOST_PERIODS = 60
+#: Periods side by side whose peaks are seen as a line, and that can be told apart.
+_MANY_PERIODS, _MOST_PERIODS = 60, 300
 #: What the shaded part of a run is.
 _STEADY = {Status.SETTLED: "at rest", Status.LIMIT_CYCLE: "on the limit cycle"}
 
@@ -86,16 +86,33 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
 
 
 def draw_run(ax: Axes, run: Trajectory, name: str, factor: float, linewidth: float) -> None:
-    """A signal of a run in time; a cycle too fast for the run's samples to meet its peaks is the band that it fills."""
-    values, cycle = factor * run.signals[name], run.limit_cycle
-    periods = 0.0 if cycle is None or not run.t.size else float(run.t[-1]) / cycle.period
-    if cycle is not None and periods > max(_MOST_PERIODS, run.t.size / _FEWEST_IN_PERIOD):
-        _, waveform = one_period(cycle)
-        steady = run.t >= run.settled_since
-        ends = factor * np.min(waveform[name]), factor * np.max(waveform[name])
-        ax.fill_between(run.t[steady], *ends, color=BLUE, linewidth=linewidth)
-        values = np.where(steady, np.nan, values)
-    ax.plot(run.t, values, color=BLUE, linewidth=linewidth)
+    """A signal of a run in time; of a cycle too fast for the run's samples to meet its peaks, with the cycle's own.
+
+    Where periods cannot be told apart, the band is drawn that the cycle fills.
+    """
+    t, values, cycle = run.t, factor * run.signals[name], run.limit_cycle
+    periods = 0.0 if cycle is None or not t.size else float(t[-1]) / cycle.period
+    if cycle is not None and periods > max(_MANY_PERIODS, t.size / _FEWEST_IN_PERIOD):
+        steady = t >= run.settled_since
+        own, waveform = one_period(cycle)
+        wave = factor * np.asarray(waveform[name])
+        if periods > _MOST_PERIODS:
+            ax.fill_between(t[steady], np.min(wave), np.max(wave), color=BLUE, linewidth=linewidth)
+            values = np.where(steady, np.nan, values)
+        else:
+            fine = np.arange(run.settled_since, t[-1], cycle.period / (2 * _FEWEST_IN_PERIOD))
+            shift = _shift_of(t[steady], values[steady], own - own[0], wave, cycle.period)
+            again = np.interp(fine - shift, own - own[0], wave, period=cycle.period)
+            t, values = np.append(t[~steady], fine), np.append(values[~steady], again)
+    ax.plot(t, values, color=BLUE, linewidth=linewidth)
+
+
+def _shift_of(t: Array, values: Array, own: Array, wave: Array, period: float) -> float:
+    """The time at which a cycle's waveform begins in the last samples of a run that is on it."""
+    t, values = t[-_FEWEST_IN_PERIOD:], values[-_FEWEST_IN_PERIOD:]
+    shifts = np.linspace(0.0, period, 400, endpoint=False)
+    away = [np.abs(np.interp(t - shift, own, wave, period=period) - values).sum() for shift in shifts]
+    return float(shifts[np.argmin(away)])
 
 
 def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, given: Axes | None = None) -> Figure:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from eppanalysis.readable import ROUNDING, at_rest, percent, readable, signed_percent, with_unit
+from eppanalysis.readable import ROUNDING, at_rest, in_print, percent, readable, signed_percent, with_unit
 from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
 from eppanalysis.results.shown import for_people
 from eppanalysis.tables.cells import cell, table_of
@@ -46,7 +46,7 @@ def parameters_table(case: Case) -> Table:
     """Every value of a case with where it comes from."""
     table = table_of("field", "value", "from", "note", numbers=False)
     for name, parameter in case.parameters.items():
-        table.add_row(name, str(parameter), parameter.mark, parameter.note)
+        table.add_row(name, in_print(parameter.with_tolerance), parameter.mark, parameter.note)
     return table
 
 

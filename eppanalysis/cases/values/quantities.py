@@ -44,6 +44,20 @@ class Parameter:
     note: str = ""
     tolerance: float | None = None
 
+    @property
+    def with_tolerance(self) -> str:
+        """The value as people write it, with the half width of its interval where it has one.
+
+        Examples
+        --------
+        >>> Parameter(0.012, "m", "mm", tolerance=0.001).with_tolerance
+        '12 ± 1 mm'
+        """
+        if self.tolerance is None:
+            return str(self)
+        value, _, unit = str(self).partition(" ")
+        return f"{value} ± {format_si(self.tolerance, self.unit, self.friendly).partition(' ')[0]} {unit}".rstrip()
+
     def __str__(self) -> str:
         """The value as people write it."""
         if isinstance(self.value, bool):
