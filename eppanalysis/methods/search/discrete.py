@@ -36,6 +36,7 @@ from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
+from eppanalysis.progress import Progress
 from eppanalysis.readable import count, listed
 from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
@@ -123,7 +124,9 @@ class _Runs:
         return np.concatenate([seeds_of(self.paths, self.far), np.unique(self.last[self.ends > 1], axis=0)])
 
 
-def search_discrete(system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle]) -> CycleSearch:
+def search_discrete(
+    system: LureSystem, at: OperatingPoint, predicted: Sequence[LimitCycle], progress: Progress | None = None
+) -> CycleSearch:
     """All orbits of a loop in discrete time that runs and predictions lead to, stable and unstable."""
     step = ready(system, at)
     turns = [c.period / float(system.time_step or 1.0) for c in predicted]
@@ -134,6 +137,8 @@ def search_discrete(system: LureSystem, at: OperatingPoint, predicted: Sequence[
         left = list(sought)
         with suppress(Spent):
             for group in _groups(sought):
+                if progress is not None:
+                    progress(len(sought) - len(left), len(sought), f"{system.name}: orbits of {group[0]} samples on")
                 cycles += all_orbits(step, made.seeds, marks, group, made.scale)
                 left = left[len(group) :]
     open_ends = [undecided(made.undecided)] * bool(made.undecided)

@@ -83,8 +83,8 @@ def find_limit_cycles(
         What :func:`predict_limit_cycles` found for this system and this input, where that is known already; it takes
         most of the time of a search.
     progress : callable, optional
-        Called at each run with the runs made, None (their number is not known before), and the state of the search in
-        words.
+        Called with what is done (runs made, or numbers of samples asked), of how much (None where that is not known
+        before), and the state of the search in words.
 
     Returns
     -------
@@ -110,13 +110,13 @@ def find_limit_cycles(
         found = find_limit_cycles(apart.system, at, by_balance=by_balance, predicted=given, progress=progress)
         return _told(found, apart)
     if system.time_step:
-        return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted)
+        return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted, progress)
     hybrid = steady_hybrid(system, at)
     seeds = _predictions(system, at) if predicted is None else predicted
     for cycle in seeds:
         cycle.require_state(hybrid.n_plant)
     if (strobe := Strobe.of(hybrid)) is not None:
-        return search_locked(system, hybrid, strobe, at, seeds)
+        return search_locked(system, hybrid, strobe, at, seeds, progress)
     if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)

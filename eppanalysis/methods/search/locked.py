@@ -34,6 +34,7 @@ from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.progress import Progress
 from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
@@ -61,6 +62,7 @@ class _Search:
     hybrid: HybridSystem
     strobe: Strobe
     predicted: Sequence[LimitCycle]
+    progress: Progress | None = None
     rounds: list[Round] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
     extents: list[Array] = field(default_factory=list)
@@ -73,11 +75,18 @@ class _Search:
         """Runs, then orbits of other numbers of samples."""
         try:
             with allotted(_MOST_WORK):
-                for start in self._starts():
+                starts = self._starts()
+                for k, start in enumerate(starts):
+                    self._say(k, len(starts), f"run {k + 1} of {len(starts)}")
                     self.ends[self._end_of(start)] += 1
                 self._seek()
         except Spent:
             self.ended = True
+
+    def _say(self, done: int, of: int | None, doing: str) -> None:
+        if self.progress is not None:
+            found = count(len(self.rounds) + len(self.others), "cycle")
+            self.progress(done, of, f"{self.system.name}: {doing}, {found}")
 
     @property
     def horizon(self) -> float:
@@ -183,6 +192,7 @@ class _Search:
                 if left < 0:
                     break
                 self.lengths.add(n)
+                self._say(len(self.lengths), None, f"orbits of {n} samples")
                 for start in starts:
                     orbit = close_locked(self.strobe, start, n, size)
                     if orbit is not None:
@@ -218,10 +228,15 @@ class _Search:
 
 
 def search_locked(
-    system: LureSystem, hybrid: HybridSystem, strobe: Strobe, at: OperatingPoint, predicted: Sequence[LimitCycle]
+    system: LureSystem,
+    hybrid: HybridSystem,
+    strobe: Strobe,
+    at: OperatingPoint,
+    predicted: Sequence[LimitCycle],
+    progress: Progress | None = None,
 ) -> CycleSearch:
     """All cycles of a loop with sampled controllers that runs and predictions lead to."""
-    search = _Search(system, hybrid, strobe, predicted)
+    search = _Search(system, hybrid, strobe, predicted, progress)
     search.run_all()
     cycles = [*(locked_cycle(system, o) for o in search.rounds), *search.others]
     unclosed = not_among(cycles, predicted)

@@ -20,6 +20,7 @@ from eppanalysis.methods.search.ends import decays
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.results import Status
 from tests.random_loops import random_loop
+from tests.sampled_relay import sampled_relay
 from tests.shared import cycles_of
 
 LOOPS = [
@@ -112,6 +113,15 @@ def test_a_search_tells_how_far_it_is():
     assert done[0] == 0 and done == sorted(done) and done[-1] < found.n_runs
     assert {total for _, total, _ in told} == {None}
     assert told[-1][2].endswith(f"{found.provenance.statistics['boundaries']} basin boundaries, 2 cycles")
+
+
+@pytest.mark.parametrize("case", [epp.case("backlash_discrete_pi"), sampled_relay()], ids=lambda case: case.name)
+def test_a_search_of_a_sampled_loop_tells_how_far_it_is(case: epp.Case) -> None:
+    told: list[tuple[int, int | None, str]] = []
+    found = epp.find_limit_cycles(case, progress=lambda *state: told.append(state))
+    counted = [(done, of) for done, of, _ in told if of is not None]
+    assert counted == sorted(counted) and counted[0][0] == 0 and counted[-1][0] < counted[-1][1]
+    assert all(text for _, _, text in told) and found.cycles
 
 
 def test_a_search_among_interwoven_basins_ends_and_says_so(monkeypatch):
