@@ -59,7 +59,7 @@ def bounds(points: int, workers: int) -> epp.DesignBounds:
 
 def guide(workers: int) -> epp.Guide:
     """Guidelines of the elbow: two gains for each friction of the pulley."""
-    frictions = {"pulley.friction": ["0 N*m", "0.01 N*m"]}
+    frictions = {"pulley.friction": [0.0, 0.01]}
     return epp.design_guide(epp.case(ELBOW), ["2 lbf", "3 lbf"], variants=frictions, workers=workers)
 
 
