@@ -257,14 +257,18 @@ def zeros(A: Array, B: Array, C: Array, D: Array) -> ComplexArray:
     both = balanced(np.block([[A, B], [C, np.zeros((1, 1))]]))[0]
     A, b, c, d = both[:n, :n], both[:n, n], both[n, :n], float(D[0, 0])
     size = _Sizes(np.abs(A), np.abs(b), np.abs(c), float(np.linalg.norm(A)), float(np.linalg.norm(c)))
-    through = abs(d)
-    while abs(d) <= ROUNDING * through:
+    least = ROUNDING * abs(d)
+    # What c and b were last made up of: in turned states entries are known to rounding of these, not of their own size.
+    into, out = np.abs(b), np.abs(c)
+    while abs(d) <= least:
         if not len(A) or np.linalg.norm(c) <= ROUNDING * size.of_c:
             return np.zeros(0, complex)
         N = np.linalg.qr(c[:, None], mode="complete")[0][:, 1:]
         # Remainders in N would count among the terms by whose size the next output is judged.
         N[np.abs(N) < ROUNDING] = 0.0
-        through = size.through(b)
+        terms = float(np.linalg.norm(out) * np.linalg.norm(into))
+        least = max(ROUNDING * size.through(b), 8.0 * n * np.finfo(float).eps * terms)
+        into, out = np.abs(N).T @ np.abs(b), np.abs(c) @ np.abs(A) @ np.abs(N)
         d, c, b = float(c @ b), c @ A @ N, N.T @ b
         A, size = N.T @ A @ N, size.within(np.abs(N))
     spread = size.a + float(np.linalg.norm(b)) * size.of_c / abs(d)

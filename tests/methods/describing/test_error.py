@@ -143,3 +143,14 @@ def test_the_error_covers_a_play_that_a_relay_pushes_straight(gap):
     size = predicted.peak_to_peak["hysteresisrelay_input"] / exact.peak_to_peak["x"] - 1.0
     assert abs(size) > 0.1
     assert abs(size) < predicted.error_estimate < 1.6 * abs(size)
+
+
+@pytest.mark.parametrize("gain", [2.0, 3.0, 5.0])
+def test_the_error_covers_a_schmitt_trigger_on_an_unstable_plant(gain):
+    """Relative to the exact cycle: x' = x - k y takes ln((1 + k)/(k - 1)) from one threshold to the other."""
+    loop = epp.LureSystem.from_tf(([gain], [1.0, -1.0]), epp.HysteresisRelay(-1.0, 1.0))
+    predicted = max(epp.predict_limit_cycles(loop), key=lambda cycle: cycle.omega)
+    omega = np.pi / np.log((gain + 1.0) / (gain - 1.0))
+    assert abs(predicted.omega / omega - 1.0) > 0.19
+    error = max(abs(predicted.omega / omega - 1.0), abs(predicted.peak_to_peak["x"] / 2.0 - 1.0))
+    assert error < predicted.error_estimate < 1.6 * error

@@ -129,6 +129,16 @@ def test_poles_and_zeros_are_those_of_the_polynomials_in_any_coordinates(wanted_
                 assert np.sum(found == 0) == np.sum(np.array(wanted) == 0)
 
 
+def test_zeros_twice_turned_are_those_of_the_polynomials():
+    """Entries that are small by cancellation are known to rounding of what they were made of, not of themselves."""
+    block = as_state_space(([-4.0, 4.0], [1.0, 1.0, 2.0, 0.0]))
+    for seed in range(100):
+        Q = orthogonal(3, seed)
+        system = epp.LureSystem.build(Q @ block.A @ Q.T, Q @ block.B, block.C @ Q.T, [epp.Saturation()])
+        apart = system.with_integrators_apart[0]
+        np.testing.assert_allclose(zeros(apart.A, apart.B, apart.C, block.D), [1.0], rtol=1e-8)
+
+
 def test_zeros_through_a_direct_path():
     block = as_state_space((np.poly([-1.0, -2.0, -3.0]), np.poly([-4.0, 0.0, 0.0])))
     np.testing.assert_allclose(ascending(zeros(block.A, block.B, block.C, block.D)), [-3.0, -2.0, -1.0], rtol=1e-10)
