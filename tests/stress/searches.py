@@ -6,6 +6,7 @@ closed by the slow integrator from its own state and memory.
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +28,8 @@ _PERIODS, _LONGER = 60.0, 8.0
 _MOST_IN_VAIN = 10
 #: Switches after which a run ends: where they pile up it would make 200,000, and so would each of the other starts.
 _MOST_EVENTS = 60_000
+#: Seconds of the processor after which the starts that are left are not run, and the row says how many.
+_MOST_SECONDS = 60.0
 #: Differences of period and sizes within which a run is on a listed cycle.
 _SAME_PERIOD, _SAME_SIZE = 1e-5, 1e-3
 #: The same of a cycle that is not locked to the samples, of whose turns no two are alike, relative to its size.
@@ -119,7 +122,10 @@ def _ends(system: LureSystem, found: epp.CycleSearch) -> dict[str, int]:
     if system.time_step:
         t_end = system.time_step * np.ceil(t_end / system.time_step)
     ends: dict[str, int] = {}
-    for start in spread(system, found, STARTS):
+    begun = time.process_time()
+    for number, start in enumerate(spread(system, found, STARTS)):
+        if time.process_time() - begun > _MOST_SECONDS:
+            return ends | {"NOT RUN": STARTS - number}
         run = _run(system, start, t_end, ends.get("UNDECIDED", 0) < _MOST_IN_VAIN)
         what = run.status.name
         if run.limit_cycle is not None:

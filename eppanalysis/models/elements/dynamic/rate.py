@@ -24,6 +24,8 @@ from eppanalysis.models.elements.piecewise import UNITY, PiecewiseLinear
 
 Array = NDArray[np.float64]
 Answer = tuple[Array, NDArray[np.complex128]]
+#: Times a sine's fastest slope over the limit, and its frequency over the bandwidth, beyond which nothing passes.
+_TOO_FAST = 1e100
 
 
 @dataclass(frozen=True)
@@ -89,12 +91,15 @@ class _RateLimited(StateOutput):
         from eppanalysis.kernels.rate_limit import describe
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             alpha, kappa = a * w / self.rate, np.where(w > 0, self._chasing.bandwidth / w, w + np.inf)
         gain = np.empty(alpha.size, complex)
+        # Where squares would leave the range of numbers nothing of the sine is left.
+        still = (alpha > _TOO_FAST) | (kappa < 1.0 / _TOO_FAST)
+        alpha, kappa = np.where(still, 0.0, alpha), np.where(still, 1.0, kappa)
         describe(np.array(alpha, order="C").ravel(), np.array(kappa, order="C").ravel(), gain)
         undefined = np.isnan(a) | np.isnan(b)
-        return np.where(undefined, np.nan, b), np.where(undefined, np.nan, gain.reshape(a.shape))
+        return np.where(undefined, np.nan, b), np.where(undefined, np.nan, np.where(still, 0.0, gain.reshape(a.shape)))
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """None: where the form changes depends on the frequency."""

@@ -320,3 +320,11 @@ def test_values() -> None:
     ):
         with pytest.raises(ModelError, match=words):
             make()
+
+
+@pytest.mark.parametrize("element", [epp.RateLimiter(rate=1.0), epp.RateLimitedServo(rate=1.0, bandwidth=2.0)])
+def test_nothing_passes_of_a_sine_beyond_the_range_of_numbers(element):
+    for amplitude, omega in ((2.0, 1e308), (1e308, 1e308), (1e-308, 1e308)):
+        gain = element.describing_function(amplitude, 0.0, omega)[1]
+        assert np.all(np.isfinite(gain)) and np.all(np.abs(gain) <= 1.0)
+    assert abs(complex(np.ravel(element.describing_function(2.0, 0.0, 1e308)[1])[0])) == 0.0
