@@ -16,7 +16,10 @@ class MeasuredCycle(LimitCycle):
     ----------
     intervals : dict of str to (float, float)
         "amplitude" of the element's input and "frequency" [Hz]: where first order with the true response is in 95 of
-        100 cases, by the standard deviation of the data; empty where they have none.
+        100 cases, by the standard deviation of the data; zero or infinite where there is no end, empty where the data
+        have none.
+    at_a_fold : bool
+        Whether the cycle and another one meet within what the noise leaves open, so that it may not exist.
     interpolation_error : float
         Estimated relative error of amplitude and frequency by what the response does between the points.
     highest_harmonic : int
@@ -27,22 +30,28 @@ class MeasuredCycle(LimitCycle):
     """
 
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    at_a_fold: bool = False
     interpolation_error: float = float("nan")
     highest_harmonic: int = 0
     beyond: float = float("nan")
 
-    in_json = f"{LimitCycle.in_json} intervals interpolation_error highest_harmonic beyond"
+    in_json = f"{LimitCycle.in_json} intervals at_a_fold interpolation_error highest_harmonic beyond"
+
+    @property
+    def amplitude_of_first(self) -> float:
+        """At the input of the first element."""
+        return float(next(iter(self.elements.values()))["amplitude"])
 
     def with_intervals(self) -> str:
         """Amplitude and frequency with their intervals, and how far the data reach, in a sentence."""
-        amplitude = float(next(iter(self.elements.values()))["amplitude"])
-        values = {"amplitude": (amplitude, ""), "frequency": (self.frequency, " Hz")}
+        values = {"amplitude": (self.amplitude_of_first, ""), "frequency": (self.frequency, " Hz")}
         parts = []
         for name, (value, unit) in values.items():
             low, high = self.intervals.get(name, (value, value))
             between = f" ({low:.4g} to {high:.4g})" if low < high else ""
             parts.append(f"{name} {value:.4g}{between}{unit}")
-        return f"{', '.join(parts)}; the data reach harmonic {self.highest_harmonic}"
+        doubt = "; at a fold within the noise, so that it may not exist" * self.at_a_fold
+        return f"{', '.join(parts)}{doubt}; the data reach harmonic {self.highest_harmonic}"
 
     @classmethod
     def of(cls, cycle: LimitCycle, **found: Any) -> MeasuredCycle:

@@ -56,7 +56,7 @@ def made_by_harmonics(
     """Balances with harmonics that are none of the predicted cycles, nor what harmonics make of these."""
     # Where the loop gain nearly comes to one, harmonics may make up what is missing
     # (docs/theory/first_order_quality.md, Where first order cannot see).
-    places = _near_misses(balance, points, found)
+    places = near_misses(balance, points, found)
     known = [m for e in estimates for m in e.oscillations]
     if not places:
         return
@@ -101,7 +101,7 @@ def _refined(start: BalancedOscillation) -> BalancedOscillation | None:
         return None
 
 
-def _near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list[Array]:
+def near_misses(balance: Balance, points: Sequence[Point], found: Found) -> list[Array]:
     """Vectors of unknowns at which the loop gain comes nearest to one without reaching it, nearest first."""
     element = balance.system.elements[0]
     if balance.m == 1 and balance.owner.size == 1 and element.n_inputs == 1 and not element.of_frequency:

@@ -17,8 +17,9 @@ import numpy as np
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance
 from eppanalysis.methods.describing.blind import blind_spots, made_by_harmonics
+from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
+from eppanalysis.methods.describing.data.stability import stability_of_data
 from eppanalysis.methods.describing.error import Estimate, error_estimate
-from eppanalysis.methods.describing.measured import above_the_data, cautions, of_data, stability_of_data
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
@@ -187,7 +188,7 @@ def _unseen(
     loop = balance.system
     if isinstance(loop, DataSystem):
         seen = [c for c in cycles if isinstance(c, MeasuredCycle)]
-        return (*cautions(loop, balance, points, seen), *made_by_harmonics(balance, points, estimates, found))
+        return (*cautions(loop, balance, points, found, seen), *made_by_harmonics(balance, points, estimates, found))
     sentences = blind_spots(balance, points, estimates, found, stable=any(c.stable for c in cycles))
     return (*sentences, _left_out(loop, cycles)) if isinstance(loop, AveragedSystem) else sentences
 

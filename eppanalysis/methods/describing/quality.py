@@ -38,6 +38,11 @@ class Point:
     slopes_of_gain: tuple[ComplexArray, ...]
     residual: float
 
+    def unknowns(self, balance: Balance) -> Array:
+        """The vector of unknowns of the balance that it is, shape (3 m + 1,)."""
+        one = np.ones(1)
+        return balance.pack(self.amplitude[None], self.phase[None], self.bias[None], self.omega * one, one)[0]
+
 
 def point(balance: Balance, x: Array) -> Point:
     """Everything about one solution vector (3 m + 1,)."""

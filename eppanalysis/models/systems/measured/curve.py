@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 # Only a measured loop pays for loading splines.
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ _FEWEST_SPANS, _POINTS_EACH = 3, 2
 _WORST, _PATIENCE = 0.4, 6
 #: Points on either side from which the error between two points is told.
 _BESIDE = 4
+#: Points by which the scatter beside a frequency is told, and the deviations of its mean square from which it is not by
+#: chance.
+_ABOUT, _BY_CHANCE = 32, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,34 +67,66 @@ class Curve:
         """Response and its derivative by omega, at frequencies [rad/s] within the data."""
         x = np.log(omega)
         value = self.spline(x)
-        slope = self.spline.derivative()(x)
+        slope = self._derivative(x)
         G = np.asarray(np.exp(value[..., 0] + 1j * value[..., 1]), complex)
         return G, np.asarray(G * (slope[..., 0] + 1j * slope[..., 1]) / omega, complex)
 
     @cached_property
-    def scatter(self) -> float:
-        """Root mean square of the points about a fitted curve over their deviation, degrees of freedom counted; 1 where
-        it passes through them.
-        """
-        if self.deviation is None:
-            return 1.0
-        return float(np.sqrt(_chi_square(self.spline, self.log_omega, self.points, self.deviation)[1]))
+    def _derivative(self) -> BSpline:
+        return self.spline.derivative()
 
-    def deviation_at(self, omega: float) -> float:
-        """Standard deviation of log magnitude and phase of a fitted curve at a frequency; zero without one.
+    @cached_property
+    def scatter(self) -> float:
+        """How much the points scatter about a fitted curve, over their deviation; 1 where it passes through them.
+
+        By their median, which a resonance that no spline follows does not move.
+        """
+        return 1.0 if self.deviation is None else float(np.sqrt(np.median(self._squares) / np.log(2.0)))
+
+    def scatter_at(self, omega: ArrayLike) -> Array:
+        """The same beside frequencies, where it is more there than chance makes it."""
+        at = np.log(np.asarray(omega, float))
+        if self.deviation is None:
+            return np.ones(at.shape)
+        first = np.searchsorted(self.log_omega, at) - _ABOUT // 2
+        total = np.concatenate([[0.0], np.cumsum(self._squares)])
+        low, high = (np.clip(first + k, 0, len(self.log_omega)) for k in (0, _ABOUT))
+        here, count = total[high] - total[low], np.maximum(high - low, 1)
+        usual = self.scatter**2
+        chance = usual * (1.0 + _BY_CHANCE / np.sqrt(count))
+        return np.asarray(np.sqrt(np.where(here / count > chance, here / count, usual)))
+
+    @cached_property
+    def _squares(self) -> Array:
+        """Squares of the points about the curve over their deviation, one on average by chance, shape (m,)."""
+        assert self.deviation is not None
+        off = ((self.spline(self.log_omega) - self.points) / self.deviation[:, None]) ** 2
+        return np.asarray(0.5 * off.sum(1) * len(off) / max(len(off) - len(self.spline.c), 1))
+
+    def deviation_at(self, omega: ArrayLike) -> Array:
+        """Standard deviation of log magnitude and phase of a fitted curve at frequencies; zero without one.
 
         Where the points scatter more than their deviation says, that scatter counts.
         """
+        omega = np.asarray(omega, float)
         if self.deviation is None:
-            return 0.0
-        t, k = self.spline.t, self.spline.k
-        design_matrix = type(self.spline).design_matrix
-        # The variance of a fit that is linear in its data (docs/theory/measured.md, Between the points), by the
-        # triangle of B: normal equations would square its condition.
-        B = design_matrix(self.log_omega, t, k).toarray() / self.deviation[:, None]
-        here = design_matrix(np.array([np.log(omega)]), t, k).toarray()[0]
-        root = np.linalg.solve(np.asarray(np.linalg.qr(B, mode="r")).T, here)
-        return float(np.linalg.norm(root)) * max(self.scatter, 1.0)
+            return np.zeros(omega.shape)
+        x = np.clip(np.log(omega), self.log_omega[0], self.log_omega[-1])
+        here = type(self.spline).design_matrix(x.ravel(), self.spline.t, self.spline.k).toarray()
+        root = np.linalg.solve(self._triangle.T, here.T)
+        size = np.linalg.norm(root, axis=0).reshape(omega.shape)
+        return np.asarray(size * np.maximum(self.scatter_at(omega), 1.0))
+
+    @cached_property
+    def _triangle(self) -> Array:
+        """Of the design matrix B, its rows over the deviation.
+
+        The variance of a fit that is linear in its data (docs/theory/measured.md, Between the points) follows from it:
+        normal equations would square its condition.
+        """
+        assert self.deviation is not None
+        B = type(self.spline).design_matrix(self.log_omega, self.spline.t, self.spline.k).toarray()
+        return np.asarray(np.linalg.qr(B / self.deviation[:, None], mode="r"))
 
     def error_between(self, omega: float) -> float:
         """Estimated error of ``ln G`` between two points: how far points beside lie off a curve without them.
@@ -162,9 +197,3 @@ def _with_knots(x: Array, y: Array, deviation: Array, edges: NDArray[np.int_]) -
     inner = 0.5 * (x[edges[1:-1] - 1] + x[edges[1:-1]])
     t = np.concatenate([np.full(4, x[0]), inner, np.full(4, x[-1])])
     return make_lsq_spline(x, y, t, k=3, w=1.0 / deviation)
-
-
-def _chi_square(spline: BSpline, x: Array, y: Array, deviation: Array) -> tuple[float, float]:
-    """Weighted sum of squares of the points about a spline, and the same over its degrees of freedom."""
-    total = float((((spline(x) - y) / deviation[:, None]) ** 2).sum())
-    return total, total / max(2 * (len(x) - len(spline.c)), 1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -272,7 +273,7 @@ class DataSystem(LureSystem):
         """From the outputs of the automata: their inputs, these by omega, and the signals around the elements."""
         G, dG = self._before(omega)
         own = self._own
-        if not len(own["A"]) and self.data.shape[1] == self.B.shape[1]:
+        if self._straight:
             straight = np.broadcast_to(np.eye(G.shape[-1]) + 0j, (*omega.shape, G.shape[-1], G.shape[-1]))
             return G, dG, G, straight
         C, B = (
@@ -292,6 +293,11 @@ class DataSystem(LureSystem):
         return zx @ x + zw, dzx @ x + zx @ dx + dzw, x, y
 
     @property
+    def _straight(self) -> bool:
+        """Whether no element brings states of its own."""
+        return not len(self._own["A"]) and self.data.shape[1] == self.B.shape[1]
+
+    @property
     def straight(self) -> Array:
         """Rates at which inputs follow a step of an output, shape (nz, nw), where the end of the data falls as 1/omega.
 
@@ -304,22 +310,27 @@ class DataSystem(LureSystem):
         # Where G falls as CB/(j omega), the rate behind a step is CB.
         return np.where(np.abs(slope + 1.0) < _WHOLE, (1j * top * G).real, 0.0)
 
-    def by_path(self, omega: float) -> ComplexArray:
-        """Change of :meth:`frequency_response` with the logarithm of each path's response, shape (paths, nz, nw)."""
-        _, _, x, y = self._closed(np.array(omega))
-        before, _ = self._before(np.array(omega))
+    def by_path(self, omega: ArrayLike) -> ComplexArray:
+        """Change of :meth:`frequency_response` with the logarithm of each path, shape (..., paths, nz, nw)."""
+        omega = floats(omega, "by_path: omega")
+        before, _ = self._before(omega)
         own = self._own
-        resolvent = np.linalg.inv(1j * omega * np.eye(len(own["A"])) - own["A"])
+        if self._straight:
+            return self._by_path(before, np.eye(before.shape[-2]), np.eye(before.shape[-1]))
+        y = self._closed(omega)[-1]
+        resolvent = np.linalg.inv(1j * omega[..., None, None] * np.eye(len(own["A"])) - own["A"])
         zx, yx = (own[f"C_{s}"] @ resolvent @ own["B_x"] + own[f"D_{s}x"] for s in "zy")
         # With x = G y and y = P_yx x + P_yw w: dx = (1 - G P_yx)^-1 dG y.
-        closed = zx @ np.linalg.inv(np.eye(len(before)) - before @ yx)
+        return self._by_path(before, zx @ np.linalg.inv(np.eye(before.shape[-2]) - before @ yx), y)
+
+    def _by_path(self, before: ComplexArray, closed: NDArray[Any], y: NDArray[Any]) -> ComplexArray:
         parts = []
         for i, j, _ in self.data.known:
             part = np.zeros_like(before)
             rows = [r for r, (owner, _) in enumerate(self._ports) if owner == i]
-            part[rows, j] = before[rows, j]
+            part[..., rows, j] = before[..., rows, j]
             parts.append(closed @ part @ y)
-        return np.array(parts)
+        return np.stack(parts, -3)
 
     @property
     def _ports(self) -> list[tuple[int, bool]]:

@@ -21,8 +21,9 @@ ComplexArray = NDArray[np.complex128]
 
 #: Fewest points of a curve.
 _FEWEST = 8
-#: Step of the phase between two neighbours from which it is open which way it turned [rad].
-_TURN = 2.5
+#: Steps of the phase between two neighbours from which it is open which way it turned, unless the magnitude tells, and
+#: from which it does not [rad].
+_TURN, _HALF_TURN = 2.5, 3.0
 #: Deviation from which log magnitude and phase are no longer as likely to be off one way as the other.
 _NOISY = 0.3
 
@@ -57,7 +58,7 @@ class MeasuredResponse:
     ModelError
         If lengths differ, frequencies are not positive and ascending, a value is zero or not finite, there are fewer
         than eight, a deviation is not positive or 0.3 and more, or the phase turns by more than 2.5 rad between two
-        neighbours, so that it is open which way.
+        neighbours and neither a peak nor a dip of the magnitude says which way.
 
     Examples
     --------
@@ -87,8 +88,8 @@ class MeasuredResponse:
             at = omega[int(np.argmin(np.isfinite(value) & (np.abs(value) > 0)))]
             _refuse("value", f"zero or not finite at {at:.6g} rad/s", "a finite response with a magnitude")
         steps = np.abs(np.angle(value[1:] / value[:-1]))
-        if steps.max() > _TURN:
-            i = int(np.argmax(steps))
+        if (open_ways := np.flatnonzero((steps > _TURN) & ~self._told_by_magnitude(value))).size:
+            i = int(open_ways[0])
             between = f"{omega[i]:.6g} and {omega[i + 1]:.6g} rad/s"
             _refuse("value", f"{steps[i]:.3g} rad of phase apart at {between}", "neighbours less than 2.5 rad apart")
         object.__setattr__(self, "omega", omega)
@@ -100,6 +101,18 @@ class MeasuredResponse:
         gain = self.static_gain
         if gain is not None and (np.isnan(gain) or gain == -np.inf):
             _refuse("static_gain", str(gain), "a number, or infinity for a part that integrates")
+
+    def _told_by_magnitude(self, value: ComplexArray) -> NDArray[np.bool_]:
+        """Of each step between neighbours, whether the phase turned as the magnitude says, by less than half a turn.
+
+        At a peak, of a lightly damped pole, it turns back, or ahead where the pole is unstable; at a dip, of a zero on
+        the left, ahead.
+        """
+        size, turn = np.log(np.abs(value)), np.angle(value[1:] / value[:-1])
+        told = np.zeros(len(turn), bool)
+        dip, ahead = size[:-3] + size[3:] > size[1:-2] + size[2:-1], turn[1:-1] > 0
+        told[1:-1] = np.where(dip, ahead, ~ahead | (self.unstable_poles > 1)) & (np.abs(turn[1:-1]) < _HALF_TURN)
+        return told
 
     def _checked_deviation(self) -> Array:
         size = _numbers(self.deviation, float, "deviation")

@@ -1,24 +1,24 @@
 """Predictions of a measured linear part: what its data tell of a cycle, and what they do not.
 
-Between the lowest and the highest measured frequency the search is that of any loop. Added here are stability by
-Nyquist's criterion on the data, the harmonics that the data reach, the error by what is between the points, and the
-interval that their standard deviation leaves: by the implicit function theorem, as the balance ``N G + 1 = 0`` is moved
-by a change of ``ln G`` as by one of ``ln N``.
+Between the lowest and the highest measured frequency the search is that of any loop. Added here are the harmonics that
+the data reach, the error by what is between the points, and the intervals that their standard deviation leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance
+from eppanalysis.methods.describing.blind import near_misses
+from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.quality import Point
+from eppanalysis.methods.describing.search import Found
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.systems.measured.loop import DataSystem
-from eppanalysis.models.systems.measured.response import MeasuredResponse
 from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle
 from eppanalysis.results.measured import MeasuredCycle
@@ -27,12 +27,6 @@ from eppanalysis.results.measured import MeasuredCycle
 _LEAST_HARMONIC, _MOST_BEYOND = 3, 0.02
 #: Harmonics of the element's output that are counted as there.
 _COUNTED = 60
-#: Normal deviates of an interval of 95 %.
-_NINETY_FIVE = 1.959963984540054
-#: Share by which an amplitude is moved to either side of a cycle for Nyquist's criterion.
-_BESIDE = 0.01
-#: How far from a whole number the slope of a response towards low frequencies may be.
-_WHOLE = 0.3
 #: Errors between the points from which a sentence says so.
 _COARSE = 0.01
 #: Amplitudes of cycles above the data, over the scales of the element.
@@ -83,16 +77,15 @@ def _of_data(
     paths = system.data.known
     moved = _moved(system, balance, p)
     between = float((moved.T @ [r.curve.error_between(p.omega) for _, _, r in paths]).max())
-    deviation = np.linalg.norm(moved.T * [r.curve.deviation_at(p.omega) for _, _, r in paths], axis=1)
-    factors = np.exp(_NINETY_FIVE * deviation).tolist()
-    told = {"amplitude": float(p.amplitude[0]), "frequency": cycle.frequency}
-    intervals = {name: (v / f, v * f) for (name, v), f in zip(told.items(), factors, strict=True)}
+    noise = Noise.of(system, balance)
+    interval = noise.interval(p.unknowns(balance)) if noise else None
     return MeasuredCycle.of(
         cycle,
         state=np.zeros(0),
         mean_state=np.zeros(0),
         error_estimate=estimate.error + beyond + between,
-        intervals=intervals if all(r.deviation is not None for _, _, r in paths) else {},
+        intervals=interval.in_hertz if interval else {},
+        at_a_fold=interval.at_a_fold if interval else False,
         interpolation_error=between,
         highest_harmonic=system.highest_harmonic(p.omega),
         beyond=beyond,
@@ -136,7 +129,7 @@ def _beyond(system: DataSystem, balance: Balance, p: Point, highest: int) -> flo
 
 
 def cautions(
-    system: DataSystem, balance: Balance, points: Sequence[Point], cycles: Sequence[MeasuredCycle]
+    system: DataSystem, balance: Balance, points: Sequence[Point], found: Found, cycles: Sequence[MeasuredCycle]
 ) -> tuple[str, ...]:
     """Sentences about what the data do not tell."""
     out = [*above_the_data(system, balance, cycles)]
@@ -155,7 +148,9 @@ def cautions(
                 f"that its amplitude or frequency may be off by {100.0 * cycle.interpolation_error:.2g} %: closer "
                 "points would tell, or, where it is noise, their standard deviation, by which they are smoothed."
             )
-    scatter = max(r.curve.scatter for _, _, r in system.data.known)
+    out += _at_the_edge_of_noise(system, balance, points, found, cycles)
+    omega = np.array([c.omega for c in cycles])
+    scatter = max(float(r.curve.scatter_at(omega).max(initial=r.curve.scatter)) for _, _, r in system.data.known)
     if scatter > 1.2:
         out.append(
             f"The points scatter {scatter:.2g} times as much about the fitted curve as their standard deviation "
@@ -183,72 +178,21 @@ def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[Measur
     )
 
 
-def stability_of_data(system: DataSystem, balance: Balance, p: Point) -> tuple[bool | None, str]:
-    """Verdict by Nyquist's criterion a little beside the cycle, and the sentence that says by what."""
-    if system.only is None:
-        return None, "Of several measured paths, or states between them, no criterion tells the stability."
-    more, less = (_unstable_poles(system, balance, p, side * _BESIDE) for side in (1.0, -1.0))
-    if more is None or less is None:
-        return None, "Nyquist's criterion: the data do not show how the loop gain ends, towards zero or upwards."
-    if more < 0 or less < 0:
-        return None, "Nyquist's criterion: the measured part must have more unstable poles than was said."
-    text = (
-        f"Nyquist's criterion on the data: with a little more amplitude {more}, with a little less {less} of the poles "
-        f"of the quasi-linear loop are unstable, if of the measured part {system.only.unstable_poles or 'none'} are."
-    )
-    return more == 0, text
-
-
-def _unstable_poles(system: DataSystem, balance: Balance, p: Point, share: float) -> int | None:
-    """Number of unstable poles of the loop with the element as the gain that it is at another amplitude.
-
-    A lag of the element counts as dead time. The curve ``1 + N G`` is closed beyond the data: towards zero by as many
-    integrators as its slope shows, upwards by a loop gain below one. None where that is not to be seen.
-    """
-    gain = _gain_beside(balance, p, share)
-    around = np.geomspace(1e-6, 0.3, 40)
-    omega = np.concatenate([system.frequency_nodes(), p.omega * (1.0 + around), p.omega * (1.0 - around)])
-    low, high = system.band
-    omega = np.unique(omega[(omega >= low) & (omega <= high)])
-    lag = np.exp(1j * np.angle(gain) * omega / p.omega)
-    back = -abs(gain) * lag * system.frequency_response(omega)[:, 0, 0]
-    if abs(back[-1]) >= 1.0:
-        return None
-    turn = np.unwrap(np.angle(1.0 + back))
-    start = _start(system, turn, abs(back[0]))
-    if start is None:
-        return None
-    # Above the data the loop gain is below one, and 1 + N G ends at one. Each half turn about zero up to there is a
-    # pole less on the right (docs/theory/measured.md, Stability).
-    end = 2.0 * np.pi * np.round(turn[-1] / (2.0 * np.pi))
-    return _only(system).unstable_poles - round((end - start) / np.pi)
-
-
-def _only(system: DataSystem) -> MeasuredResponse:
-    assert system.only is not None
-    return system.only
-
-
-def _start(system: DataSystem, turn: Array, size: float) -> float | None:
-    """Argument, a multiple of pi, of ``1 + N G`` where it leaves the real axis at zero frequency."""
-    gain = _only(system).static_gain
-    if gain is not None and np.isfinite(gain):
-        return float(np.pi * np.round(turn[0] / np.pi))
-    value, by_omega = _only(system).with_slope(system.band[0])
-    slope = float((system.band[0] * by_omega / value).real)
-    if slope > 1.0 - _WHOLE and size < 1.0:
-        return float(2.0 * np.pi * np.round(turn[0] / (2.0 * np.pi)))
-    # Of k integrators 1 + N G comes from infinity, a quarter turn behind the real axis for each.
-    integrators = max(0, round(-slope))
-    if abs(slope + integrators) > _WHOLE:
-        return None
-    return float(np.pi * np.round((turn[0] + 0.5 * np.pi * integrators) / np.pi))
-
-
-def _gain_beside(balance: Balance, p: Point, share: float) -> complex:
-    """Gain of the element with the amplitude changed by a share, and the mean with it."""
-    # The balance of the means moves the bias with the amplitude, by the implicit function theorem.
-    static = balance.on_bias[0, 0] + balance.on_mean[0, 0] * p.slopes_of_mean[1][0]
-    by_amplitude = balance.on_mean[0, 0] * p.slopes_of_mean[0][0]
-    bias = -by_amplitude / static if by_amplitude and static else 0.0
-    return complex(p.gain[0] + share * (p.slopes_of_gain[0][0] + bias * p.slopes_of_gain[1][0]))
+def _at_the_edge_of_noise(
+    system: DataSystem, balance: Balance, points: Sequence[Point], found: Found, cycles: Sequence[MeasuredCycle]
+) -> Iterator[str]:
+    """Sentences on cycles that errors of the size of the noise take away, and on those that they make."""
+    for cycle in cycles:
+        if cycle.at_a_fold:
+            yield (
+                f"The cycle at {cycle.omega:.4g} rad/s with an amplitude of {cycle.amplitude_of_first:.4g} stands so "
+                "near a fold that errors of the size of the noise take it away together with another: it may not "
+                "exist, and its interval reaches across the fold."
+            )
+    noise = Noise.of(system, balance)
+    for interval, off in noise.missed(near_misses(balance, points, found)) if noise else ():
+        (low, high), (slow, fast) = interval.amplitude, interval.in_hertz["frequency"]
+        yield (
+            f"The data leave room for cycles that the fitted curve misses by {off:.2g} standard deviations, with an "
+            f"amplitude of {low:.4g} to {high:.4g} at {slow:.4g} to {fast:.4g} Hz."
+        )

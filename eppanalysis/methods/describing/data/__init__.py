@@ -1,0 +1,1 @@
+"""What a prediction from measured data takes from them: cycles, their intervals, their stability."""

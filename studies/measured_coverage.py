@@ -1,0 +1,175 @@
+"""How often intervals of predictions from noisy data cover what the model predicts, for each loop that ships.
+
+The linear part of a loop gives 200 points a decade, each with 1 % of noise. Run it:
+``python -m studies.measured_coverage``, with names of cases for some. All take a quarter of an hour, so that the result
+is kept in ``_static/measured_coverage.md``.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+import eppanalysis as epp
+from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray, newton
+from eppanalysis.methods.describing.data.intervals import Noise
+from eppanalysis.methods.describing.predict import search_balance
+from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.means import static_balance
+from eppanalysis.models.systems.measured.loop import Means
+from eppanalysis.models.systems.own_states import ports
+from eppanalysis.models.systems.signals import slices
+from eppanalysis.results import PlainData
+from studies import STORED
+
+__all__ = ["CASES", "Covered", "coverage", "of_case", "table"]
+
+RESULT = STORED / "measured_coverage.md"
+#: Loops with a cycle of first order whose elements read what can be measured.
+CASES = (
+    "actuator_both_limits", "backlash_servo", "band_two_cycles", "clegg_loop", "elbow", "elbow_cycle_not_there",
+    "fig6a_original_pulley", "fig8a_original", "freeplay_section", "gain_brings_it_back", "level_valve",
+    "light_forearm", "quantised_sensor_ct", "quantised_sensor_ct_large", "rate_limited_aircraft", "relay_biased_fopdt",
+    "relay_deadzone", "relay_fopdt_closed", "relay_hyst_goncalves6", "relay_hyst_servo", "relay_ideal_khalil79",
+    "robot_servo", "sat_am165", "sat_asymmetric", "sat_khalil710", "sat_plus_backlash", "sat_pycontrol_doc",
+    "steering_compensated", "stiction_level_S5J2", "thruster_dz_hyst", "two_mass_damped_shaft_classical",
+    "two_mass_deadzone", "van_der_pol_mu1", "wheelchair", "x15_flare",
+)  # fmt: skip
+#: Points a decade, their standard deviation, and draws of them.
+PER_DECADE, DEVIATION, DRAWS = 200, 0.01, 200
+#: How far a cycle that is followed to other data goes at most, in logarithms; from there it is another one.
+_SAME = 0.25
+
+
+@dataclass(frozen=True)
+class Covered(PlainData):
+    """One cycle of one loop.
+
+    Attributes
+    ----------
+    case : str
+    amplitude, frequency : float
+        Of the model: at the first element's input, and in Hz.
+    draws, with_amplitude, with_frequency : int
+        Draws of the data, and those whose interval covers it.
+    gone, at_a_fold : int
+        Draws whose own curve has not the cycle, and those that say that it may not exist, these among them.
+    """
+
+    case: str
+    amplitude: float
+    frequency: float
+    draws: int
+    with_amplitude: int
+    with_frequency: int
+    gone: int
+    at_a_fold: int
+
+
+def of_case(
+    name: str,
+    per_decade: int = PER_DECADE,
+    noise: np.random.Generator | None = None,
+    deviation: float | None = None,
+    top: float = 60.0,
+) -> epp.MeasuredLoop:
+    """A shipped loop with data in place of its linear part, and its balance of means.
+
+    From a thirtieth of its slowest cycle's frequency to `top` times that of its fastest.
+    """
+    elements, omega, G, means, unstable = _without_noise(name, per_decade, top)
+    none = np.abs(G).max(0) < 1e-13 * np.abs(G).max()
+    if noise is not None:
+        G = G * (1.0 + DEVIATION * (noise.standard_normal(G.shape) + 1j * noise.standard_normal(G.shape)))
+
+    def path(i: int, j: int) -> epp.MeasuredResponse | None:
+        if none[i, j]:
+            return None
+        return epp.MeasuredResponse(omega, G[:, i, j], deviation, unstable_poles=unstable)
+
+    paths = [[path(i, j) for j in range(G.shape[2])] for i in range(G.shape[1])]
+    return epp.MeasuredLoop(epp.MeasuredMatrix(paths), elements, feedback=1, means=means)
+
+
+@cache
+def _without_noise(
+    name: str, per_decade: int, top: float
+) -> tuple[tuple[Nonlinearity, ...], Array, ComplexArray, Means | None, int]:
+    """Elements, frequencies, responses, the balance of means if no element has states of its own, unstable poles."""
+    case = epp.case(name)
+    system, known = case.to_system(), epp.predict_limit_cycles(case)
+    given = system.given or system
+    low, high = min(c.omega for c in known) / 30.0, top * max(c.omega for c in known)
+    if given.time_step:
+        high = min(high, np.pi / given.time_step)
+    omega = np.geomspace(low, high, int(per_decade * np.log10(high / low)) + 1)
+    rows = [s.start for s in slices([ports(e)[0] for e in given.elements])]
+    means = None
+    if system.given is None:
+        means = static_balance(system.with_integrators_apart[0], case.operating_point.vector(system))[1:]
+    grows = np.linalg.eigvals(given.A)
+    unstable = int(np.sum(np.abs(grows) > 1.0 + 1e-9 if given.time_step else grows.real > 1e-9 * np.abs(grows)))
+    return given.elements, omega, given.frequency_response(omega)[:, rows], means, unstable
+
+
+@np.errstate(all="ignore")
+def coverage(name: str, draws: int = DRAWS, seed: int = 3) -> tuple[Covered, ...]:
+    """Each cycle of a loop, followed from the data without noise to each draw.
+
+    Where a draw has not the cycle, the interval is that of the motion beside it that the draw refuses least.
+    """
+    system = of_case(name).to_system()
+    balance, found, points = search_balance(system, np.zeros(0))
+    start, rng = found.cycles[np.argsort(found.cycles[:, balance.places[0]])], np.random.default_rng(seed)
+    counts = np.zeros((len(start), 4), int)
+    for _ in range(draws):
+        drawn = of_case(name, noise=rng, deviation=DEVIATION).to_system()
+        here = Balance.of(drawn, balance.pivot, np.zeros(0))
+        counts += np.array([_covers(Noise(here, drawn), x) for x in start])
+    told = sorted(points, key=lambda p: float(p.amplitude[0]))
+    return tuple(
+        Covered(name, float(p.amplitude[0]), p.omega / (2.0 * np.pi), draws, *map(int, n))
+        for p, n in zip(told, counts, strict=True)
+    )
+
+
+def _covers(noise: Noise, truth: Array) -> tuple[bool, bool, bool, bool]:
+    """Whether amplitude and frequency are covered, the cycle is gone, and it is said that it may not exist."""
+    balance = noise.balance
+    (x,), (ok,) = newton(balance, truth[None], np.eye(len(truth))[-1:])
+    if there := bool(ok) and np.abs(x - truth)[:2].max() < _SAME:
+        interval = noise.interval(x)
+    else:
+        beside = noise.missed([truth])
+        if not beside:
+            return False, False, True, True
+        interval = beside[0][0]
+    values = np.exp(truth[[balance.places[0], 1]])
+    within = [bool(a <= v <= b) for v, (a, b) in zip(values, (interval.amplitude, interval.omega), strict=True)]
+    return within[0], within[1], not there, interval.at_a_fold or not there
+
+
+def table(rows: tuple[Covered, ...]) -> str:
+    """The cycles in Markdown."""
+    lines = [
+        "| loop | amplitude | frequency [Hz] | amplitude covered | frequency covered | not in the draw | doubt said |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for r in rows:
+        shares = (r.with_amplitude, r.with_frequency, r.gone, r.at_a_fold)
+        told = " | ".join(f"{100.0 * n / r.draws:.3g} %" for n in shares)
+        lines.append(f"| {r.case} | {r.amplitude:.4g} | {r.frequency:.4g} | {told} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    made = []
+    for case in sys.argv[1:] or CASES:
+        made += (rows := coverage(case))
+        sys.stdout.write("\n".join(table(rows).splitlines()[2:]) + "\n")
+        sys.stdout.flush()
+    if not sys.argv[1:]:
+        RESULT.write_text(table(tuple(made)), encoding="utf-8")
