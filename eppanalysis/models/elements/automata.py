@@ -119,15 +119,15 @@ def decay(shape: float, velocity: float, scale: float) -> tuple[tuple[Smooth, ..
     Raises
     ------
     KeyError
-        If the shape is none of 1, 2, 3, 4 and 6.
+        If the shape is no whole number from 1 to 6.
     """
     u, none = np.array([1 / velocity]), np.zeros(1)
     if shape == 2:
         return (Smooth("gaussian", u, 0.0, scale),), 0.0
     if shape == 1:
         return (Smooth("tanh", u / 2), Smooth("reciprocal_abs", none, 0.0, 2 * scale, (1.0,))), -scale
-    power = Smooth({3.0: "cube", 4.0: "square", 6.0: "cube"}[shape], u)
-    if shape != 3:
+    power = Smooth({3.0: "cube", 4.0: "square", 5.0: "fifth_power", 6.0: "cube"}[shape], u)
+    if shape % 2 == 0:
         return (power, Smooth("gaussian", none, 0.0, scale, (1.0,))), 0.0
     bent = Smooth("tanh", none, on_smooth=(0.5,))
     return (power, bent, Smooth("reciprocal_abs", none, 0.0, 2 * scale, (0.0, 1.0))), -scale

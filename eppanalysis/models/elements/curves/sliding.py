@@ -132,7 +132,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         At least zero [N*s/m or N*m*s/rad].
     shape : float, optional
         Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. A run, an orbit and a
-        balance of harmonics take 1, 2, 3, 4 or 6.
+        balance of harmonics take whole numbers.
 
     Raises
     ------
@@ -197,7 +197,7 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         excess = self.static - self.coulomb
         p, offset = a / self.velocity, b / self.velocity
         # A root at rest is resolved by panels that are shorter than the curve's own by a factor.
-        finer = 1.0 if self.shape in (1, 2, 3, 4, 6) else _ROOT
+        finer = 1.0 if self.shape == round(self.shape) else _ROOT
         phi, weight = layers(p * finer, offset * finer, 1 if self.shape <= 2 else _PARTS)
         v = offset[..., None] + p[..., None] * np.sin(phi)
         falling = weight * self._decay(v) * np.sign(v)
@@ -236,8 +236,8 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         ModelError
             If the shape is none whose curve has a Taylor series at rest.
         """
-        if self.shape not in (1, 2, 3, 4, 6):
-            expected = "1, 2, 3, 4 or 6, whose curves have a Taylor series at rest, or first order alone"
+        if self.shape != round(self.shape):
+            expected = "a whole number, whose curve has a Taylor series at rest, or first order alone"
             raise ModelError("StribeckFriction", self.shape, expected, field="shape")
         law, constant = automata.decay(self.shape, self.velocity, self.static - self.coulomb)
         return automata.sticking(self.static, self.coulomb + constant, self.viscous, law)

@@ -119,7 +119,7 @@ def slid_by_hand(element: epp.StribeckFriction, speed: float, times: np.ndarray)
     return np.array(found)
 
 
-@pytest.mark.parametrize("shape", [1.0, 2.0, 3.0, 6.0])
+@pytest.mark.parametrize("shape", [1.0, 2.0, 3.0, 5.0, 6.0])
 def test_a_block_that_sticks_and_slips_against_another_integrator(shape: float) -> None:
     element, speed = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape), 0.4
     times = np.linspace(0.0, 12.0, 241)
@@ -133,7 +133,7 @@ def test_a_block_that_sticks_and_slips_against_another_integrator(shape: float) 
     np.testing.assert_allclose(run.signals["friction_output"][stuck], -4.0 * position[stuck], atol=1e-8)
 
 
-@pytest.mark.parametrize("shape", [1.0, 3.0])
+@pytest.mark.parametrize("shape", [1.0, 3.0, 5.0])
 def test_orbit_of_another_shape(shape: float) -> None:
     """A stable cycle on a belt: its orbit is what a long run comes to."""
     system = dragged(epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape), 0.4)
@@ -144,7 +144,7 @@ def test_orbit_of_another_shape(shape: float) -> None:
     assert np.ptp(by_hand) == pytest.approx(orbit.peak_to_peak["friction_input"], rel=1e-5)
 
 
-@pytest.mark.parametrize("shape", [1.0, 3.0, 4.0])
+@pytest.mark.parametrize("shape", [1.0, 3.0, 4.0, 5.0])
 def test_answer_to_harmonics_of_another_shape(shape: float) -> None:
     """Coefficients of the force against a sum over a period, and their slopes against differences."""
     element = epp.StribeckFriction(1.0, 2.0, 0.3, 0.05, shape)
