@@ -21,10 +21,11 @@ from eppanalysis.models.systems.measured.loop import DataSystem
 _ONE, _TWO = 1.959963984540054, 2.447746830680816
 #: Steps at most, their last and their longest one, in logarithms and phases.
 _STEPS, _LAST, _LONGEST = 40, 1e-8, 0.3
-#: Share of the deviation that a step must take off it, and the damping from which on none does.
-_FALLS, _MOST_DAMPED = 3e-4, 1e8
-#: How much more than an error an unbalanced mean counts, which has none.
-_EXACT = 1e6
+#: Share of the deviation that a step must take off it, the damping that makes a step short, and that which ends them.
+_FALLS, _SHORT, _MOST_DAMPED = 3e-4, 1e-3, 1e8
+#: Share of its terms by which the balance of a mean, which is exact, may be off for one deviation: kept more sharply
+#: it is a bent valley that no step follows.
+_EXACT = 1e-4
 #: How near to its deviate an end is found, trials for it, the first step at most, the factor by which one that falls
 #: short grows, and the logarithm from which on there is no end.
 _NEAR, _TRIALS, _FIRST, _GROWS, _NO_END = 1e-2, 60, 0.05, 1.5, 2.0
@@ -154,7 +155,7 @@ class Noise:
             right = np.concatenate([r[todo], np.zeros_like(size)], 1)
             step = (np.linalg.pinv(slope) @ right[..., None])[..., 0]
             left = np.linalg.norm(((slope @ step[..., None])[..., 0] - right)[:, : r.shape[1]], axis=1)
-            still = off[todo] - left > _FALLS * np.maximum(off[todo], _LAST)
+            still = (off[todo] - left > _FALLS * np.maximum(off[todo], _LAST)) | (damping[todo] > _SHORT)
             if not still.all():
                 # What no step takes off is left as it is: its evaluation would cost as much as the others.
                 todo, step, size = todo[still], step[still], size[still]
@@ -173,7 +174,7 @@ class Noise:
             turn[k], off[k] = turn_new[better], new[better]
             damping[todo] *= np.where(better, 0.1, 10.0)
             damping[k] = np.maximum(damping[k], 1e-12)
-            ends[better] |= falls < _FALLS * off[k]
+            ends[better] |= (falls < _FALLS * off[k]) & (damping[k] < _SHORT)
             ends |= damping[todo] > _MOST_DAMPED
             todo = todo[~ends]
         return X, off, turn
@@ -192,7 +193,7 @@ class Noise:
             R, J = balance.residual(X)
             a, phase, b, omega = balance.unpack(X)
             root = self._root(a, phase, b, omega)
-            size = np.maximum(np.abs(J[:, 2 * m :, :-1] * scales(balance, X)[:, None, :-1]).max(-1), 1e-300) / _EXACT
+            size = np.maximum(np.abs(J[:, 2 * m :, :-1] * scales(balance, X)[:, None, :-1]).max(-1), 1e-300) * _EXACT
             turn = np.linalg.slogdet(np.nan_to_num(J[:, :, :-1]))[0]
             r, by = R[:, :m] + 1j * R[:, m : 2 * m], J[:, :m, :-1] + 1j * J[:, m : 2 * m, :-1]
             r, by = (root @ r[..., None])[..., 0], root @ by
