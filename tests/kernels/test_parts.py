@@ -38,3 +38,13 @@ def test_numbers_written_in_a_call_do_not_compile_a_part_anew() -> None:
     kernel = njit(nogil=True)(lambda x, k: part(x, 0) + part(x, -1) + part(x, k))
     assert kernel(1.0, 5) == 7.0
     assert len(part.overloads) == 1
+
+
+def test_a_part_that_two_others_call_is_linked_into_the_kernel() -> None:
+    deepest = njit(**PART)(lambda x: x * x)
+    left = njit(**PART)(lambda x: deepest(x) + 1.0)
+    right = njit(**PART)(lambda x: deepest(x) - 2.0)
+    kernel = njit(nogil=True)(lambda x: left(x) * right(x))
+    assert kernel(3.0) == 70.0
+    caller = njit(nogil=True)(lambda x: kernel(x) + deepest(x))
+    assert caller(3.0) == 79.0

@@ -20,7 +20,7 @@ ENTRY = {**KERNEL, "_nrt": False}
 HOT = {**PART, "_nrt": False}
 #: Those that are called at every step are also written into their caller: handing over all these arrays costs more than
 #: most of them compute.
-INLINE = {**HOT, "inline": "always"}
+INLINE = {**HOT, "forceinline": True}
 
 #: A long step is 2**4 steps of the grid, the longest 2**16: a creep may go on for a million time constants.
 LONG_DOUBLINGS, LONGS = 4, 4
