@@ -63,7 +63,8 @@ Allow = Annotated[
     typer.Option(
         "--allow",
         metavar="SIZE",
-        help='Stable limit cycle that is allowed, peak to peak or rms, as in "theta 0.3 deg", "theta 0.1 deg rms".',
+        help='Stable limit cycle that is allowed, peak to peak or rms, as in "theta 0.3 deg", "theta 0.1 deg rms", '
+        '"theta 0.3 deg within 1 Hz..8 Hz".',
     ),
 ]
 

@@ -339,7 +339,7 @@ def sized_cell(question: Question, value: float, settings: Settings) -> BoundCel
     except (EppError, np.linalg.LinAlgError) as error:
         cell = replace(cell, message=f"Not corrected: the exact orbits failed ({str(error).rstrip('.')}).")
     message = " ".join(text for text in (found.note, cell.message) if text and text not in found.note)
-    size = float("nan") if cell.orbit is None else settings.allowed.of_cycle(cell.orbit)
+    size = float("nan") if cell.orbit is None else settings.allowed.size_of(cell.orbit)
     return replace(cell, size=size, message=message or cell.message)
 
 

@@ -34,6 +34,9 @@ _STEP = 1e-4
 #: Parameters that say where the motion begins or how it is recorded, not what the loop is.
 _LEFT_OUT = ("run.", "expected.")
 
+#: How much larger than allowed a cycle is that is bounded by its frequency alone.
+_LARGER = 1e-6
+
 
 def parameters_of(question: Question) -> list[str]:
     """Parameters by which a bound has an elasticity: numbers that are not zero, without the bounded one.
@@ -190,7 +193,9 @@ def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dic
     if by_limit is None or by_limit == 0.0:
         return {}
     # The size stays what is allowed: d ln limit / d ln q = -(d ln size / d ln q) / (d ln size / d ln limit).
-    out = {"allowed": 1.0 / by_limit}
+    # Where the cycle comes into the band it is larger already, and its frequency feels nothing of what is allowed.
+    larger = allowed.size_of_orbit(at_bound.to_system(), point.orbit) > (1.0 + _LARGER) * allowed.size
+    out = {"allowed": 0.0 if larger else 1.0 / by_limit}
     for name in parameters_of(question):
         grown = _growth(at_bound, name, question.case.value(name), point, allowed)
         out[name] = float("nan") if grown is None else -grown / by_limit

@@ -200,6 +200,6 @@ def _joined(
         n_searched=n_searched,
         verified=bool(beyond.cycles),
         other_orbit=cycle,
-        size=float("nan") if allowed is None or cycle is None else allowed.of_cycle(cycle),
+        size=float("nan") if allowed is None or cycle is None else allowed.size_of(cycle),
         message=message,
     )

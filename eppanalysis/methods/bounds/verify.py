@@ -102,6 +102,7 @@ class _MayBe:
         size = result.peak_to_peak[self.allowed.signal]
         # The rms about the mean is half the peak to peak at most.
         fits = size <= (1.0 if self.allowed.measure is Measure.PEAK_TO_PEAK else 2.0) * self.allowed.size
+        fits |= ~self.allowed.counts(result.period)
         for cycle in self.known:
             same = np.abs(size / cycle.peak_to_peak[self.allowed.signal] - 1.0) < _SAME_SIZE
             fits |= same & (np.abs(result.period / cycle.period - 1.0) < _SAME_SIZE)

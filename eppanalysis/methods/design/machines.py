@@ -13,7 +13,7 @@ from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.design.search import Pick, Search
 from eppanalysis.methods.design.shrinking import shrinks
 from eppanalysis.methods.search.trigger import Judge
-from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
+from eppanalysis.methods.simulation.batch import BatchResult, HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.results import Status
 
@@ -55,14 +55,16 @@ def machines_at_rest(search: Search, best: Pick, value: float, allowed: Allowed 
     result = simulate_batch(HybridStack.of(hybrids, system.signals.names), judge.horizon)
     good = 0
     for i, status in enumerate(result.status):
-        rests = status is Status.SETTLED or _allowed(result.peak_to_peak, i, status, allowed)
+        rests = status is Status.SETTLED or _allowed(result, i, allowed)
         good += rests or _in_the_end(judge, hybrids[i]) or shrinks(cases[i], hybrids[i].x0, cycle)
     return good
 
 
-def _allowed(sizes: dict[str, np.ndarray], i: int, status: Status, allowed: Allowed | None) -> bool:
-    """Whether a run is on a cycle that is small enough, whatever its measure: rms is half the peak to peak at most."""
-    return allowed is not None and status is Status.LIMIT_CYCLE and float(sizes[allowed.signal][i]) <= allowed.size
+def _allowed(result: BatchResult, i: int, allowed: Allowed | None) -> bool:
+    """Whether a run is on a cycle that may be, whatever its measure: rms is half the peak to peak at most."""
+    if allowed is None or result.status[i] is not Status.LIMIT_CYCLE:
+        return False
+    return float(result.peak_to_peak[allowed.signal][i]) <= allowed.size or not allowed.counts(result.period)[i]
 
 
 def _in_the_end(judge: Judge, hybrid: HybridSystem) -> bool:

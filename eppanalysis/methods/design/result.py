@@ -237,7 +237,7 @@ class Design(Result):
 
     def _tests(self, best: Optimum) -> str:
         if best.confirmed:
-            if best.kind is Turn.END:
+            if best.kind in (Turn.END, Turn.UNKNOWN):  # what limits it is no cycle, so that there is none beyond
                 return "The exact search finds no such cycle there."
             slow = f", {best.n_shrinking} that are below the cycle's size and still shrink" if best.n_shrinking else ""
             runs = f"{best.n_settled} runs at rest{' or on what is allowed' if self.allowed else ''}{slow}"

@@ -97,6 +97,12 @@ def test_what_was_not_tested_is_not_called_confirmed(found: epp.Design) -> None:
     assert "fold" in found.sentence and "The largest k with no limit cycle is 7.518" in found.sentence
 
 
+def test_where_no_cycle_limits_a_design_none_is_said_to_be_beyond(found: epp.Design) -> None:
+    kept = replace(found.optimum, kind=Turn.UNKNOWN, active="phase margin of 60 deg", confirmed=True, message="")
+    sentence = replace(found, optimum=kept).sentence
+    assert sentence.endswith("The exact search finds no such cycle there.") and "Confirmed" not in sentence
+
+
 def test_one_parameter_is_a_bound_that_is_confirmed() -> None:
     case = made_bounds.wheelchair()
     design = epp.design(case, {GAIN: (0.7, 1.0)}, maximise=GAIN, starts=20)

@@ -2,7 +2,8 @@
 
 Most standards do not forbid a limit cycle, they bound it. What is allowed is said in one line, "theta 0.3 deg" or
 "theta 0.1 deg rms"; sizes of exact orbits are exact (extrema and quadrature on their arcs), those of predictions are
-those of a sinusoid.
+those of a sinusoid. With a band of frequencies, "theta 0.3 deg within 1 Hz..8 Hz", only cycles of such a frequency are
+bounded.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, did_you_mean, shown
 from eppanalysis.methods.continuation.steps import signal_ranges
@@ -20,6 +22,8 @@ from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.readable import quantity
 from eppanalysis.results import LimitCycle, PlainData
 from eppanalysis.units import QuantityError, parse_quantity
+
+Array = NDArray[np.float64]
 
 
 class Measure(StrEnum):
@@ -35,7 +39,10 @@ _WRITTEN = {
     "peak-to-peak": Measure.PEAK_TO_PEAK,
     "rms": Measure.RMS,
 }
-_EXPECTED = '"SIGNAL SIZE", as in "theta 0.3 deg", with "rms" behind it where not peak to peak is meant'
+_EXPECTED = (
+    '"SIGNAL SIZE", as in "theta 0.3 deg", with "rms" behind it where not peak to peak is meant, and '
+    '"within 1 Hz..8 Hz" where only cycles of such frequencies are bounded'
+)
 
 
 @dataclass(frozen=True)
@@ -50,16 +57,20 @@ class Allowed(PlainData):
     measure : Measure
     unit : str
         SI unit of the signal.
+    band : (float, float), optional
+        The frequencies of a cycle at which it counts [Hz]; by default all.
     """
 
     signal: str
     size: float
     measure: Measure = Measure.PEAK_TO_PEAK
     unit: str = ""
+    band: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         """As people say it."""
-        return f"{self.signal} {self.text(self.size)}"
+        within = "" if self.band is None else " within {:.4g} Hz to {:.4g} Hz".format(*self.band)
+        return f"{self.signal} {self.text(self.size)}{within}"
 
     def text(self, size: float) -> str:
         """A size in this measure."""
@@ -73,14 +84,14 @@ class Allowed(PlainData):
         ----------
         system : LureSystem
         text : str
-            Signal and size; plain numbers are SI.
+            Signal and size, measure and band; plain numbers are SI.
 
         Raises
         ------
         EppError
             If the loop has no such signal, or the size is no positive quantity of its dimension.
         """
-        words = text.strip()
+        words, _, within = text.strip().partition(" within ")
         measure = next((m for word, m in _WRITTEN.items() if words.endswith(f" {word}")), None)
         if measure is not None:
             words = next(words.removesuffix(word) for word in _WRITTEN if words.endswith(f" {word}"))
@@ -100,10 +111,30 @@ class Allowed(PlainData):
             raise EppError(f"allow: {signal} is {shown(size.strip())}; expected {error.expected}.") from None
         if not value > 0:
             raise EppError(f"allow: {signal} is {shown(size.strip())}; expected a positive size.")
-        return cls(signal, value, measure or Measure.PEAK_TO_PEAK, unit)
+        return cls(signal, value, measure or Measure.PEAK_TO_PEAK, unit, _band(within) if within else None)
+
+    def within(self, size: float, period: float) -> float:
+        """What a size counts as at a period: at most what is allowed outside the band, and that just on its edge.
+
+        So what is too large begins at a root, of the size or of the frequency, that a branch can be followed to.
+        """
+        if self.band is None:
+            return size
+        low, high = self.band
+        return min(size, self.size / (period * low), self.size * high * period)
+
+    def counts(self, period: Array) -> NDArray[np.bool_]:
+        """Whether cycles of these periods are bounded."""
+        if self.band is None:
+            return np.full(np.shape(period), True)
+        return (period * self.band[0] < 1.0) & (period * self.band[1] > 1.0)
 
     def of_orbit(self, system: LureSystem, orbit: Orbit) -> float:
-        """Size of an exact orbit [SI], exactly."""
+        """Size of an exact orbit [SI], exactly, as it counts."""
+        return self.within(self.size_of_orbit(system, orbit), orbit.period)
+
+    def size_of_orbit(self, system: LureSystem, orbit: Orbit) -> float:
+        """Size of an exact orbit [SI], exactly, at whatever frequency."""
         if self.measure is Measure.RMS:
             return orbit_shape(system, orbit).rms[self.signal]
         low, high = signal_ranges(orbit)
@@ -111,7 +142,11 @@ class Allowed(PlainData):
         return float(high[i] - low[i])
 
     def of_cycle(self, cycle: LimitCycle) -> float:
-        """Size of a cycle as its method has it [SI]."""
+        """Size of a cycle as its method has it [SI], as it counts."""
+        return self.within(self.size_of(cycle), cycle.period)
+
+    def size_of(self, cycle: LimitCycle) -> float:
+        """Size of a cycle as its method has it [SI], at whatever frequency."""
         if self.measure is Measure.PEAK_TO_PEAK:
             return cycle.peak_to_peak[self.signal]
         wave = cycle.waveform.get(self.signal)
@@ -130,3 +165,15 @@ class Allowed(PlainData):
         """The largest of the cycles that exceed it; None where none does."""
         too_large = [c for c in cycles if self.exceeded_by(c)]  # type: ignore[attr-defined]
         return max(too_large, key=self.of_cycle, default=None)
+
+
+def _band(text: str) -> tuple[float, float]:
+    """Frequencies as in "1 Hz..8 Hz" [Hz]."""
+    low, dots, high = text.partition("..")
+    try:
+        band = parse_quantity(low.strip(), "Hz"), parse_quantity(high.strip(), "Hz")
+    except QuantityError as error:
+        raise EppError(f"allow: the band is {shown(text)}; expected {error.expected} on both sides of ..") from None
+    if not (dots and 0.0 < band[0] < band[1]):
+        raise EppError(f"allow: the band is {shown(text)}; expected a low and a higher frequency, as in 1 Hz..8 Hz.")
+    return band

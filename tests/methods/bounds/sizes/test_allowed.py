@@ -81,6 +81,25 @@ def test_the_bound_on_a_gain_is_where_searches_say(servo: epp.Case) -> None:
     assert known["play.gap"] == pytest.approx(-known["allowed"], rel=1e-5)
 
 
+def test_within_a_band_the_bound_is_where_the_cycle_comes_into_it(servo: epp.Case) -> None:
+    """The frequency of the cycle grows with the gain: at a gain of 1.1 it enters a band that begins with it."""
+    (entering,) = epp.find_limit_cycles(servo.with_values({"loop.gain": 1.1})).stable
+    low = entering.frequency
+    band = f"within {low:.15g} Hz..{2 * low:.15g} Hz"
+    found = bound_from(servo, "loop.gain", (0.5, 1.5), f"x 0.5 {band}")
+    assert found.kind is Turn.SIZE and found.point is not None and found.value == pytest.approx(1.1, rel=1e-8)
+    allowed = Allowed.read(servo.to_system(), f"x 0.5 {band}")
+    assert not allowed.exceeded_by(replace(entering, period=1.001 * entering.period))
+    assert allowed.exceeded_by(replace(entering, period=0.999 * entering.period))
+    known = size_elasticities(Question(servo, "loop.gain", 0.5, 1.5), found.point, allowed)
+    # Frequencies feel neither what is allowed nor the play, with which the sizes scale.
+    assert known["allowed"] == 0.0 and known["play.gap"] == pytest.approx(0.0, abs=1e-6)
+    # In the band the size counts as without it.
+    wide = f"within {0.1 * low:.15g} Hz..{10 * low:.15g} Hz"
+    all_ = [bound_from(servo, "loop.gain", (0.5, 1.5), f"x 4{end}").value for end in ("", f" {wide}")]
+    assert all_[1] == pytest.approx(all_[0], rel=1e-12)
+
+
 def test_rms_about_the_mean_against_a_run(servo: epp.Case) -> None:
     assert Allowed.read(servo.to_system(), "x 0.4 rms").measure is Measure.RMS
     found = bound_from(servo, "play.gap", (0.1, 2.0), "x 0.4 rms")
@@ -118,7 +137,7 @@ def test_an_unstable_cycle_is_not_counted() -> None:
 
 def test_what_is_allowed_is_named_everywhere(servo: epp.Case, by_gap: epp.DesignBounds) -> None:
     plain = by_gap.to_dict()
-    assert plain["allowed"] == {"signal": "x", "size": 1.5, "measure": "peak to peak", "unit": ""}
+    assert plain["allowed"] == {"signal": "x", "size": 1.5, "measure": "peak to peak", "unit": "", "band": None}
     assert plain["cells"][0]["kind"] == "allowed size" and plain["provenance"]["settings"]["allowed"]["size"] == 1.5
     told = " ".join(sentences(servo, by_gap))
     assert "Allowed is a stable limit cycle up to x 1.5 peak to peak." in told
@@ -164,6 +183,9 @@ def test_what_a_scan_says(
         ("x 3 deg", "x is '3 deg'; expected a plain number"),
         ("x -1", "expected a positive size"),
         ("x 1 rms rms", "x is '1 rms'"),
+        ("x 1 within 2 Hz", "the band is '2 Hz'"),
+        ("x 1 within 3 Hz..2 Hz", "expected a low and a higher frequency"),
+        ("x 1 within 1 m..2 m", "the band is '1 m..2 m'"),
     ],
 )
 def test_what_cannot_be_allowed_is_refused_in_a_sentence(servo: epp.Case, allow: str, words: str) -> None:
