@@ -2,7 +2,9 @@
 
 A per cent beside its fold a cycle is gone, but motions pass its ghost slowly, and with play behind an integrator what
 is left decays like a power of time: no run of a finite length comes to rest. Such a run is looked at in windows, each
-twice as late as the one before: it must shrink from window to window, and end below the size of the cycle at the fold.
+twice as late as the one before: none may be larger than the one before, each must be smaller than that four times
+earlier (some motions shrink in steps, and stand for longer than twice the time between them), and the last one below
+the size of the cycle at the fold.
 """
 
 from __future__ import annotations
@@ -21,13 +23,14 @@ Array = NDArray[np.float64]
 
 #: The first run in periods of the cycle, how often it is doubled; its windows: how late they end, how long they are.
 _FIRST, _DOUBLED = 800.0, 5
-_WINDOWS, _LENGTH, _SAMPLES = (0.25, 0.5, 1.0), 2.5, 400
-#: A window must be smaller than the one before by this factor, and the last one than the cycle.
-_SHRINKS, _BELOW = 0.98, 0.8
+_WINDOWS, _LENGTH, _SAMPLES = (0.125, 0.25, 0.5, 1.0), 2.5, 400
+#: A window must be smaller than the one four times earlier by this factor, and the last one than the cycle; what stands
+#: still does so to this.
+_SHRINKS, _BELOW, _STANDS = 0.96, 0.8, 1.001
 
 
 def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
-    """Whether the motion from a state ends below the size of a cycle, and becomes smaller from window to window.
+    """Whether the motion from a state ends below the size of a cycle, and becomes smaller with time.
 
     Parameters
     ----------
@@ -50,7 +53,8 @@ def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
             return False
         spans = np.ptp(samples.reshape(len(ends), _SAMPLES, -1), axis=1)[:, moving] / size[moving]
         largest = spans.max(axis=1)
-        if largest[-1] < _BELOW and np.all(largest[1:] <= _SHRINKS * largest[:-1]):
+        falls = np.all(largest[1:] <= _STANDS * largest[:-1]) and np.all(largest[2:] <= _SHRINKS * largest[:-2])
+        if largest[-1] < _BELOW and falls:
             return True
         t *= 2.0
     return False

@@ -145,6 +145,18 @@ def test_slow_runs_that_shrink_are_told_from_those_on_a_cycle(servo: epp.Case, f
     assert not shrinks(beyond, x0, found.optimum.orbit)
 
 
+def test_a_run_that_shrinks_in_steps_is_told_from_one_on_a_cycle(servo: epp.Case) -> None:
+    """With a long lead what is left of a motion stands for more than twice the time between its steps."""
+    slow = servo.with_values({"T": 2.0})
+    found = epp.design(slow, {"k": (1.0, 20.0)}, maximise="k", starts=60)
+    best = found.optimum
+    assert best.confirmed and best.n_shrinking > 0 and best.n_settled + best.n_shrinking == 60, best.message
+    assert best.orbit is not None
+    beyond = slow.with_values({"k": 1.01 * best.at["k"]})
+    (stable,) = epp.find_limit_cycles(beyond, by_balance=False).stable
+    assert not shrinks(beyond, 1.2 * stable.state, best.orbit)
+
+
 def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
     assert "7.518" in str(epp.table(found))
     assert said_above(found.plot().figure)[0].startswith("The largest k")
