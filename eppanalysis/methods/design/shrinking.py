@@ -2,9 +2,9 @@
 
 A per cent beside its fold a cycle is gone, but motions pass its ghost slowly, and with play behind an integrator what
 is left decays like a power of time: no run of a finite length comes to rest. Such a run is looked at in windows, each
-twice as late as the one before: none may be larger than the one before, each must be smaller than that four times
-earlier (some motions shrink in steps, and stand for longer than twice the time between them), and the last one below
-the size of the cycle at the fold.
+twice as late as the one before, the last of which must be below the size of the cycle at the fold: the last three
+shrink, or none is larger than the one before and each smaller than that four times earlier (some motions shrink in
+steps, and stand for longer than twice the time between them).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FIRST, _DOUBLED = 800.0, 5
 _WINDOWS, _LENGTH, _SAMPLES = (0.125, 0.25, 0.5, 1.0), 2.5, 400
 #: A window must be smaller than the one four times earlier by this factor, and the last one than the cycle; what stands
 #: still does so to this.
-_SHRINKS, _BELOW, _STANDS = 0.96, 0.8, 1.001
+_SHRINKS, _BELOW, _STANDS = 0.98**2, 0.8, 1.001
 
 
 def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
@@ -53,8 +53,9 @@ def shrinks(case: CaseLike, x0: Array, cycle: LimitCycle) -> bool:
             return False
         spans = np.ptp(samples.reshape(len(ends), _SAMPLES, -1), axis=1)[:, moving] / size[moving]
         largest = spans.max(axis=1)
-        falls = np.all(largest[1:] <= _STANDS * largest[:-1]) and np.all(largest[2:] <= _SHRINKS * largest[:-2])
-        if largest[-1] < _BELOW and falls:
+        evenly = np.all(largest[2:] <= np.sqrt(_SHRINKS) * largest[1:-1])
+        in_steps = np.all(largest[1:] <= _STANDS * largest[:-1]) and np.all(largest[2:] <= _SHRINKS * largest[:-2])
+        if largest[-1] < _BELOW and (evenly or in_steps):
             return True
         t *= 2.0
     return False
