@@ -434,6 +434,9 @@ def load(raw: RawCase) -> Case:
     expected = make_expected(file.expected)
     if expected.signal is not None and expected.signal not in parts.system.signals.names:
         raise raw.refused("expected.signal", f"one of {', '.join(parts.system.signals.names)}")
+    system = parts.system
+    if expected.signal is not None and expected.signal != system.signals.names[0]:
+        system = replace(system, signals=system.signals.led_by(expected.signal))
     return Case(
         raw.name,
         file.title,
@@ -444,7 +447,7 @@ def load(raw: RawCase) -> Case:
         float(file.run.t_end.value),
         expected,
         raw,
-        parts.system,
+        system,
         parts.elbow,
     )
 
@@ -497,4 +500,7 @@ def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, n
     last = path[-1]
     if not isinstance(here, dict) or not isinstance(last, str) or not last:
         raise CaseError(source, name, value, "the dotted name of a field")
-    here[last] = value
+    old = here.get(last)
+    # What is free to choose stays so with another value: a source or a tolerance was the old one's.
+    free = isinstance(old, dict) and old.get("mark") == "tunable" and not isinstance(value, dict)
+    here[last] = {"value": value, "mark": "tunable"} if free else value

@@ -17,7 +17,7 @@ from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
-from eppanalysis.readable import DIGITS, cut, quantity, words
+from eppanalysis.readable import DIGITS, cut, in_print, quantity, words
 from eppanalysis.results import LimitCycle, Status, Trajectory
 from eppanalysis.results.shown import png
 
@@ -173,12 +173,12 @@ def _numbers(
         name = branch.parameter
         yield (
             f"{words(name)} at which {'the oscillation ends' if largest is not None else 'oscillations begin'}",
-            case.text(name, end.value, DIGITS),
+            in_print(case.text(name, end.value, DIGITS)),
             f"exact: {end.kind} of its branch",
         )
     elif branch is not None:
         values = branch.points["value"]
-        low, high = (case.text(branch.parameter, float(v), DIGITS) for v in (values.min(), values.max()))
+        low, high = (in_print(case.text(branch.parameter, float(v), DIGITS)) for v in (values.min(), values.max()))
         how = (
             "exact branch; what is beyond was not followed" if branch.missing else "exact branch, without an end in it"
         )

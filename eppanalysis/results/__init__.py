@@ -186,9 +186,10 @@ class LimitCycle(Result):
         """The cycle in a sentence: whether it is stable, its size, its frequency, and by which method."""
         kind = {True: "Stable limit cycle", False: "Unstable limit cycle", None: "Limit cycle"}[self.stable]
         doubt = " It may not exist: the harmonics that first order neglects may take it away." * self.may_not_exist
-        ended = "" if self.status.ok else f" {self.status.value}"
         note = f" {self.note[:1].upper()}{self.note[1:].rstrip('.')}." if self.note else ""
-        return f"{kind}: {self.size} ({self.method}).{doubt}{ended}{note}"
+        if not self.status.ok:
+            return f"No limit cycle was reached ({self.method}). {self.status.value} It has {self.size}.{note}"
+        return f"{kind}: {self.size} ({self.method}).{doubt}{note}"
 
     def to_frame(self) -> pandas.DataFrame:
         """One row: method, stability, frequency [Hz], period [s], and the peak-to-peak and mean of every signal."""

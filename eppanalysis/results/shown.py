@@ -143,6 +143,8 @@ def _cell(value: Any, factor: float) -> str:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, complex):
+        return f"{number(factor * value.real)}{'-' if value.imag < 0 else '+'}{number(factor * abs(value.imag))}j"
     if not isinstance(value, int | float):
         return str(value)
     return number(value if factor == 1.0 else factor * value)

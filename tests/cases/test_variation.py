@@ -34,3 +34,11 @@ def test_an_equal_unit_is_taken_and_another_is_not():
     assert servo.si("motor.resistance", "3 ohm") == servo.si("motor.resistance", "3 V/A") == 3.0
     with pytest.raises(CaseError, match="expected a quantity in V/A"):
         servo.si("motor.resistance", "3 V")
+
+
+def test_what_is_tunable_stays_so_with_another_value():
+    """A report of a servo with a gain set by hand goes on to follow its cycle over that gain."""
+    servo = epp.case("robot_servo")
+    again = servo.with_values({"Kp": "50 V/rad", "backlash": "0.5 deg"})
+    assert servo.parameters["Kp"].mark == again.parameters["Kp"].mark == "tunable"
+    assert again.parameters["backlash"].mark == "assumed" and again.value("Kp") == 50.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked
+from eppanalysis.readable import number
 from eppanalysis.results import Result, Status
 from eppanalysis.results.shown import frame_of
 
@@ -100,10 +101,10 @@ class Margins(Result):
         if not self.exist:
             return f"No margins at {self.at}. {self.message}"
         parts = [
-            f"gain margin {self.gain_margin:.4g}{_at(self.phase_crossover)}",
+            f"gain margin {number(self.gain_margin)}{_at(self.phase_crossover)}",
             f"phase margin {math.degrees(self.phase_margin):.4g} deg{_at(self.gain_crossover)}",
         ]
-        others = f"disk margin {self.disk_margin:.4g}, delay margin {self.delay_margin:.4g} s"
+        others = f"disk margin {self.disk_margin:.4g}, delay margin {number(self.delay_margin)} s"
         stable = {True: "stable", False: "unstable", None: "not decided"}[self.stable]
         return f"Linearised loop {stable}: {', '.join(parts)}; {others}; cut at {self.at}. {self.message}".rstrip()
 

@@ -26,6 +26,12 @@ class SignalMap:
     constant: Array
     units: tuple[str, ...] = ()
 
+    def led_by(self, name: str) -> SignalMap:
+        """The same signals with this one first: sentences and pictures are about the first one."""
+        order = sorted(range(len(self.names)), key=lambda i: self.names[i] != name)
+        names, units = (tuple(part[i] for i in order) if part else part for part in (self.names, self.units))
+        return SignalMap(names, self.C[order], self.D[order], self.D_input[order], self.constant[order], units)
+
 
 def require(name: str, what: str, given: object, holds: bool, expected: str) -> None:
     """Refuse what a loop called `name` is given where it does not hold."""
