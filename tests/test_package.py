@@ -127,3 +127,18 @@ def test_shells_complete_commands(shell):
         [sys.executable, "-c", code], check=False, capture_output=True, text=True, env={**os.environ, **words, **asks}
     )
     assert "predict" in run.stdout and "simulate" not in run.stdout
+
+
+def test_conda_recipe_has_what_the_package_says():
+    jinja2, yaml = pytest.importorskip("jinja2"), pytest.importorskip("yaml")
+    text = (REPOSITORY / "conda" / "meta.yaml").read_text(encoding="utf-8")
+
+    def load_file_data(name: str, *, from_recipe_dir: bool):
+        assert from_recipe_dir
+        return tomllib.loads((REPOSITORY / "conda" / name).read_text(encoding="utf-8"))
+
+    recipe = yaml.safe_load(jinja2.Template(text).render(load_file_data=load_file_data, PYTHON="python"))
+    ours = project()
+    assert recipe["package"] == {"name": ours["name"], "version": ours["version"]}
+    assert recipe["requirements"]["run"] == [f"python {ours['requires-python']}", *ours["dependencies"]]
+    assert recipe["build"]["entry_points"] == [f"eppanalysis = {ours['scripts']['eppanalysis']}"]
