@@ -46,8 +46,8 @@ _QUIET_TURN, _SEEN = 2, 3.0
 #: A state this many times beyond all cycles and its own start that still moves has diverged. The threshold is relative,
 #: for integrators grow slowly, beyond no bound (docs/theory/exact_orbits.md, All of them).
 _FAR = 1e6
-#: Share of its largest value at which a state that grows, and swings, may be met.
-_GROWN = 0.1
+#: Share of its largest value above which a state that oscillates and grows is met; what decays is far below it.
+_GROWN = 1e-3
 #: Switches accumulate: the amplitude between them is taken over this many events, and is rest below this share of the
 #: amplitude of the whole run.
 _PILE, _PILED = 64, 1e-3
