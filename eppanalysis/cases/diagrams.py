@@ -17,7 +17,7 @@ from eppanalysis.cases.blocks import (
     read_block,
 )
 from eppanalysis.cases.files import Connections, Missing, RawCase
-from eppanalysis.cases.inputs import motions_of
+from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import DiagramFile
 from eppanalysis.cases.values.automata import AUTOMATON, WORDS
@@ -66,7 +66,7 @@ class DiagramKind(Kind):
         check_wires(diagram, diagram.units, reader.with_units, raw)
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
-        return Parts(parameters, motions_of(file.run, system.input_names, units, raw), system)
+        return Parts(parameters, input_signals_of(file.run, system.input_names, units, raw), system)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones."""

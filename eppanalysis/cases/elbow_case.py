@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eppanalysis.cases.files import RawCase
-from eppanalysis.cases.inputs import motions_of
+from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import ElbowFile
 from eppanalysis.cases.values.quantities import Parameter
@@ -96,7 +96,7 @@ class ElbowKind(Kind):
                 system = replace(elbow(parameters), name=raw.name)
         except (ModelError, ArithmeticError) as error:
             raise CaseError(raw.source, "", "beyond the range of numbers", f"ordinary magnitudes ({error})") from None
-        input_signal = motions_of(file.run, system.input_names, self.input_unit, raw)
+        input_signal = input_signals_of(file.run, system.input_names, self.input_unit, raw)
         return Parts(
             fields, Step(parameters.harness.step) if input_signal is None else input_signal, system, parameters
         )

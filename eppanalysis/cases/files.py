@@ -330,3 +330,35 @@ def _dotted(data: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{prefix}{key}", value
         if isinstance(value, (dict, list)):
             yield from _dotted(value, f"{prefix}{key}.")
+
+
+def copied(data: Any) -> Any:
+    """Tables and lists of a file once more; what they hold never changes."""
+    if isinstance(data, dict):
+        return {name: copied(value) for name, value in data.items()}
+    return [copied(value) for value in data] if isinstance(data, list) else data
+
+
+def put(data: dict[str, Any], path: list[str | int], value: Any, source: str, name: str) -> None:
+    """Write a value at a dotted path into the tables of a file.
+
+    Raises
+    ------
+    CaseError
+        If there is no table that it could stand in.
+    """
+    here: Any = data
+    for part in path[:-1]:
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, {})
+        elif isinstance(here, list) and str(part).isdigit() and int(part) < len(here):
+            here = here[int(part)]
+        else:
+            break
+    last = path[-1]
+    if not isinstance(here, dict) or not isinstance(last, str) or not last:
+        raise CaseError(source, name, value, "the dotted name of a field")
+    old = here.get(last)
+    # What is free to choose stays so with another value: a source or a tolerance was the old one's.
+    free = isinstance(old, dict) and old.get("mark") == "tunable" and not isinstance(value, dict)
+    here[last] = {"value": value, "mark": "tunable"} if free else value

@@ -24,7 +24,7 @@ _HEADER = re.compile(r"\s*([A-Za-z_][A-Za-z_ ]*?)\s*(?:\[([^\]]*)\])?\s*")
 Input = StepInput | StepsInput | RampInput | SineInput | RecordedInput
 
 
-def motions_of(
+def input_signals_of(
     run: Any, names: Sequence[str], unit: str | Mapping[str, str], raw: RawCase
 ) -> InputSignal | dict[str, InputSignal] | None:
     """What a case's run says of the external inputs with these names: of the only one, or of any by name.

@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.cases.blocks import Block, make_element, read_blocks
 from eppanalysis.cases.files import Missing, RawCase
-from eppanalysis.cases.inputs import motions_of
+from eppanalysis.cases.inputs import input_signals_of
 from eppanalysis.cases.kind import Kind, Parts
 from eppanalysis.cases.schema import LoopFile, LoopSection
 from eppanalysis.cases.values.dimensions import check_units, units_of_ports
@@ -58,7 +58,7 @@ class LoopKind(Kind):
             found = getattr(loop, name)
             if found is not None:
                 fields[f"loop.{name}"] = found
-        return Parts(fields, motions_of(file.run, system.input_names, self.input_unit, raw), system)
+        return Parts(fields, input_signals_of(file.run, system.input_names, self.input_unit, raw), system)
 
     def fields(self, parameters: Iterable[str]) -> list[str]:
         """The given ones, and those of the loop as a whole."""

@@ -14,7 +14,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.cases.diagrams import DiagramKind
 from eppanalysis.cases.elbow_case import ElbowKind
 from eppanalysis.cases.expected import Expected, make_expected
-from eppanalysis.cases.files import Missing, RawCase, drop_alternatives, without_answers
+from eppanalysis.cases.files import Missing, RawCase, copied, drop_alternatives, put, without_answers
 from eppanalysis.cases.from_system import input_tables, tables_of
 from eppanalysis.cases.kind import Kind
 from eppanalysis.cases.loops import LoopKind
@@ -335,7 +335,7 @@ class Case:
         >>> str(changed.parameters["lock_pin.backlash"])
         '0.5 deg'
         """
-        data = _copied(self._raw.data)
+        data = copied(self._raw.data)
         if any(str(name) not in _NO_CHANGE_OF_SYSTEM for name in values):
             data = without_answers(data)
         origins = dict(self._raw.origins)
@@ -355,7 +355,7 @@ class Case:
             plain = _plain(value)
             self._check_settable(name, plain, source)
             path = self._path(name)
-            _set(data, path, plain, source, name)
+            put(data, path, plain, source, name)
             # Its sections too, for what the change makes missing; fields that stay keep their own entries.
             origins.update({".".join(map(str, path[:i])): source for i in range(1, len(path) + 1)})
         made = load(replace(self._raw, data=data, origins=origins))
@@ -412,13 +412,6 @@ class Case:
 
     def _path(self, name: str) -> list[str | int]:
         return KINDS[self.kind].path(name, self._raw.data)
-
-
-def _copied(data: Any) -> Any:
-    """Tables and lists of a file once more; what they hold never changes."""
-    if isinstance(data, dict):
-        return {name: _copied(value) for name, value in data.items()}
-    return [_copied(value) for value in data] if isinstance(data, list) else data
 
 
 def load(raw: RawCase) -> Case:
@@ -486,21 +479,3 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # numpy
         return value.tolist()
     return value
-
-
-def _set(data: dict[str, Any], path: list[str | int], value: Any, source: str, name: str) -> None:
-    here: Any = data
-    for part in path[:-1]:
-        if isinstance(part, str) and isinstance(here, dict):
-            here = here.setdefault(part, {})
-        elif isinstance(here, list) and str(part).isdigit() and int(part) < len(here):
-            here = here[int(part)]
-        else:
-            break
-    last = path[-1]
-    if not isinstance(here, dict) or not isinstance(last, str) or not last:
-        raise CaseError(source, name, value, "the dotted name of a field")
-    old = here.get(last)
-    # What is free to choose stays so with another value: a source or a tolerance was the old one's.
-    free = isinstance(old, dict) and old.get("mark") == "tunable" and not isinstance(value, dict)
-    here[last] = {"value": value, "mark": "tunable"} if free else value

@@ -27,6 +27,7 @@ from eppanalysis.methods.comparison.rungs import (
     largest_harmonic,
     load_kernels,
 )
+from eppanalysis.methods.comparison.sentences import cycle_sentences, error_sentences, missed_sentences
 from eppanalysis.methods.describing.predict import predict_limit_cycles
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.simulation.simulate import simulate
@@ -207,7 +208,7 @@ class Ladder(Result):
         """What the run does, what exact cycles there are, and what first order says of them."""
         cycle = self.run.limit_cycle
         run = str(self.run) if cycle is None else f"Oscillates: {cycle.size_of(self.signal)}."
-        first = [*_error_sentences(self.errors, self.signal), *_missed_sentences(self.missed, self.search)]
+        first = [*error_sentences(self.errors, self.signal), *missed_sentences(self.missed, self.search)]
         return " ".join([*self._exactly(run), self.agreement.value, *first])
 
     def _exactly(self, run: str) -> list[str]:
@@ -316,8 +317,8 @@ def ladder(case: _ExpectingCase | LureSystem) -> Ladder:
     if agreement is Agreement.AGREE and not _agrees(errors, signal):
         agreement = Agreement.ROUGH
     reasons = [why_not] if why_not and at.stands else []
-    sentences = [agreement.value, *reasons, *_cycle_sentences(run.limit_cycle, errors, signal)]
-    missed = _missed_sentences(found.missed, found.search)
+    sentences = [agreement.value, *reasons, *cycle_sentences(run.limit_cycle, errors, signal)]
+    missed = missed_sentences(found.missed, found.search)
     return Ladder(
         signal=signal,
         prediction=prediction,
@@ -448,39 +449,10 @@ def _is_far_off(row: Rung) -> bool:
     return max(map(abs, row.errors.values())) > _AGREES
 
 
-def _missed_sentences(missed: tuple[int, ...], search: CycleSearch | None) -> list[str]:
-    """How many of the stable exact cycles first order does not predict."""
-    if not missed or search is None:
-        return []
-    if len(missed) == len(search.stable) == 1:
-        return ["First order misses the stable limit cycle."]
-    return [f"First order misses {len(missed)} of {len(search.stable)} stable limit cycles."]
-
-
-def _cycle_sentences(reached: LimitCycle | None, errors: dict[str, dict[str, float]], signal: str) -> list[str]:
-    out = []
-    oscillations = largest_harmonic(reached, signal) if reached else 1
-    if reached and oscillations > 1:
-        out.append(
-            f"The run repeats itself only after {oscillations} oscillations of {signal} ({reached.period:.4g} s); "
-            "its frequency is compared oscillation by oscillation."
-        )
-    return [*out, *_error_sentences(errors, signal)]
-
-
 def _agrees(errors: dict[str, dict[str, float]], signal: str) -> bool:
     """Whether first order is near the matched cycle in frequency and in the size of the signal."""
     off = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", 0.0)
     return max(map(abs, off)) <= _AGREES
-
-
-def _error_sentences(errors: dict[str, dict[str, float]], signal: str) -> list[str]:
-    """How far first order is off on the matched cycle."""
-    if not errors:
-        return []
-    f, a = errors["frequency"]["frequency"], errors.get(signal, {}).get("peak_to_peak", float("nan"))
-    size = f"{signed_percent(a)} in the size of {words(signal)}"
-    return [f"First order is off by {signed_percent(f)} in frequency and {size}."]
 
 
 def _probe_sentences(probes: tuple[Probe, ...], cycles: tuple[LimitCycle, ...]) -> list[str]:

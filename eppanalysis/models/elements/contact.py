@@ -110,7 +110,7 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.kernels.closed_forms import lock_pin
+        from eppanalysis.kernels.describing.closed_forms import lock_pin
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)

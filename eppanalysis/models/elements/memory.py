@@ -429,7 +429,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         ModelError
             If an amplitude is negative.
         """
-        from eppanalysis.kernels.closed_forms import stiction_pulley
+        from eppanalysis.kernels.describing.closed_forms import stiction_pulley
 
         a, b = amplitude_and_bias(amplitude, bias, omega)
         mean, gain = np.empty((a.size, 2)), np.empty((a.size, 2), complex)

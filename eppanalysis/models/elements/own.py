@@ -16,7 +16,7 @@ from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 from eppanalysis.models.elements.phases import broadcast
 
 if TYPE_CHECKING:
-    from eppanalysis.kernels.sinusoid import Rules
+    from eppanalysis.kernels.describing.sinusoid import Rules
 
 Array = NDArray[np.float64]
 _MOST_EVENTS = 1000
@@ -191,7 +191,7 @@ class AutomatonElement(Nonlinearity):
             If an amplitude is negative, or the automaton has more than two inputs, an output with impulses or a smooth
             function of others.
         """
-        from eppanalysis.kernels.sinusoid import describe
+        from eppanalysis.kernels.describing.sinusoid import describe
 
         if self.rules.has_impulses:
             raise ModelError("AutomatonElement: its output has impulses", expected="none, for a describing function")
@@ -214,7 +214,7 @@ class AutomatonElement(Nonlinearity):
 
     @cached_property
     def _rules(self) -> Rules:
-        from eppanalysis.kernels.sinusoid import Rules
+        from eppanalysis.kernels.describing.sinusoid import Rules
 
         a = self.rules
         sizes = {"z": a.n_inputs, "w": a.n_outputs, "h": a.n_memory}

@@ -132,16 +132,16 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
     ) -> tuple[Array, NDArray[np.complex128]]:
         """Mean output and gain (real, the map has no memory) for ``x = bias + amplitude * sin(omega t)``.
 
-        Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.kernels.piecewise` (the classical
-        one of Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, with the bias kept and the terms
-        ordered so that none cancel). At amplitude zero the gain is the slope at the bias.
+        Exact for every breakpoint and jump, by the closed form in :mod:`eppanalysis.kernels.describing.piecewise` (the
+        classical one of Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, with the bias kept and the
+        terms ordered so that none cancel). At amplitude zero the gain is the slope at the bias.
 
         Raises
         ------
         ModelError
             If an amplitude is negative.
         """
-        from eppanalysis.kernels.piecewise import biased_sinusoid
+        from eppanalysis.kernels.describing.piecewise import biased_sinusoid
 
         a, b, _ = broadcast(amplitude, bias, omega)
         mean, gain = np.empty(a.size), np.empty(a.size)

@@ -143,7 +143,7 @@ class ClampedPID(LimitedPID, kind="clamped_pid"):
 
     def _with_derivative(self, a: Array, b: Array, w: Array) -> tuple[Array, ComplexArray]:
         """The same where the error follows from v by the filter of the derivative, too (see the kernel)."""
-        from eppanalysis.kernels.clamped import describe
+        from eppanalysis.kernels.describing.clamped import describe
 
         ahead = self.kd / self.filter_time
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -50,7 +50,7 @@ class _Chasing(PiecewiseLinear):
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
         """Mean of the law alone, which a periodic motion has only without a bias, and gain without one."""
-        from eppanalysis.kernels.rate_limit import describe_inside
+        from eppanalysis.kernels.describing.rate_limit import describe_inside
 
         a, _, w = broadcast(amplitude, bias, omega)
         mean, _ = super().describing_function(amplitude, bias, omega)
@@ -88,7 +88,7 @@ class _RateLimited(StateOutput):
         ModelError
             If an amplitude or a frequency is negative.
         """
-        from eppanalysis.kernels.rate_limit import describe
+        from eppanalysis.kernels.describing.rate_limit import describe
 
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

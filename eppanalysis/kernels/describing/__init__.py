@@ -1,0 +1,1 @@
+"""Describing functions of single elements under a biased sine."""
