@@ -122,7 +122,8 @@ def _time(given: Parameter | None) -> float:
 
 def _value(given: Parameter, field: str, unit: str, raw: RawCase) -> float:
     if given.unit not in ("", unit):
-        raise raw.refused(field, f"a quantity in {unit or 'plain numbers'}")
+        unknown = 'a plain number, for its input has no unit (in a diagram: inputs = { name = "0 rad" })'
+        raise raw.refused(field, f"a quantity in {unit}" if unit else unknown)
     return float(given.value)
 
 

@@ -245,6 +245,7 @@ SERVO_MISTAKES = [
     ('margins_at = "controller"', 'margins_at = "motr.angle"', "margins_at", "did you mean 'motor'"),
     ('margins_at = "controller"', 'margins_at = ["gear", "setpoint"]', "margins_at.1", "a port of a part"),
     ('size = "0.05 rad"', 'size = "0.05 m"', "run.input.size", "a quantity in rad"),
+    ('inputs = { setpoint = "0 rad" }', 'inputs = ["setpoint"]', "run.input.size", "its input has no unit"),
     ('"setpoint - encoder -> c', '"-encoder -> c', "inputs.setpoint", "setpoint drives nothing"),
 ]
 
