@@ -395,7 +395,7 @@ def test_options_that_may_be_repeated_still_may():
 def test_interrupt_ends_with_130_and_no_file(tmp_path):
     code = (
         "import os, signal, eppanalysis.tables.files as export\n"
-        "export.write_result = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
+        "export.write_result = lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)\n"
         "from eppanalysis.cli import main\n"
         "main()\n"
     )

@@ -92,7 +92,7 @@ def test_the_numbers_are_those_of_the_methods(written, mine):
     said = "".join(out.get("text", "") for out in outputs(nbformat.read(written, 4), "Ladder"))
     assert said.strip() == epp.ladder(mine).verdict
     shown = [out["data"]["text/html"] for out in outputs(nbformat.read(written, 4), "Case") if "data" in out]
-    assert "1.6 deg" in shown[0] and "measured" in shown[0] and "0.0465 kg*m^2" in shown[0]
+    assert "1.6 deg" in shown[0] and "measured" in shown[0] and "0.0465 kg·m²" in shown[0]
 
 
 def test_the_notebook_carries_its_case_and_uses_public_names_only(written, folder):
