@@ -113,7 +113,7 @@ def test_code_is_made_anew_when_a_file_that_it_is_made_from_has_changed(tmp_path
 def test_sources_are_those_of_a_module_and_of_what_it_imports(copy, anew, monkeypatch) -> None:
     kernels = copy / "eppanalysis" / "kernels"
     monkeypatch.setattr(compiling, "files", lambda package: kernels)
-    names = ("engine.run", "orbits.arcs", "engine.flow", "simd.vectors", "piecewise", "verdict")
+    names = ("engine.run", "orbits.arcs", "engine.flow", "simd.vectors", "describing.piecewise", "verdict")
     before = {name: sources(name) for name in names}
     (kernels / "simd" / "vectors.py").write_text((kernels / "simd" / "vectors.py").read_text() + "# another\n")
     sources.cache_clear()
