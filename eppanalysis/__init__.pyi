@@ -157,9 +157,9 @@ from eppanalysis.sweep.boundary import (
     fold_boundary as fold_boundary,
     outcome_boundary as outcome_boundary,
 )
+from eppanalysis.sweep.parallel import plot_parallel as plot_parallel
 from eppanalysis.sweep.picture import (
     plot_design_map as plot_design_map,
-    plot_parallel as plot_parallel,
     plot_slices as plot_slices,
     plot_sweep as plot_sweep,
 )

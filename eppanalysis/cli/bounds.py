@@ -154,8 +154,8 @@ def sentences(case: Case, result: DesignBounds) -> Iterator[str]:
         yield f"Allowed is a stable limit cycle up to {result.allowed}."
     yield from filter(None, [_tested(result), result.in_theorems, _first_order(result)])
     for cell in result:
-        if result.active(cell):
-            yield f"{result.over} {case.text(result.over, cell.value)}: {result.active(cell)}"
+        if active := cell.active(result.allowed):
+            yield f"{result.over} {case.text(result.over, cell.value)}: {active}"
         if cell.message not in ("", UNTESTED) and not (cell.finding is Finding.BOUND and cell.verified):
             yield f"{result.over} {case.text(result.over, cell.value)}: {cell.message}"
 

@@ -11,6 +11,7 @@ import typer
 from eppanalysis.cli.common import (
     NO_FILES,
     NOTHING,
+    Allow,
     CaseName,
     Certificates,
     Json,
@@ -73,6 +74,7 @@ def guide(
     within: Annotated[
         str | None, typer.Option("--within", metavar="LOW..HIGH", help="Range of the limit to look in.")
     ] = None,
+    allow: Allow = None,
     samples: Annotated[int, typer.Option("--samples", help="Draws for the probabilities.")] = 400,
     starts: Annotated[int, typer.Option("--starts", help="Runs that test each bound.")] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="Seed of runs and draws.")] = 20050901,
@@ -117,6 +119,7 @@ def guide(
                 name: _factor(name, text) for name, text in (split_pair(m, "--margin", "FIELD=FACTOR") for m in margins)
             },
             within=within_of(within),
+            allow=allow,
             samples=samples,
             starts=starts,
             workers=cores() if workers is None else workers,

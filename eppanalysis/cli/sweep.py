@@ -13,6 +13,7 @@ import typer
 
 from eppanalysis.cli.common import (
     NOTHING,
+    Allow,
     CaseName,
     Json,
     Settings,
@@ -127,8 +128,8 @@ Boundaries = Annotated[
     list[Kind],
     typer.Option(
         "--boundary",
-        help="Draw a boundary on the map: folds (exact), predict (describing functions), cycles (exact orbits) or "
-        "simulate; takes minutes. Repeatable.",
+        help="Draw a boundary on the map: folds (exact; exact bounds beside --allow), predict (describing functions), "
+        "cycles (exact orbits) or simulate; takes minutes. Repeatable.",
     ),
 ]
 
@@ -139,6 +140,7 @@ def sweep(
     settings: Settings = NOTHING,
     run: RunOption = NO_RUNS,
     signals: SignalsOption = NOTHING,
+    allow: Allow = None,
     design: DesignOption = Design.GRID,
     n: Annotated[int | None, typer.Option("--n", help="Cells of a sample. [1024]", show_default=False)] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of a sample.")] = 0,
@@ -180,6 +182,7 @@ def sweep(
             over,
             _one_or_more(run) or Run.SIMULATE,
             signals=_one_or_more(signals),
+            allow=allow,
             scheduler=scheduler,
             workers=workers,
             chunk=chunk,
@@ -188,7 +191,7 @@ def sweep(
             shard=shard,
             merge=merge,
         )
-        curves = [_boundary(found, over, kind, scheduler, workers) for kind in boundaries]
+        curves = [_boundary(found, over, kind, allow, scheduler, workers) for kind in boundaries]
     except KeyboardInterrupt:
         where = "what is done is kept; the same command goes on." if store else "nothing is kept without -o FILE.zarr."
         typer.echo(f"Interrupted: {where}", err=True)
@@ -264,7 +267,7 @@ def _check_boundaries(kinds: Sequence[Kind], axes: Axes, picture: Path | None) -
         raise EppError("--boundary: is drawn on a map of a grid of two axes; expected two --axis and a picture.")
 
 
-def _boundary(case: Case, axes: Axes, kind: Kind, scheduler: str, workers: int | None) -> Boundary:
+def _boundary(case: Case, axes: Axes, kind: Kind, allow: str | None, scheduler: str, workers: int | None) -> Boundary:
     """A boundary over the map's axes, from a grid of its own that is coarse."""
     import numpy as np
 
@@ -274,8 +277,8 @@ def _boundary(case: Case, axes: Axes, kind: Kind, scheduler: str, workers: int |
     given = {k: v for d in make_design(case, axes).dimensions for k, v in d.values.items()}
     coarse = {k: np.linspace(v.min(), v.max(), _COARSE).tolist() for k, v in given.items()}
     if kind is Kind.FOLDS:
-        return fold_boundary(case, coarse)
-    return outcome_boundary(case, coarse, kind, scheduler=scheduler, workers=workers)
+        return fold_boundary(case, coarse, allow=allow)
+    return outcome_boundary(case, coarse, kind, allow=allow, scheduler=scheduler, workers=workers)
 
 
 def _write(dataset: xarray.Dataset, table: Path | None, picture: Path | None, curves: Sequence[Boundary]) -> None:
@@ -294,7 +297,8 @@ def _counts(dataset: xarray.Dataset) -> dict[str, Any]:
     import numpy as np
 
     counts: dict[str, Any] = {"cells": int(dataset["status"].size)}
-    for name in ("outcome", "predicted_outcome", "exact_outcome", "exact_stability", "trigger_outcome", "status"):
+    outcomes = [f"{prefix}{kind}" for kind in ("outcome", "allowed") for prefix in ("", "predicted_", "exact_")]
+    for name in (*outcomes, "exact_stability", "trigger_outcome", "status"):
         if name in dataset:
             words = dataset[name].attrs["flag_meanings"].split()
             codes, numbers = np.unique(dataset[name].values, return_counts=True)
@@ -310,6 +314,8 @@ def _report(dataset: xarray.Dataset, counts: dict[str, Any], curves: Sequence[Bo
         if name != "cells":
             parts = ", ".join(f"{number} {word.replace('_', ' ')}" for word, number in found.items())
             typer.echo(f"{name.replace('_', ' ')} of {count(counts['cells'], 'cell')}: {parts}")
+    if "allowed" in dataset.attrs:
+        typer.echo(f"Allowed is a stable limit cycle up to {dataset.attrs['allowed']}.")
     for curve in curves:
         typer.echo(f"boundary by {curve.label}: {curve.message}")
     if "failed" in counts["status"]:

@@ -65,7 +65,7 @@ def write_guide(guide: Guide, path: Path) -> None:
 def title(guide: Guide) -> str:
     """What the table is about."""
     which = "Largest" if guide.side is Side.BELOW else "Smallest"
-    return f"{which} {in_words(guide.limit)} without a limit cycle: {guide.case.title or guide.case.name}"
+    return f"{which} {in_words(guide.limit)} {guide.without('limit cycle')}: {guide.case.title or guide.case.name}"
 
 
 def facts(guide: Guide) -> str:

@@ -22,6 +22,7 @@ from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
 from eppanalysis.methods.bounds.searched import is_by_search
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import check_tolerances, tolerance_bound
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 from eppanalysis.methods.continuation.result import Branch
@@ -47,6 +48,7 @@ def design_guide(
     tolerances: Mapping[str, object] | None = None,
     margins: Mapping[str, float] | None = None,
     within: tuple[object, object] | None = None,
+    allow: str | None = None,
     samples: int = 400,
     starts: int = 1000,
     workers: int = 1,
@@ -76,6 +78,10 @@ def design_guide(
         by which that gain may still grow worse.
     within : (quantity, quantity), optional
         Range in which the bound is sought; a twentieth to twice the case's own value by default.
+    allow : str, optional
+        A limit cycle that is allowed, as :func:`design_bounds` takes it ("theta 0.3 deg"): each bound is then where the
+        largest stable cycle becomes larger. Bounds under tolerances, proofs and a known branch are of cycles of any
+        size.
     samples : int
         Draws for the probabilities.
     starts : int
@@ -109,6 +115,13 @@ def design_guide(
     >>> guide = epp.design_guide(case, ["12 mm"], over="play.gap", limit="loop.gain", starts=20)
     >>> guide.sentences()[0]
     'At a play gap of 12 mm keep loop gain under 0.846. This case has 1: its own run ends in an oscillation.'
+
+    How much play may a servo have whose output may move by 0.5?
+
+    >>> servo = epp.case("backlash_servo")
+    >>> guide = epp.design_guide(servo, [1.0], over="loop.gain", limit="play.gap", allow="x 0.5", starts=20)
+    >>> print(guide)
+    Keep play gap under 0.255 (at a loop gain of 1), with x 0.5 peak to peak allowed, tested at 0.2526; verified.
     """
     case = as_case(case)
     require_case(case, "design_guide")
@@ -119,6 +132,7 @@ def design_guide(
     given = dict(margins or {})
     _check_margins(given, over, limit)
     _check_branch(case, (over, limit), ranges, branch, by_own_gain=not variants and given.get(over, 1.0) == 1.0)
+    allowed = _allowed(case, allow, {"tolerances": tolerances, "branch": branch, "prove": prove or None})
     counts = {"samples": (samples, 0), "starts": (starts, 1), "workers": (workers, 1), "seed": (seed, 0)}
     check_counts("guide", counts)
     names = tuple(variants or {})
@@ -126,7 +140,8 @@ def design_guide(
     clash = next((name for name in names if name in (over, limit)), None)
     if clash is not None:
         raise EppError(f"guide: {clash} makes variants and is {over} or {limit} as well; expected another parameter.")
-    work = _Work(over, limit, ranges, given, tolerances, within, samples, starts, workers, seed, branch, prove)
+    tests = (samples, starts, workers, seed, branch, prove)
+    work = _Work(over, limit, ranges, given, tolerances, within, *tests, allow, allowed)
     for combination in combinations:
         work.check(case.with_values(combination) if combination else case)
     rows: list[GuideRow] = []
@@ -151,9 +166,10 @@ def design_guide(
     }
     settings |= {"margins": given, "samples": samples, "starts": starts, "seed": seed}
     settings |= {"tolerances": {name: str(width) for name, width in tolerances.items()}} if tolerances else {}
+    settings |= {} if allowed is None else {"allowed": allowed.to_dict()}
     made_by = Provenance("design guide", settings, case=case.provenance())
     said = " ".join(text for text in open_ends if text)
-    return Guide(case, over, limit, names, tuple(rows), given, said, provenance=made_by)
+    return Guide(case, over, limit, names, tuple(rows), given, said, allowed, provenance=made_by)
 
 
 def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
@@ -176,6 +192,18 @@ def pair_of(case: Case, over: str | None, limit: str | None) -> tuple[str, str]:
     for name in chosen:
         case.unit(name)
     return chosen
+
+
+def _allowed(case: Case, allow: str | None, beside: Mapping[str, object]) -> Allowed | None:
+    """What is allowed; nothing may be given beside it that is of cycles of any size."""
+    if allow is None:
+        return None
+    for name, given in beside.items():
+        if given is not None:
+            raise EppError(
+                f"guide: {name} is given beside allow; expected one of them, as it is of cycles of any size."
+            )
+    return Allowed.read(case.to_system(), allow)
 
 
 def _check_margins(margins: Mapping[str, float], over: str, limit: str) -> None:
@@ -219,9 +247,13 @@ class _Work:
     seed: int
     branch: Branch | None
     prove: bool
+    allow: str | None
+    allowed: Allowed | None
 
     def check(self, case: Case) -> None:
         """Refuse tolerances that one variant cannot have, before anything is computed."""
+        if self.allowed is not None:
+            return
         if self.tolerances is None and not any(p.tolerance for p in case.parameters.values()):
             return
         for gain in self.ranges:
@@ -246,6 +278,7 @@ class _Work:
             self.limit,
             at=worse,
             within=self.within,
+            allow=self.allow,
             starts=self.starts,
             seed=self.seed,
             workers=self.workers,
@@ -287,7 +320,7 @@ class _Work:
         tolerance, missing = None, ""
         runs, hit = OwnRuns(), None
         if math.isfinite(bound):
-            runs, hit = _beyond(here, self.limit, within, own, cell)
+            runs, hit = _beyond(here, self.limit, within, own, cell, self.allowed)
             try:
                 tolerance = self._tolerance(here.with_values({self.over: cell.value}), within, sweep)
             except EppError as error:
@@ -314,6 +347,8 @@ class _Work:
         carried = any(p.tolerance for p in case.parameters.values())
         if self.tolerances is None and not carried:
             return None
+        if self.allowed is not None:
+            raise EppError("it is computed for cycles of any size alone.")
         return tolerance_bound(
             case,
             self.limit,
@@ -327,9 +362,16 @@ class _Work:
 
 
 def _beyond(
-    case: Case, limit: str, within: tuple[float, float], own: float, cell: BoundCell
+    case: Case,
+    limit: str,
+    within: tuple[float, float],
+    own: float,
+    cell: BoundCell,
+    allowed: Allowed | None,
 ) -> tuple[OwnRuns, Trigger | None]:
     """What the case's own run does beyond a bound, and the smallest step that starts a cycle at the case's own value.
+
+    Both of cycles that are larger than allowed, where a size is.
 
     Neither is asked of sampled loops: their bound is that of a search, and what it does not cover is said with it.
     """
@@ -340,8 +382,8 @@ def _beyond(
         # The range of the bound may end before the case's own value, of which it is to be said what it does.
         low, high = (low, max(high, 2.0 * own)) if cell.sign > 0 else (min(low, 0.5 * own), high)
     question = Question(case, limit, low, high)
-    hit = smallest_trigger(question, own) if cell.sign * (own - cell.bound) > 0 else None
+    hit = smallest_trigger(question, own, allowed) if cell.sign * (own - cell.bound) > 0 else None
     try:
-        return own_runs(question, cell.bound, cell.sign), hit
+        return own_runs(question, cell.bound, cell.sign, allowed), hit
     except EppError:
         return OwnRuns(), hit

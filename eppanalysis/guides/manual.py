@@ -13,13 +13,15 @@ from decimal import Decimal
 
 from eppanalysis.arguments import checked
 from eppanalysis.errors import EppError, shown
-from eppanalysis.guides.result import GAIN, Guide, GuideRow, in_words
+from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, in_words
 from eppanalysis.methods.bounds.result import BoundCell, DesignBounds, Finding, Known
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import number, with_unit, words
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.tables.manual import ManualTable, Shade, drawing_step, to_step
 
 _DASH = "-"
+_OSCILLATION = "self-sustained oscillation"
 #: The shade of a limit, by how it is known; the words stand beside it.
 _SHADES = {
     Known.PROVED: Shade.SURE,
@@ -95,8 +97,8 @@ def _of_guide(guide: Guide, given: float | None) -> ManualTable:
     more = [f"Factors of safety that are taken off already: {', '.join(factors)}."] if factors else []
     what = "Largest" if not up else "Smallest"
     named = guide.case.title or guide.case.name
-    title = f"{what} {in_words(guide.limit)} without a self-sustained oscillation: {named}"
-    notes = _notes([row.cell for row in guide.rows], _how_rounded(up, steps))
+    title = f"{what} {in_words(guide.limit)} {guide.without(_OSCILLATION)}: {named}"
+    notes = _notes([row.cell for row in guide.rows], _how_rounded(up, steps), guide.allowed)
     said = [c.note for c in beside if c.note] + ([guide.not_covered] if guide.not_covered else [])
     made_by = source(guide)
     return ManualTable(title, heads, tuple(rows), (*notes, *said, *more, made_by), _shades(r.cell for r in guide.rows))
@@ -176,11 +178,15 @@ def _rests_unless_struck(guide: Guide, step: Decimal, up: bool) -> _Column:
         _rounded(factor * row.rests_to, step, up=up) if row.cell.sign * (row.rests_to - row.cell.bound) > 0 else _DASH
         for row in guide.rows
     ]
+    larger, rest, came = "", "rest", "came to rest"
+    if guide.allowed is not None:
+        larger, rest, came = " larger than allowed", "what is allowed", "stayed within what is allowed"
+    struck = _capital(guide.says(Region.STRUCK))
     note = (
-        "Rests unless struck: beyond the limit an oscillation exists beside rest; up to this value the ordinary run of "
-        "the case came to rest wherever it was tried. A blow may start the oscillation."
+        f"{struck}: beyond the limit an oscillation{larger} exists beside {rest}; up to this value the ordinary run of "
+        f"the case {came} wherever it was tried. A blow may start the oscillation."
     )
-    head = with_unit(f"Rests unless struck {'down' if up else 'up'} to", unit)
+    head = with_unit(f"{struck} {'down' if up else 'up'} to", unit)
     return _Column(head, cells, note=note if any(cell != _DASH for cell in cells) else "")
 
 
@@ -233,9 +239,10 @@ def _of_bounds(bounds: DesignBounds, given: float | None) -> ManualTable:
         "Oscillation beyond it at about [Hz]",
         "Checked",
     )
-    title = f"Limits on {name} without a self-sustained oscillation: {words(bounds.case)}"
+    cycle = _OSCILLATION if bounds.allowed is None else bounds.allowed.exceeded
+    title = f"Limits on {name} without a {cycle}: {words(bounds.case)}"
     said = f"The {name} is rounded {_way(up)}, in steps of {step} {y_unit}".rstrip() + "."
-    notes = (*_notes(list(bounds), said), *([bounds.not_covered] if bounds.not_covered else []))
+    notes = (*_notes(list(bounds), said, bounds.allowed), *([bounds.not_covered] if bounds.not_covered else []))
     made_by = _source(bounds.provenance, bounds.case)
     return ManualTable(title, heads, tuple(rows), (*notes, made_by), _shades(bounds))
 
@@ -298,16 +305,20 @@ def _how_rounded(up: bool, steps: Iterable[str]) -> str:
     return f"{tested}, rounded {_way(up)}, in steps of {', '.join(steps)}."
 
 
-def _notes(cells: Iterable[BoundCell], rounding: str) -> tuple[str, ...]:
+def _notes(cells: Iterable[BoundCell], rounding: str, allowed: Allowed | None) -> tuple[str, ...]:
     """How to read the table, for people who have not made it."""
     bounds = [cell for cell in cells if cell.finding is Finding.BOUND]
     unchecked = sum(not cell.verified for cell in bounds)
     searched = any(cell.known is Known.SEARCHED for cell in bounds)
     notes = [rounding]
+    rest, larger = "came to rest", ""
+    if allowed is not None:
+        notes.append(f"Allowed is a lasting oscillation up to {allowed}.")
+        rest, larger = "came to rest or stayed within what is allowed", " larger than that"
     if len(bounds) > unchecked and not searched:
         notes.append(
-            "Checked (second column): on the safe side of the limit all simulations came to rest and no oscillation "
-            "was found; on the other side an oscillation exists."
+            f"Checked (second column): on the safe side of the limit all simulations {rest} and no oscillation{larger} "
+            f"was found; on the other side an oscillation{larger} exists."
         )
     if unchecked:
         are, them = ("is", "it") if unchecked == 1 else ("are", "them")

@@ -25,6 +25,8 @@ _REGIONS = (
     (Region.UNKNOWN, GREY, ".."),
     (Region.RUNS, VERMILLION, "xx"),
 )
+#: Distance between values at which runs were tried, relative to them, that is no region of its own.
+_GRID = 0.02
 #: How a limit is known: the colour of its cell in the grid, and the mark of its point.
 _KNOWN: dict[Known, tuple[str, dict[str, Any]]] = {
     Known.PROVED: (GREEN, {"marker": "*", "markersize": 9, "markerfacecolor": GREEN}),
@@ -119,7 +121,7 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
         low, high = ((np.repeat(e, 2) if strip else e) for e in (edges[i], edges[i + 1]))
         if np.nanmax(np.abs(high - low), initial=0.0) > 0.0:
             style: dict[str, Any] = {"facecolor": (colour, 0.25), "edgecolor": (colour, 0.8), "hatch": hatch}
-            ax.fill_between(over, low, high, **style, linewidth=0, label=str(region))
+            ax.fill_between(over, low, high, **style, linewidth=0, label=guide.says(region))
     ax.plot(x, bound, color=BLUE, linewidth=1.4)
     for known, (_, mark) in _KNOWN.items():
         these = np.array([row.cell.known is known for row in rows]) & np.isfinite(bound)
@@ -146,9 +148,11 @@ def _edges(
     safe, far = (0.0, top) if sign > 0 else (top, 0.0)
     beyond = np.maximum if sign > 0 else np.minimum
     begun = np.where(np.isfinite(runs), beyond(runs, bound), far)
+    # Runs are tried on a grid: what oscillates in the first ones beyond the limit does so from there on.
+    begun = np.where(np.isfinite(runs) & (np.abs(begun - bound) < _GRID * np.abs(begun)), bound, begun)
     # A run that rests up to the last value tried before the one that oscillates rests up to that one, as drawn.
     struck = np.where(np.isfinite(rests), beyond(rests, bound), bound)
-    near = np.isfinite(runs) & (np.abs(begun - struck) < 0.02 * np.abs(begun))
+    near = np.isfinite(runs) & (np.abs(begun - struck) < _GRID * np.abs(begun))
     struck = np.where(near, begun, struck)
     edge = np.full(bound.size, safe), bound, struck, begun, np.full(bound.size, far)
     return [np.where(np.isfinite(bound), e, np.nan) for e in edge], (0.0, top)

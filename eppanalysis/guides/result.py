@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from eppanalysis.arguments import checked
 from eppanalysis.cases import Case
 from eppanalysis.methods.bounds.result import BoundCell, write_proofs
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
 from eppanalysis.readable import DIGITS, count, cut, cut_text, quantity, reasons, with_unit, words
 from eppanalysis.results import PlainData, Result
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 #: Of the guidelines of an elbow: the gain, and the backlash.
 GAIN, LIMIT = "bands.range", "lock_pin.backlash"
 _NAN = float("nan")
+#: From this share of what is allowed on a cycle at its bound is larger: less is rounding.
+_BEYOND = 1.0 + 1e-6
 
 
 class Side(StrEnum):
@@ -39,13 +42,24 @@ class Side(StrEnum):
 
 
 class Region(StrEnum):
-    """What a design does, by where it stands to its limit; in words that stand in a manual."""
+    """What a design does, by where it stands to its limit; in words that stand in a manual.
 
-    FREE = "free of oscillation"
-    STRUCK = "rests unless struck"
-    UNKNOWN = "oscillation possible"
-    RUNS = "oscillates in its own run"
-    NONE = "no limit known"
+    `sized` are the words where a size of oscillations is allowed.
+    """
+
+    sized: str
+
+    def __new__(cls, word: str, sized: str) -> Region:
+        """Words for both."""
+        made = str.__new__(cls, word)
+        made._value_, made.sized = word, sized
+        return made
+
+    FREE = "free of oscillation", "no oscillation larger than allowed"
+    STRUCK = "rests unless struck", "within what is allowed unless struck"
+    UNKNOWN = "oscillation possible", "larger oscillation possible"
+    RUNS = "oscillates in its own run", "exceeds what is allowed in its own run"
+    NONE = "no limit known", "no limit known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +80,8 @@ class GuideRow(PlainData):
     tolerance : ToleranceBound or None
         Bounds under tolerances, at the gain with its margin; the margin on the limit is not taken off.
     from_rest : float
-        The value from which on the case's own run ends on a cycle; nan where it does not, or was not asked.
+        The value from which on the case's own run ends on a cycle (larger than allowed); nan where it does not, or was
+        not asked.
     own : float
         The case's own value of the limited parameter; nan where it has none.
     trigger : float
@@ -75,8 +90,8 @@ class GuideRow(PlainData):
     missing : str
         Why there is no bound under tolerances though they are given; empty where nothing is missing.
     rests_to : float
-        The value up to which the case's own run came to rest, wherever between it and the bound it was tried; nan where
-        it did not, or was not asked.
+        The value up to which the case's own run came to rest (or to a cycle that is allowed), wherever between it and
+        the bound it was tried; nan where it did not, or was not asked.
     struck : str
         The input whose step `trigger` is; empty where there is none.
     """
@@ -130,6 +145,8 @@ class Guide(Result):
     margins : dict of str to float
     not_covered : str
         What the bounds of a sampled loop do not cover, in a sentence; empty for other loops.
+    allowed : Allowed or None
+        The largest stable cycle that is allowed; None where no cycle is.
     """
 
     case: Case
@@ -139,8 +156,9 @@ class Guide(Result):
     rows: tuple[GuideRow, ...]
     margins: dict[str, float]
     not_covered: str = ""
+    allowed: Allowed | None = None
 
-    in_json = "over limit varied margins not_covered rows sentences provenance"
+    in_json = "over limit varied margins allowed not_covered rows sentences provenance"
 
     @property
     def of_backlash(self) -> bool:
@@ -151,6 +169,14 @@ class Guide(Result):
     def side(self) -> Side:
         """On which side of the limits the design is free of oscillation."""
         return Side.ABOVE if any(row.cell.sign < 0 and math.isfinite(row.allowed) for row in self.rows) else Side.BELOW
+
+    def says(self, region: Region) -> str:
+        """A region in words."""
+        return region if self.allowed is None else region.sized
+
+    def without(self, cycle: str) -> str:
+        """What there is not on the safe side of the limits, in words; `cycle` where none is allowed."""
+        return f"without a {cycle if self.allowed is None else self.allowed.exceeded}"
 
     def variants(self) -> dict[tuple[float, ...], list[GuideRow]]:
         """The rows by the values of the parameters that make the variants, each over the parameter that runs."""
@@ -198,7 +224,12 @@ class Guide(Result):
             line["these apart [%]"] = 100.0 * row.cell.proved.gap
         if self._applied:
             line["margins taken off"] = ", ".join(self._applied)
+        if self.allowed is not None:
+            size = with_unit(f"{self.allowed.signal} {self.allowed.measure} at the limit", self.allowed.shown[0])
+            line |= {"allowed": str(self.allowed), "what limits": str(row.cell.kind)}
+            line[size] = self.allowed.shown[1] * row.cell.size
         begins = "oscillates from rest" if self.of_backlash else "own run oscillates"
+        begins = begins if self.allowed is None else "own run exceeds it"
         beyond = Side.ABOVE if self.side is Side.BELOW else Side.BELOW
         line |= {
             with_unit("first order", unit): factor * row.cell.first_order,
@@ -245,6 +276,8 @@ class Guide(Result):
         if self._applied:
             kinds = "bound, also where tolerances are used up" if any(row.tolerance for row in self.rows) else "bound"
             rows.append(f"Taken off every {kinds}: {' and '.join(self._applied)}.")
+        if self.allowed is not None:
+            rows.append(f"Allowed is a stable limit cycle up to {self.allowed}.")
         return [*rows, self.not_covered] if self.not_covered else rows
 
     def _kept(self, value: float, sign: float) -> str:
@@ -274,7 +307,9 @@ class Guide(Result):
             out += f"; {worst} where every tolerance is used up"
         if row.missing:
             out += f" (no bound under tolerances: {row.missing})"
-        return out + self._of_own(row)
+        # That the cycle grows to what is allowed is what anybody expects.
+        begins = self.allowed is not None and row.cell.size > _BEYOND * self.allowed.size
+        return out + self._of_own(row) + f" {row.cell.active(self.allowed)}" * begins
 
     def _of_own(self, row: GuideRow) -> str:
         """What the sentence of a row says of the case's own value."""
@@ -286,7 +321,7 @@ class Guide(Result):
             return (
                 f". The {own} of this {device} are within it." if self.of_backlash else f". Its own {own} is within it."
             )
-        out = f". This {device} has {own}: "
+        out, larger = f". This {device} has {own}: ", "" if self.allowed is None else " larger than allowed"
         if math.isfinite(row.trigger):
             step = (
                 f"{1e3 * abs(row.trigger):.2g} mm"
@@ -294,13 +329,14 @@ class Guide(Result):
                 else quantity(abs(row.trigger), self.case.input_unit, 2)
             )
             where = "at the harness" if self.of_backlash else f"of {words(row.struck)}"
-            return out + f"a step of {step} {where} starts an oscillation that stays."
-        if self.of_backlash:
+            return out + f"a step of {step} {where} starts an oscillation{larger} that stays."
+        if self.of_backlash and self.allowed is None:
             return out + "an oscillation exists, but no step of the harness that was tried starts it."
+        rests, beside = ("rests", "rest") if self.allowed is None else ("stays within what is allowed", "that")
         return out + {
-            Region.RUNS: "its own run ends in an oscillation.",
-            Region.STRUCK: "it rests unless struck; an oscillation exists beside rest.",
-        }.get(row.region, "it is not within the limit, and may oscillate.")
+            Region.RUNS: f"its own run ends in an oscillation{larger}.",
+            Region.STRUCK: f"it {rests} unless struck; an oscillation{larger} exists beside {beside}.",
+        }.get(row.region, f"it is not within the limit, and may oscillate{' more than is allowed' * bool(larger)}.")
 
     def __str__(self) -> str:
         """The strictest of the bounds, and how many there are."""
@@ -319,10 +355,11 @@ class Guide(Result):
         safe = strictest.cell.safe_value
         says = math.isfinite(safe) and not self._applied
         where = f", tested at {self.case.text(self.limit, safe, DIGITS)}" if says else ""
+        sized = "" if self.allowed is None else f", with {self.allowed} allowed"
         return (
             f"Keep {name} {self._kept(strictest.allowed, strictest.cell.sign)}"
-            f"{'' if alone else f', the strictest of {len(known)} bounds'} (at {self._place(strictest)}){where}; "
-            f"{how}{missing}."
+            f"{'' if alone else f', the strictest of {len(known)} bounds'} (at {self._place(strictest)})"
+            f"{sized}{where}; {how}{missing}."
         )
 
     @checked

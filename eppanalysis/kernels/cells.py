@@ -33,6 +33,7 @@ class Outcome(NamedTuple):
     mean: np.ndarray  # (cells, y)
     low: np.ndarray  # (cells, y)
     high: np.ndarray  # (cells, y)
+    rms: np.ndarray  # (cells, y): about the mean
     stop: np.ndarray  # (1,) int: set, from another thread, to end before all cells are done
 
 
@@ -94,14 +95,15 @@ def run_cells(
         if kind == SETTLED:
             for whole in (out.mean, out.low, out.high):
                 fill(whole[c], signals[0])
+            out.rms[c, :] = 0.0
         else:
-            _shape(signals, now.i_sample, out.mean[c], out.low[c], out.high[c])
+            _shape(signals, now.i_sample, out.mean[c], out.low[c], out.high[c], out.rms[c])
     now.t_end = t_end
 
 
 @njit(**PART)
-def _shape(signals, n, mean, low, high):
-    """Mean and extrema of one period, sampled evenly; each extremum refined by a parabola through three samples."""
+def _shape(signals, n, mean, low, high, rms):
+    """Mean, extrema and rms of one period, sampled evenly; each extremum by a parabola through three samples."""
     for j in range(mean.size):
         total = 0.0
         top, bottom = 0, 0
@@ -112,6 +114,10 @@ def _shape(signals, n, mean, low, high):
             if signals[i, j] < signals[bottom, j]:
                 bottom = i
         mean[j] = total / (n - 1)
+        total = 0.0
+        for i in range(n - 1):
+            total += 0.5 * ((signals[i, j] - mean[j]) ** 2 + (signals[i + 1, j] - mean[j]) ** 2)
+        rms[j] = np.sqrt(total / (n - 1))
         high[j] = _refined(signals, n - 1, top, j)
         low[j] = _refined(signals, n - 1, bottom, j)
 

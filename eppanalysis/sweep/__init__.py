@@ -38,6 +38,7 @@ def sweep(
     run: str | Sequence[str] = "simulate",
     *,
     signals: str | Sequence[str] | None = None,
+    allow: str | None = None,
     scheduler: str = "threads",
     workers: int | None = None,
     chunk: int | None = None,
@@ -63,8 +64,12 @@ def sweep(
         what is proved, which needs the extra "proof" and is not in "all". With "simulate" and "predict" together the
         first-order error is reported.
     signals : str or sequence of str, optional
-        Signals whose amplitude and mean are reported, the first one under plain names; by default the case's own one.
-        "all" for every signal.
+        Signals whose amplitude and mean are reported, the first one under plain names; by default that of `allow`, else
+        the case's own one. "all" for every signal.
+    allow : str, optional
+        A limit cycle that is allowed, as :func:`design_bounds` takes it ("theta 0.3 deg"). Cells then also have their
+        `size`, and in `allowed` whether they settle, have stable cycles within what is allowed, or exceed it. Runs have
+        sizes by 512 samples of a period, exact orbits exact ones, predictions those of a sinusoid.
     scheduler : str
         "threads" (the kernels release the interpreter's lock), "processes", a queueing system whose jobs are the
         workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
@@ -108,6 +113,13 @@ def sweep(
     ([1, 2], 'unknown settles oscillates diverges')
     >>> [round(float(f), 2) for f in found["frequency"]]
     [nan, 8.97]
+
+    In which of three gaps does a servo stay within what is allowed?
+
+    >>> gaps = {"play.gap": [0.2, 0.25, 0.26]}
+    >>> found = sweep(epp.case("backlash_servo"), gaps, "cycles", allow="x 0.5", progress=False)
+    >>> found["exact_size"].values.round(3).tolist(), found["exact_allowed"].values.tolist()
+    ([0.392, 0.49, 0.51], [2, 2, 3])
     """
     case = as_case(case)
     require_packages("sweep", "sweep", "dask", "zarr")
@@ -116,7 +128,7 @@ def sweep(
     from eppanalysis.sweep.store import cells_in
 
     design = make_design(case, axes)
-    task = make_task(case, axes, run, signals)
+    task = make_task(case, axes, run, signals, allow)
     kept, mine = _store(task, design, _chunk(design, task, chunk), store, resume, shard, merge)
     with closing(kept):
         blocks = [] if merge else kept.pending()
@@ -285,11 +297,13 @@ def _attributes(task: Task, design: Design) -> dict[str, Any]:
         "signals": list(task.signals),
         "t_end": case.t_end,
         "axes": repr(task.axes)[:500],
+        **({} if task.allowed is None else {"allowed": task.allowed.to_dict()}),
     }
     return {
         "title": case.title,
         "case": case.name,
         "signal": task.main_signal,
+        **({} if task.allowed is None else {"allowed": str(task.allowed), "allowed_size": task.allowed.size}),
         "cells": design.n_cells,
         "provenance": Provenance("sweep", settings, case=case.provenance()).to_dict(),
         "case_file": case.to_toml(),

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from eppanalysis.cases import Case
 from eppanalysis.errors import EppError, require_packages
 from eppanalysis.results import Status
 from eppanalysis.sweep.axes import Axes
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.bounds.sizes.allowed import Allowed
 
 IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[Any]]
@@ -50,6 +53,18 @@ class Outcome(Code):
     """Where a cell's motion ends."""
 
     UNKNOWN, SETTLES, OSCILLATES, DIVERGES = range(4)
+
+
+class Allowance(Code):
+    """Where a cell's motion ends beside a limit cycle that is allowed: the worst that is known of it."""
+
+    UNKNOWN, SETTLES, WITHIN, EXCEEDS, DIVERGES = range(5)
+
+    @property
+    def word(self) -> str:
+        """What files and tables call it."""
+        cycles = {Allowance.WITHIN: "cycles_within_what_is_allowed", Allowance.EXCEEDS: "exceeds_what_is_allowed"}
+        return cycles.get(self) or super().word
 
 
 class Stability(Code):
@@ -126,6 +141,7 @@ class Task:
     axes: Axes
     analyses: tuple[Analysis, ...]
     signals: tuple[str, ...]
+    allowed: Allowed | None = None
 
     @property
     def main_signal(self) -> str:
@@ -172,6 +188,7 @@ class Task:
                 found["proved"] = Variable("i1", "", "what is proved of the loop", Proved.words())
             else:
                 found |= _analysis_variables(analysis, self.signals, units)
+                found |= {} if self.allowed is None else _size_variables(analysis, self.allowed)
         if self.judge is not None:
             whom = "run" if self.judge is Analysis.SIMULATE else "exact cycle"
             for name in ("amplitude", "frequency"):
@@ -182,14 +199,20 @@ class Task:
         return found
 
 
-def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | Sequence[str] | None) -> Task:
+def make_task(
+    case: Case, axes: Axes, run: str | Sequence[str], signals: str | Sequence[str] | None, allow: str | None = None
+) -> Task:
     """The task of a sweep.
 
     Raises
     ------
     EppError
-        If there is no such analysis or signal, or what it needs is not installed.
+        If there is no such analysis or signal, what is allowed is not valid or asked of analyses without cycles, or
+        what an analysis needs is not installed.
     """
+    from eppanalysis.methods.bounds.sizes.allowed import Allowed
+
+    allowed = None if allow is None else Allowed.read(case.to_system(), allow)
     of_all = tuple(analysis for analysis in Analysis if analysis is not Analysis.CERTIFY)
     named = of_all if run == ALL else (run,) if isinstance(run, str) else tuple(run)
     for analysis in named:
@@ -200,8 +223,11 @@ def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | S
         raise EppError(f"sweep: run names no analysis; expected one or several of {', '.join(ANALYSES)}.")
     if Analysis.CERTIFY in analyses:
         require_packages("sweep", "proof", "flint")
+    if allowed is not None and not PREFIX.keys() & set(analyses):
+        raise EppError(f"sweep: allow is {allow!r} and run has no cycles; expected one of {', '.join(PREFIX)} in it.")
     known = case.to_system().signals.names
     main = case.expected.signal or known[0]
+    main = main if allowed is None else allowed.signal
     chosen = (main,) if signals is None else known if signals == ALL else signals
     chosen = (chosen,) if isinstance(chosen, str) else tuple(chosen)
     for name in chosen:
@@ -211,14 +237,22 @@ def make_task(case: Case, axes: Axes, run: str | Sequence[str], signals: str | S
         chosen = (main, *(name for name in known if name != main))
     if not chosen:
         raise EppError(f"sweep: there is no signal to report; expected one of {', '.join(known)}.")
-    return Task(case, axes, tuple(dict.fromkeys(analyses)), tuple(dict.fromkeys(chosen)))
+    return Task(case, axes, tuple(dict.fromkeys(analyses)), tuple(dict.fromkeys(chosen)), allowed)
+
+
+def _size_variables(analysis: Analysis, allowed: Allowed) -> dict[str, Variable]:
+    """What there is to say beside a limit cycle that is allowed."""
+    prefix = PREFIX[analysis]
+    words = prefix.replace("_", " ")
+    size = f"{words}{allowed.measure} of {allowed.signal} (of the largest stable cycle that counts)"
+    return {
+        f"{prefix}allowed": Variable("i1", "", f"{words}outcome, {allowed} allowed", Allowance.words()),
+        f"{prefix}size": Variable("f8", allowed.unit, size),
+    }
 
 
 def _analysis_variables(analysis: Analysis, signals: Sequence[str], units: Mapping[str, str]) -> dict[str, Variable]:
-    prefix, words = (
-        PREFIX[analysis],
-        {Analysis.SIMULATE: "", Analysis.PREDICT: "predicted ", Analysis.CYCLES: "exact "}[analysis],
-    )
+    prefix, words = PREFIX[analysis], PREFIX[analysis].replace("_", " ")
     found = {f"{prefix}outcome": Variable("i1", "", f"{words}outcome", Outcome.words())}
     for i, name in enumerate(signals):
         tail = f"_{name}" if i else ""

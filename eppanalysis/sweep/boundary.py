@@ -18,7 +18,7 @@ from eppanalysis.readable import count, listed, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
 from eppanalysis.results.shown import frame_of
-from eppanalysis.sweep.analyses import PREFIX, Analysis, Outcome
+from eppanalysis.sweep.analyses import PREFIX, Allowance, Analysis, Outcome
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
 
 if TYPE_CHECKING:
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: The variable by which each analysis says whether a cell oscillates, and what that is called.
-_OUTCOMES = {analysis: f"{prefix}outcome" for analysis, prefix in PREFIX.items()}
+#: What each analysis is called that says whether a cell oscillates.
 _WORDS = {Analysis.SIMULATE: "run in time", Analysis.PREDICT: "describing function", Analysis.CYCLES: "exact orbits"}
 #: How far from the last fold the next one is looked for, relative to the range.
 _NEAR = (0.15, 0.06)
@@ -112,6 +111,7 @@ def outcome_boundary(
     run: str = "predict",
     *,
     halvings: int = 5,
+    allow: str | None = None,
     scheduler: str = "threads",
     workers: int | None = None,
     progress: bool = True,
@@ -130,6 +130,9 @@ def outcome_boundary(
         Whose outcome: describing functions, runs in time, or exact orbits.
     halvings : int
         How often an edge is halved; the boundary lies within 2**-(halvings + 1) of an edge.
+    allow : str, optional
+        A limit cycle that is allowed, as :func:`eppanalysis.sweep.sweep` takes it: the boundary is then where it begins
+        to be exceeded.
     scheduler, workers, progress
         As :func:`eppanalysis.sweep.sweep` takes them.
 
@@ -153,16 +156,19 @@ def outcome_boundary(
     from eppanalysis.sweep import schedule, sweep
 
     case = as_case(case)
-    if run not in _OUTCOMES:
-        raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(_OUTCOMES)}.")
-    outcome = _OUTCOMES[Analysis(run)]
+    if run not in PREFIX:
+        raise EppError(f"outcome_boundary: run is {run!r}; expected one of {', '.join(PREFIX)}.")
+    prefix = PREFIX[Analysis(run)]
+    outcome, there = (
+        (f"{prefix}outcome", Outcome.OSCILLATES) if allow is None else (f"{prefix}allowed", Allowance.EXCEEDS)
+    )
     check_counts("outcome_boundary", {"halvings": (halvings, 0)})
     x, y = _two(axes)
     where = nullcontext(scheduler) if scheduler == schedule.Scheduler.THREADS else schedule.address(scheduler, workers)
     with where as place:
-        coarse = sweep(case, axes, run, scheduler=place, workers=workers, progress=progress)
+        coarse = sweep(case, axes, run, allow=allow, scheduler=place, workers=workers, progress=progress)
         # What is undecided counts with what does not oscillate.
-        inside = coarse[outcome].values == Outcome.OSCILLATES
+        inside = coarse[outcome].values == there
         grid = np.stack(np.meshgrid(coarse[x].values, coarse[y].values, indexing="ij"), axis=-1)
         edges = _edges(inside)
         ends = np.array([[grid[a], grid[b]] if inside[a] else [grid[b], grid[a]] for a, b in edges]).reshape(-1, 2, 2)
@@ -170,23 +176,25 @@ def outcome_boundary(
             # All edges at once, so that a round is one sweep on all workers.
             middle = ends.mean(axis=1)
             points = Zipped({x: middle[:, 0].tolist(), y: middle[:, 1].tolist()})
-            found = sweep(case, points, run, scheduler=place, workers=workers, progress=progress)
-            within = found[outcome].values == Outcome.OSCILLATES
+            found = sweep(case, points, run, allow=allow, scheduler=place, workers=workers, progress=progress)
+            within = found[outcome].values == there
             ends[np.arange(len(ends)), np.where(within, 0, 1)] = middle
     crossings = dict(zip(edges, ends.mean(axis=1), strict=True))
     return Boundary(
         axes=(x, y),
         points=_pieces(inside.shape, crossings),
-        label=_WORDS[Analysis(run)],
+        label=_WORDS[Analysis(run)] + (" exceed" + "s" * (run != "cycles") + " what is allowed") * (allow is not None),
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
         units={name: case.unit(name)[0] for name in (x, y)},
         readable={name: case.readable(name) for name in (x, y)},
-        provenance=Provenance("outcome boundary", {"run": run, "halvings": halvings}, case=case.provenance()),
+        provenance=Provenance(
+            "outcome boundary", {"run": run, "halvings": halvings, "allow": allow}, case=case.provenance()
+        ),
     )
 
 
-def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary:
+def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis], *, allow: str | None = None) -> Boundary:
     """The exact fold curve: for every value of the first axis, the value of the second at which cycles are born.
 
     Parameters
@@ -195,6 +203,9 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
     axes : mapping of str to axis
         Two axes: how many values folds are looked for at, evenly from the least to the largest (ten or so), and the
         range in which they are.
+    allow : str, optional
+        A limit cycle that is allowed, as :func:`design_bounds` takes it: in place of folds the exact bounds on the
+        second axis, where the largest stable cycle becomes larger, whether it grows so large or is born so.
 
     Returns
     -------
@@ -214,28 +225,63 @@ def fold_boundary(case: Case | LureSystem, axes: Mapping[str, Axis]) -> Boundary
     >>> found = epp.fold_boundary(case, {"loop.gain": "1:1.1:2", "relay_dead_zone.threshold": "1.2:2.5:2"})
     >>> found.points.round(3).tolist()
     [[1.0, 1.663], [1.1, 1.829]]
+
+    Where does a servo stay within what is allowed?
+
+    >>> axes = {"loop.gain": "1:2:2", "play.gap": "0.1:1:2"}
+    >>> epp.fold_boundary(epp.case("backlash_servo"), axes, allow="x 0.5").points.round(3).tolist()
+    [[1.0, 0.255], [2.0, 0.159]]
     """
     case = require_case(as_case(case), "fold_boundary")
     x, y = _two(axes)
     design = make_design(case, axes)
     given, reach = (d.values[name] for d, name in zip(design.dimensions, (x, y), strict=True))
     rows, limits = np.linspace(given.min(), given.max(), given.size), (float(reach.min()), float(reach.max()))
-    search = _FoldSearch(case, x, y, rows, limits)
-    search.run()
-    found = search.found
-    missing = int(np.sum(np.isnan(found[:, 0])))
+    curve = _folds(case, x, y, rows, limits) if allow is None else _bounds(case, x, y, rows, limits, allow)
+    missing = int(np.sum(np.isnan(curve.points[:, 0])))
     if missing == rows.size:
-        raise EppError(f"fold_boundary: no fold in {y} was found at any value of {x}; expected a range that holds one.")
+        raise EppError(
+            f"fold_boundary: no {curve.what} in {y} was found at any value of {x}; expected a range that holds one."
+            f"{curve.why}"
+        )
     return Boundary(
         axes=(x, y),
-        points=found,
-        label="exact fold",
+        points=curve.points,
+        label=curve.label,
         status=Status.NOT_CONVERGED if missing else Status.CONVERGED,
-        message=f"Folds in {y} at {rows.size - missing} of {rows.size} values of {x}.",
+        message=f"{curve.what.capitalize()}s in {y} at {rows.size - missing} of {rows.size} values of {x}.{curve.why}",
         units={name: case.unit(name)[0] for name in (x, y)},
         readable={name: case.readable(name) for name in (x, y)},
-        provenance=Provenance("fold boundary", {"limits": limits}, case=case.provenance()),
+        provenance=Provenance("fold boundary", {"limits": limits, "allow": allow}, case=case.provenance()),
     )
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """An exact curve: its points by row, what they are, and why some are missing."""
+
+    points: Array
+    what: str
+    label: str
+    why: str = ""
+
+
+def _folds(case: Case, x: str, y: str, rows: Array, limits: tuple[float, float]) -> _Curve:
+    search = _FoldSearch(case, x, y, rows, limits)
+    search.run()
+    return _Curve(search.found, "fold", "exact fold")
+
+
+def _bounds(case: Case, x: str, y: str, rows: Array, limits: tuple[float, float], allow: str) -> _Curve:
+    """The bounds on the second parameter where a size is allowed; as folds of a curve they are not tested."""
+    from eppanalysis.methods.bounds.design import design_bounds
+
+    bounds = design_bounds(case, x, y, at=rows.tolist(), within=limits, allow=allow, verify=False)
+    exact = bounds.array("exact")
+    points = np.where(np.isfinite(exact)[:, None], np.column_stack([rows, exact]), np.nan)
+    missing = next((c for c in bounds if not np.isfinite(c.exact)), None)
+    why = "" if missing is None else f" At {words(x)} {case.text(x, missing.value)}: {missing.message}"
+    return _Curve(points, "bound", f"exact bound, {bounds.allowed} allowed", why)
 
 
 @dataclass

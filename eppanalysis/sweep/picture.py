@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
 from eppanalysis.plotting import (
     BLUE,
@@ -24,11 +22,21 @@ from eppanalysis.plotting import (
     VERMILLION,
     label_of,
     place_of,
-    put_verdict,
     show_constant,
 )
-from eppanalysis.readable import in_print, readable, with_unit, words
-from eppanalysis.sweep.analyses import Outcome
+from eppanalysis.readable import readable, with_unit, words
+from eppanalysis.sweep.analyses import Allowance, Outcome
+from eppanalysis.sweep.labels import (
+    factor_of,
+    is_sized,
+    legend_columns,
+    meanings,
+    outcomes_in,
+    place_in,
+    put_verdict_of,
+    readable_axis,
+)
+from eppanalysis.sweep.parallel import plot_parallel
 
 if TYPE_CHECKING:
     import xarray
@@ -38,20 +46,24 @@ if TYPE_CHECKING:
 
 #: Colours of unknown, settles, oscillates, diverges: apart in brightness as well as in hue.
 OUTCOME_COLOURS = ("#BDBDBD", "#DCEBF5", ORANGE, VERMILLION)
-#: Dashed lines round cells that oscillate, by what says so.
+#: Of unknown, settles, within what is allowed, exceeds it, diverges: what is as good as rest is blue as rest is.
+_ALLOWANCE_COLOURS = ("#BDBDBD", "#DCEBF5", "#9ACBEE", ORANGE, VERMILLION)
+#: Dashed lines round cells that oscillate, or exceed what is allowed, by what says so.
 _BORDERS = {
     "outcome": ("runs oscillate", ORANGE),
     "exact_outcome": ("exact orbits exist", GREEN),
     "predicted_outcome": ("describing function", BLUE),
+    "allowed": ("runs exceed it", ORANGE),
+    "exact_allowed": ("exact orbits exceed it", GREEN),
+    "predicted_allowed": ("describing function exceeds it", BLUE),
 }
+#: The line at the size that is allowed.
+_MOST: dict[str, Any] = {"color": VERMILLION, "linewidth": 1.0, "linestyle": "-."}
 _LINE_COLOURS = ("#000000", BLUE, GREEN, SKY, GREY)
 _LINES = ("-", "--", "-.", ":")
 #: Curves of fewer points show each of them.
 _FEW = 60
 _MOST_CONTOURS, _MOST_SLICES = 6, 6
-#: The outcomes as thin lines: as in the map, but dark enough to be seen.
-_PARALLEL_COLOURS = (GREY, SKY, VERMILLION, "#000000")
-_PARALLEL_LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-.", ":", "-", "--")
 #: Lines of slices by method.
 _DASHES: dict[str, Literal["-", "--", ":"]] = {"run": "-", "predicted": "--", "exact": ":"}
 #: A marker at every cell, for a curve may be broken on both sides of one.
@@ -71,7 +83,8 @@ def plot_design_map(
     """Where a design settles and where it oscillates, over two axes of a sweep.
 
     Shaded regions are outcomes, or what is proved, thin lines the amplitude of the cycle. Where the sweep has
-    predictions, the describing function's boundary is dashed; curves from elsewhere are drawn on top.
+    predictions, the describing function's boundary is dashed; curves from elsewhere are drawn on top. Where a limit
+    cycle is allowed, regions and dashed lines say what exceeds it, thin lines the size that is compared.
 
     Parameters
     ----------
@@ -104,7 +117,7 @@ def plot_design_map(
     'bands range [lbf]'
     """
     x, y = _axes_of(dataset, x, y)
-    names = [n for n in ("proved", *_BORDERS) if n in dataset]
+    names = [n for n in ("proved", *outcomes_in(dataset)) if n in dataset]
     if not names:
         raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")
     others = {d: int((at or {}).get(d, 0)) for d in map(str, dataset[names[0]].dims) if d not in (x, y)}
@@ -112,37 +125,29 @@ def plot_design_map(
     if ax is None:
         figure: Any = Figure(figsize=(6.2, 4.4), layout="constrained")
         ax = figure.add_subplot()
-        _put_verdict(figure, plane)
+        put_verdict_of(figure, plane)
     else:
         figure = ax.figure
-    (across, x_label), (up, y_label) = (_readable(plane, name) for name in (x, y))
+    (across, x_label), (up, y_label) = (readable_axis(plane, name) for name in (x, y))
     handles = _regions(ax, across, up, plane[names[0]])
-    if amplitude and "amplitude" in plane:
-        handles += _contours(ax, across, up, plane["amplitude"])
+    if amplitude and _size_of(dataset) in plane:
+        handles += _contours(ax, across, up, plane[_size_of(dataset)])
     for name in names[1:]:
         handles += _boundary(ax, across, up, plane[name], *_BORDERS[name])
     handles += _curves(ax, plane, x, y, curves)
     ax.set(xlabel=x_label, ylabel=y_label)
     _reach(ax, across, up)
-    ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
-    places = ", ".join(f"{d} = {_place(dataset, d, i)}" for d, i in others.items())
+    columns = legend_columns(handles, figure.get_figwidth(), 7)
+    ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False)
+    places = ", ".join(f"{d} = {place_in(dataset, d, i)}" for d, i in others.items())
     if places:
         ax.set_title(places, fontsize=8, loc="right", pad=22)
     return figure
 
 
-def _put_verdict(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
-    """In how many of the designs that are drawn the loop does what, or what is proved of it, the most first."""
-    name = next((n for n in ("proved", *_BORDERS) if n in cells), None)
-    values, counts = np.unique(cells[name].values if name else [], return_counts=True)
-    parts = [f"{_meanings(cells[name])[int(values[k])]} in {counts[k]}" for k in np.argsort(-counts, kind="stable")]
-    verdict = ", ".join([f"{parts[0]} of {counts.sum()} designs", *parts[1:]]).capitalize() if parts else ""
-    put_verdict(figure, verdict, details, str(cells.attrs.get("case", "")))
-
-
-def _meanings(outcome: xarray.DataArray) -> list[str]:
-    """What each number of an outcome means."""
-    return [words(word) for word in str(outcome.attrs["flag_meanings"]).split()]
+def _size_of(dataset: xarray.Dataset) -> str:
+    """The variable that says how large a cycle is."""
+    return "size" if is_sized(dataset) else "amplitude"
 
 
 def _axes_of(dataset: xarray.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
@@ -163,7 +168,7 @@ def _curves(ax: Axes, plane: xarray.Dataset, x: str, y: str, curves: Any) -> lis
     named = curves.items() if isinstance(curves, Mapping) else [(c.label, c.over(x, y)) for c in curves]
     handles = []
     for i, (label, (xs, ys)) in enumerate(named):
-        across, up = np.asarray(xs) * _factor(plane, x), np.asarray(ys) * _factor(plane, y)
+        across, up = np.asarray(xs) * factor_of(plane, x), np.asarray(ys) * factor_of(plane, y)
         style: dict[str, Any] = {"color": _LINE_COLOURS[i % len(_LINE_COLOURS)], "linestyle": _LINES[i % len(_LINES)]}
         if across.size < _FEW:
             style |= {"marker": "o", "markersize": 3.5}
@@ -171,34 +176,14 @@ def _curves(ax: Axes, plane: xarray.Dataset, x: str, y: str, curves: Any) -> lis
     return handles
 
 
-def _factor(dataset: xarray.Dataset, name: str) -> float:
-    """From SI to the unit in which people read the axis."""
-    shown = dataset[name].attrs.get("per_readable_unit")
-    return 1.0 / float(shown) if shown else 1.0
-
-
-def _unit(dataset: xarray.Dataset, name: str) -> str:
-    attrs = dataset[name].attrs
-    return attrs.get("readable_units" if attrs.get("per_readable_unit") else "units", "")
-
-
-def _readable(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
-    return dataset[name].values * _factor(dataset, name), with_unit(words(name), in_print(_unit(dataset, name)))
-
-
-def _place(dataset: xarray.Dataset, name: str, i: int) -> str:
-    if name not in dataset.coords:
-        return str(i)
-    return f"{float(dataset[name].values[i]) * _factor(dataset, name):.4g} {_unit(dataset, name)}".strip()
-
-
 def _regions(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray) -> list[Any]:
-    meanings = _meanings(outcome)
-    colours = ListedColormap(OUTCOME_COLOURS[: len(meanings)])
-    norm = BoundaryNorm(np.arange(len(meanings) + 1) - 0.5, len(meanings))
+    means = meanings(outcome)
+    shades = _ALLOWANCE_COLOURS if len(means) == len(Allowance) else OUTCOME_COLOURS
+    colours = ListedColormap(shades[: len(means)])
+    norm = BoundaryNorm(np.arange(len(means) + 1) - 0.5, len(means))
     ax.pcolormesh(_edges(x), _edges(y), outcome.values, cmap=colours, norm=norm, rasterized=True)
     there = np.unique(outcome.values)
-    return [Patch(facecolor=OUTCOME_COLOURS[int(c)], edgecolor=GREY, label=meanings[int(c)]) for c in there]
+    return [Patch(facecolor=shades[int(c)], edgecolor=GREY, label=means[int(c)]) for c in there]
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:
@@ -224,8 +209,9 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
 
 
 def _boundary(ax: Axes, x: np.ndarray, y: np.ndarray, outcome: xarray.DataArray, label: str, colour: str) -> list[Any]:
-    """Dashed line round the cells with a stable cycle."""
-    inside = np.asarray(outcome.values == Outcome.OSCILLATES, float)
+    """Dashed line round the cells with a stable cycle, or with one larger than allowed."""
+    there = Outcome.OSCILLATES if str(outcome.name).endswith("outcome") else Allowance.EXCEEDS
+    inside = np.asarray(outcome.values == there, float)
     if min(inside.shape) < 2 or inside.min() == inside.max():
         return []
     ax.contour(x, y, inside, levels=[0.5], colors=[colour], linestyles="--", linewidths=1.6)
@@ -243,7 +229,7 @@ def plot_slices(
     x: str | None = None,
     by: str | None = None,
     *,
-    variables: Sequence[str] = ("amplitude", "frequency"),
+    variables: Sequence[str] | None = None,
     at: Mapping[str, int] | None = None,
 ) -> Figure:
     """Results over one axis of a sweep, a line for each of some values of another axis.
@@ -258,8 +244,9 @@ def plot_slices(
         Axis of the picture; by default the last dimension.
     by : str, optional
         Axis whose values get a line each (at most six, spread evenly); by default the first other dimension, if any.
-    variables : sequence of str
-        One panel each.
+    variables : sequence of str, optional
+        One panel each; by default amplitude and frequency, and where a limit cycle is allowed the size that is compared
+        in place of the amplitude.
     at : mapping of str to int, optional
         Place along every dimension that is neither; the first one by default.
 
@@ -281,6 +268,7 @@ def plot_slices(
         raise EppError("Slices need an axis; expected a sweep over a grid (a sample has none).")
     x = x or dims[-1]
     by = by or next((d for d in dims if d != x), None)
+    variables = (_size_of(dataset), "frequency") if variables is None else variables
     if not len(variables):
         raise EppError("plot_slices: variables is empty; expected one or more.")
     for name in (x, *([by] if by else [])):
@@ -294,15 +282,18 @@ def plot_slices(
     plane = dataset.isel(others)
     figure = Figure(figsize=(6.4, 0.8 + 2.4 * len(shown)), layout="constrained")
     panels = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
-    across, label = _readable(plane, x)
+    across, label = readable_axis(plane, x)
     for ax, names, variable in zip(panels, shown, variables, strict=True):
         _slices(ax, plane, across, by, names)
         ax.set_ylabel(with_unit(words(variable), readable(str(plane[names[0]].attrs.get("units", "")))[0]))
         ax.spines[["top", "right"]].set_visible(False)
+        if variable == "size" and is_sized(dataset):
+            most = readable(str(plane[names[0]].attrs.get("units", "")))[1] * float(dataset.attrs["allowed_size"])
+            ax.axhline(most, **_MOST, zorder=1)
     panels[-1].set_xlabel(label)
     _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
-    places = ", ".join(f"{d.replace('_', ' ')} = {_place(dataset, d, i)}" for d, i in others.items())
-    _put_verdict(figure, plane, places)
+    places = ", ".join(f"{d.replace('_', ' ')} = {place_in(dataset, d, i)}" for d, i in others.items())
+    put_verdict_of(figure, plane, places)
     return figure
 
 
@@ -349,112 +340,15 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
     handles = []
     if by is not None:
         for colour, place in zip(_slice_colours(len(places)), places, strict=True):
-            handles.append(Line2D([], [], color=colour, label=f"{words(by)} {_place(plane, by, place)}"))
+            handles.append(Line2D([], [], color=colour, label=f"{words(by)} {place_in(plane, by, place)}"))
     methods = list(dict.fromkeys(map(_method, names)))
     if len(methods) > 1:
         style: dict[str, Any] = {"color": GREY, "markersize": 5}
         handles += [Line2D([], [], linestyle=_DASHES[m], marker=_MARKERS[m], label=m, **style) for m in methods]
+    if is_sized(plane):
+        handles.append(Line2D([], [], **_MOST, label="allowed"))
     if handles:
         ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
-
-
-def plot_parallel(
-    dataset: xarray.Dataset, variables: Sequence[str] = ("amplitude", "frequency"), *, most: int = 2000
-) -> Figure:
-    """Parallel coordinates: a line for each cell through its parameters and its results, by outcome.
-
-    For more than two axes, and for samples. What oscillates is drawn solid and on top, what settles dotted.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From :func:`eppanalysis.sweep.sweep`.
-    variables : sequence of str
-        Results, to the right of the parameters.
-    most : int
-        Of more cells than these, so many are drawn, spread evenly.
-
-    Raises
-    ------
-    EppError
-        If the dataset has no outcome, or no such results.
-
-    Examples
-    --------
-    >>> import eppanalysis as epp
-    >>> ranges = {"bands.range": "1:5:lbf", "lock_pin.backlash": "0:3:deg", "forearm.inertia": (0.03, 0.06)}
-    >>> found = epp.sweep(epp.case("fig8a_original"), epp.Sobol(ranges, 8), progress=False)
-    >>> len(plot_parallel(found).axes[0].collections)
-    2
-    """
-    check_counts("plot_parallel", {"most": (most, 1)})
-    outcome = next((n for n in _BORDERS if n in dataset), None)
-    if outcome is None:
-        raise EppError("The dataset has no outcome to draw; expected the result of a sweep.")
-    if missing := [name for name in variables if name not in dataset]:
-        raise EppError(f"The sweep has no {missing[0]}; expected one of {', '.join(map(str, dataset.data_vars))}.")
-    cells, columns, labels = _flat(dataset, variables, outcome, most)
-    low, high = np.array([_span(column) for column in columns.T]).T
-    with np.errstate(invalid="ignore"):
-        shares = np.where(high > low, (columns - low) / np.where(high > low, high - low, 1.0), 0.5)
-    figure = Figure(figsize=(1.2 + 1.35 * columns.shape[1], 4.2), layout="constrained")
-    ax = figure.add_subplot()
-    meanings = _meanings(dataset[outcome])
-    handles = []
-    for code in sorted(np.unique(cells).tolist(), key=lambda c: c == Outcome.OSCILLATES):
-        rows = shares[cells == code]
-        lines = [np.column_stack([np.arange(row.size), row])[np.isfinite(row)] for row in rows]
-        colour, dashes = _PARALLEL_COLOURS[code], _PARALLEL_LINES[code]
-        opacity = min(1.0, 0.25 + 20.0 / len(lines))
-        ax.add_collection(LineCollection(lines, colors=colour, linewidths=0.8, linestyles=dashes, alpha=opacity))
-        text = f"{meanings[code]} ({len(rows)})"
-        handles.append(Line2D([], [], color=colour, linewidth=1.8, linestyle=dashes, label=text))
-    _parallel_axes(ax, low, high, labels)
-    ax.legend(handles=handles, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
-    _put_verdict(figure, dataset)
-    if dataset[outcome].size > cells.size:
-        ax.set_title(f"{cells.size} of {dataset[outcome].size} cells", fontsize=8, loc="right")
-    return figure
-
-
-def _flat(
-    dataset: xarray.Dataset, variables: Sequence[str], outcome: str, most: int
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Outcome, and parameters and results in readable units, of the cells that are drawn."""
-    dims = dataset[outcome].dims
-    chosen = np.unique(np.linspace(0, dataset[outcome].size - 1, min(most, dataset[outcome].size)).astype(int))
-    place = dict(zip(dims, np.unravel_index(chosen, dataset[outcome].shape), strict=True))
-    columns, labels = [], []
-    for name in map(str, dataset.coords):
-        (dim,) = dataset[name].dims
-        values, label = _readable(dataset, name)
-        columns.append(values[place[dim]])
-        labels.append(label.replace(" [", "\n["))
-    for name in variables:
-        unit, factor = readable(str(dataset[name].attrs.get("units", "")))
-        columns.append(factor * dataset[name].values.ravel()[chosen])
-        labels.append(with_unit(words(name), unit).replace(" [", "\n["))
-    return dataset[outcome].values.ravel()[chosen], np.column_stack(columns).astype(float), labels
-
-
-def _span(column: np.ndarray) -> tuple[float, float]:
-    """Least and largest value; nan where there is none, as of the frequency of cells that all rest."""
-    there = column[np.isfinite(column)]
-    return (float(there.min()), float(there.max())) if there.size else (np.nan, np.nan)
-
-
-def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence[str]) -> None:
-    """An upright line for every parameter and result, with its least and largest value at its ends."""
-    for i, (a, b) in enumerate(zip(low, high, strict=True)):
-        ax.plot([i, i], [0.0, 1.0], color=GREY, linewidth=0.8, zorder=3)
-        for share, value, side, shift in ((0.0, a, "top", -3), (1.0, b, "bottom", 3)):
-            text = f"{value:.4g}" if np.isfinite(value) else "none"
-            place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": side, "fontsize": 8}
-            ax.annotate(text, (i, share), (0, shift), **place)
-    ax.set(xlim=(-0.3, len(labels) - 0.7), ylim=(-0.09, 1.09), yticks=[])
-    ax.set_xticks(range(len(labels)), labels, fontsize=8)
-    ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
-    ax.tick_params(axis="x", length=0)
 
 
 def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
@@ -497,4 +391,4 @@ def plot_sweep(dataset: xarray.Dataset, curves: Sequence[Boundary] = ()) -> Figu
     prefix = next((p for p in ("", "exact_", "predicted_") if f"{p}outcome" in dataset), "")
     if len(axes) == len(dims) == 1:
         return plot_slices(dataset)
-    return plot_parallel(dataset, [f"{prefix}amplitude", f"{prefix}frequency"])
+    return plot_parallel(dataset, [f"{prefix}{_size_of(dataset)}", f"{prefix}frequency"])

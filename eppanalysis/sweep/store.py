@@ -357,6 +357,7 @@ _PARTS = {
     "analyses": "another run",
     "variables": "other variables",
     "signals": "other signals",
+    "allowed": "another limit cycle allowed",
     "version": "another version of eppanalysis",
 }
 
@@ -384,6 +385,7 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "analyses": list(task.analyses),
         "variables": list(task.variables()),
         "signals": list(task.signals),
+        "allowed": None if task.allowed is None else task.allowed.to_dict(),
         # Another version may compute other numbers.
         "version": __version__,
     }

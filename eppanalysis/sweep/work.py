@@ -18,6 +18,7 @@ from eppanalysis.sweep.analyses import (
     NOT_RUN,
     PREFIX,
     STATUS_CODE,
+    Allowance,
     Analysis,
     Columns,
     IntArray,
@@ -37,6 +38,11 @@ _OUTCOME_OF = {
     Status.SETTLED: Outcome.SETTLES,
     Status.LIMIT_CYCLE: Outcome.OSCILLATES,
     Status.DIVERGED: Outcome.DIVERGES,
+}
+_ALLOWANCE_OF = {
+    Status.SETTLED: Allowance.SETTLES,
+    Status.LIMIT_CYCLE: Allowance.WITHIN,
+    Status.DIVERGED: Allowance.DIVERGES,
 }
 
 
@@ -120,6 +126,15 @@ class Work:
             out[f"mean{tail}"][rows] = result.mean[signal]
         out["status"][rows] = [STATUS_CODE[s] for s in result.status]
         out["outcome"][rows] = [_OUTCOME_OF.get(s, 0) for s in result.status]
+        allowed = self.task.allowed
+        if allowed is not None:
+            too_large = allowed.too_large(result)
+            out["allowed"][rows] = [
+                Allowance.EXCEEDS if large else _ALLOWANCE_OF.get(s, 0)
+                for s, large in zip(result.status, too_large, strict=True)
+            ]
+            counted = (out["outcome"][rows] == Outcome.OSCILLATES) & allowed.counts(result.period)
+            out["size"][rows] = np.where(counted, allowed.size_of_runs(result), np.nan)
 
     def _each(self, places: IntArray, analyses: Sequence[Analysis], out: Columns) -> None:
         """Analyses that take one cell at a time."""
@@ -170,6 +185,7 @@ class _Cell:
         if run.events:
             self.put("last_event", run.events[-1].time)
         cycle = run.limit_cycle
+        self.beside_allowed(Analysis.SIMULATE, [] if cycle is None else [cycle], _ALLOWANCE_OF.get(run.status, 0))
         if cycle is not None:
             self.put("frequency", cycle.frequency)
             self.put("change", cycle.error_estimate)
@@ -188,6 +204,7 @@ class _Cell:
         found = predict_limit_cycles(self.case)
         stable = self._cycles(Analysis.PREDICT, found.cycles)
         self.put("predicted_outcome", Outcome.SETTLES if stable is None else Outcome.OSCILLATES)
+        self.beside_allowed(Analysis.PREDICT, found.cycles, Allowance.SETTLES if stable is None else Allowance.WITHIN)
         self.end(found.status)
 
     def cycles(self) -> None:
@@ -196,11 +213,27 @@ class _Cell:
         stable = self._cycles(Analysis.CYCLES, found.cycles)
         where = Outcome.SETTLES if found.settles else Outcome.DIVERGES if found.diverges else Outcome.UNKNOWN
         self.put("exact_outcome", where if stable is None else Outcome.OSCILLATES)
+        # What the search left open may be larger.
+        within = Allowance.SETTLES if stable is None and found.settles else Allowance.WITHIN
+        within = Allowance.UNKNOWN if found.status is Status.UNDECIDED or not (len(found) or found.settles) else within
+        within = Allowance.DIVERGES if found.diverges else within
+        self.beside_allowed(Analysis.CYCLES, found.cycles, within)
         kind = Stability.UNSTABLE if stable is None else Stability.STABLE
         self.put("exact_stability", kind if len(found) else Stability.NO_CYCLE)
         if stable is not None and stable.multipliers is not None and stable.multipliers.size:
             self.put("exact_multiplier", float(np.max(np.abs(stable.multipliers))))
         self.end(found.status)
+
+    def beside_allowed(self, analysis: Analysis, cycles: Sequence[LimitCycle], otherwise: int) -> None:
+        """What the cell does beside a limit cycle that is allowed, by the largest one that counts; else `otherwise`."""
+        allowed, prefix = self.task.allowed, PREFIX[analysis]
+        if allowed is None:
+            return
+        too_large = allowed.largest(cycles)
+        self.put(f"{prefix}allowed", otherwise if too_large is None else Allowance.EXCEEDS)
+        counted = [c for c in cycles if c.stable is not False and allowed.counts(np.array(c.period))]
+        if counted:
+            self.put(f"{prefix}size", max(map(allowed.size_of, counted)))
 
     def trigger(self) -> None:
         """The smallest step that starts a cycle which coexists with rest."""

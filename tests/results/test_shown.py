@@ -75,7 +75,7 @@ def examples() -> dict[type, Result]:
         ),
         BatchResult(
             (Status.LIMIT_CYCLE, Status.SETTLED), np.array([2.0, np.nan]), {"x": np.zeros(2)},
-            {"x": np.array([0.5, 0.0])}, np.array([9, 1]), np.ones(2), np.full(2, np.nan),
+            {"x": np.array([0.5, 0.0])}, {"x": np.array([0.2, 0.0])}, np.array([9, 1]), np.ones(2), np.full(2, np.nan),
         ),
         epp.Boundary(("play.gap", "loop.gain"), two, "exact fold", Status.CONVERGED, "By hand.", units),
         identification(),

@@ -13,7 +13,8 @@ import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.results import Status
 from eppanalysis.sweep.boundary import Boundary
-from eppanalysis.sweep.picture import plot_design_map, plot_parallel, plot_slices, plot_sweep
+from eppanalysis.sweep.parallel import plot_parallel
+from eppanalysis.sweep.picture import plot_design_map, plot_slices, plot_sweep
 from tests.shared import said_above
 
 DEG, LBF = math.pi / 180, 4.4482216152605

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.harmonic import Question, spread
+from eppanalysis.methods.bounds.sizes.allowed import Allowed
+from eppanalysis.methods.search.find import find_limit_cycles
 from eppanalysis.methods.search.trigger import Trigger, trigger
 from eppanalysis.methods.simulation.batch import HybridStack, simulate_batch
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -29,16 +31,17 @@ class OwnRuns:
     Attributes
     ----------
     rests_to : float
-        The last value up to which it comes to rest wherever it was tried [SI]; nan where it does not at the first.
+        The last value up to which it comes to rest (or to a cycle that is allowed) wherever it was tried [SI]; nan
+        where it does not at the first.
     oscillates_from : float
-        The value from which on it ends on a cycle [SI]; nan where it never does.
+        The value from which on it ends on a cycle (that is larger than allowed) [SI]; nan where it never does.
     """
 
     rests_to: float = math.nan
     oscillates_from: float = math.nan
 
 
-def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
+def own_runs(question: Question, bound: float, sign: float, allowed: Allowed | None = None) -> OwnRuns:
     """What the case's own run does from a bound to the end of the range.
 
     Parameters
@@ -49,6 +52,8 @@ def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
         Where cycles begin to exist [SI].
     sign : {1, -1}
         1 where they exist above it.
+    allowed : Allowed, optional
+        A cycle up to this size is as good as rest.
 
     Raises
     ------
@@ -59,7 +64,7 @@ def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
     rests_to = math.nan
     for halving in range(_HALVINGS):
         values = spread(inside, outside, _GRID if halving == 0 else 8)
-        ends = _ends(question, values)
+        ends = _ends(question, values, allowed)
         rests = next((i for i, status in enumerate(ends) if status is not Status.SETTLED), len(ends))
         # Only where all up to the bracket came to rest may a finer
         # row push `rests_to` on; an undecided run stays its end.
@@ -75,22 +80,32 @@ def own_runs(question: Question, bound: float, sign: float) -> OwnRuns:
     return OwnRuns(rests_to, outside)
 
 
-def _ends(question: Question, values: Sequence[float]) -> list[Status]:
-    """How the case's own run ends at values of the limiting parameter."""
+def _ends(question: Question, values: Sequence[float], allowed: Allowed | None) -> list[Status]:
+    """How the case's own run ends at values of the limiting parameter; a cycle that is allowed counts as rest."""
     hybrids = []
     for value in values:
         case = question.case_at(value)
         system = case.to_system()
         hybrids.append(HybridSystem.from_lure(system, input_signals_by_name(system.input_names, case.input)))
     result = simulate_batch(HybridStack.of(hybrids, system.signals.names), question.case.t_end)
-    return list(result.status)
+    if allowed is None:
+        return list(result.status)
+    within = ~allowed.too_large(result)
+    cycling = Status.LIMIT_CYCLE
+    return [Status.SETTLED if s is cycling and w else s for s, w in zip(result.status, within, strict=True)]
 
 
-def smallest_trigger(question: Question, value: float) -> Trigger | None:
-    """The smallest step of an external input that starts a cycle at a value of the limiting parameter; None if none."""
+def smallest_trigger(question: Question, value: float, allowed: Allowed | None = None) -> Trigger | None:
+    """The smallest step of an external input that starts a cycle at a value of the limiting parameter; None if none.
+
+    Where a size is allowed also none, unless all stable cycles are larger: which of them a run is on is not asked.
+    """
     system = question.case_at(value).to_system()
     try:
-        found = [k for k in trigger(system) if k.name in system.input_names and math.isfinite(k.size)]
+        cycles = find_limit_cycles(system)
+        if allowed is not None and not all(map(allowed.exceeded_by, cycles.stable)):
+            return None
+        found = [k for k in trigger(system, cycles=cycles) if k.name in system.input_names and math.isfinite(k.size)]
     except EppError:
         return None
     return min(found, key=lambda k: abs(k.size)) if found else None

@@ -271,6 +271,18 @@ class BoundCell(Brief):
         """Whether first order calls designs free of limit cycles that are not."""
         return bool(self.sign * self.first_order_error > _ROUNDING)
 
+    def active(self, allowed: Allowed | None) -> str:
+        """What bounds where a size is allowed: that size, the band's edge, or the birth of the cycle; a sentence."""
+        if allowed is None or self.orbit is None:
+            return ""
+        size = f"{allowed.signal} {allowed.text(self.size)}"
+        if self.kind is Turn.SIZE and self.size > (1.0 + _ROUNDING) * allowed.size:
+            return f"At the bound a stable cycle of {size} comes into the band ({allowed})."
+        if self.kind is Turn.SIZE:
+            return f"At the bound the stable cycle reaches what is allowed ({allowed}); nearer there is none so large."
+        born = "becomes stable" if self.kind is Turn.STABILITY else "is born"
+        return f"At the bound the cycle {born} with {size}, more than is allowed ({allowed})."
+
     def _orbit(self) -> dict[str, Any] | None:
         return _summary(self.orbit)
 
@@ -337,18 +349,6 @@ class DesignBounds(Listing[BoundCell]):
             return Status.INCOMPLETE
         return Status.CONVERGED if good else Status.UNDECIDED
 
-    def active(self, cell: BoundCell) -> str:
-        """Which of the two bounds a cell where a size is allowed: the size, or the birth of the cycle; a sentence."""
-        if self.allowed is None or cell.orbit is None:
-            return ""
-        size = self.allowed.text(cell.size)
-        if cell.kind is Turn.SIZE:
-            return (
-                f"There the stable cycle reaches what is allowed ({self.allowed}); nearer it is smaller or not there."
-            )
-        born = "becomes stable" if cell.kind is Turn.STABILITY else "is born"
-        return f"There the cycle {born} with {self.allowed.signal} {size}, more than is allowed ({self.allowed})."
-
     def array(self, name: str) -> Array:
         """A number of every cell."""
         return np.array([getattr(c, name) for c in self.cells], float)
@@ -403,9 +403,10 @@ class DesignBounds(Listing[BoundCell]):
         side = "below" if found[0].sign > 0 else "above"
         tested = f"{sum(c.verified for c in found)} of {count(len(found), 'bound')} verified by runs and orbits"
         none = f"; no bound at {len(self) - len(found)} of {len(self)} values" if len(found) < len(self) else ""
-        free, orbits = "Free of limit cycles", tested
+        which = "limit cycle" if self.allowed is None else self.allowed.exceeded
+        free, orbits = "Free of limit cycles" if self.allowed is None else f"No {which}", tested
         if self.not_covered:
-            free = "No limit cycle was found"
+            free = f"No {which} was found"
             orbits = f"a cycle was found just beyond {sum(c.verified for c in found)} of {count(len(found), 'bound')}"
         limit = self._span(self.limit, [c.bound for c in found], "of", "that runs from")
         return (

@@ -115,6 +115,8 @@ class BatchResult(Result):
         [s]; nan where there is no cycle.
     mean, peak_to_peak : dict of str to array, shape (cells,)
         Of every signal, in SI units: on the cycle (extrema from 512 samples and a parabola), or at rest.
+    rms : dict of str to array, shape (cells,)
+        Of every signal about its mean, from the same samples.
     events : int array, shape (cells,)
     last_event : array, shape (cells,)
         Time of the last switch [s].
@@ -126,6 +128,7 @@ class BatchResult(Result):
     period: Array
     mean: dict[str, Array]
     peak_to_peak: dict[str, Array]
+    rms: dict[str, Array]
     events: IntArray
     last_event: Array
     change: Array
@@ -193,10 +196,10 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
 
     announce_compilation(run_cells)
     n, n_y = stack.n_cells, len(stack.signal_names)
+    mean, low, high, rms = np.full((4, n, n_y), np.nan)
     out = Outcome(
         np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n), np.full(n, np.nan),
-        np.full((n, 2), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan), np.full((n, n_y), np.nan),
-        np.zeros(1, np.int64),
+        np.full((n, 2), np.nan), mean, low, high, rms, np.zeros(1, np.int64),
     )  # fmt: skip
     base = 2.0 * stack.time_scale
 
@@ -232,6 +235,7 @@ def simulate_batch(stack: HybridStack, t_end: float, *, threads: int = 1, max_ev
         period=out.period,
         mean={k: out.mean[:, i] for i, k in enumerate(stack.signal_names)},
         peak_to_peak={k: out.high[:, i] - out.low[:, i] for i, k in enumerate(stack.signal_names)},
+        rms={k: out.rms[:, i] for i, k in enumerate(stack.signal_names)},
         events=out.events,
         last_event=out.since,
         change=out.change[:, 1],

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,12 @@ from eppanalysis.methods.continuation.steps import signal_ranges
 from eppanalysis.methods.orbits.cycle import orbit_shape
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.models.systems.lure import LureSystem
-from eppanalysis.readable import quantity
-from eppanalysis.results import LimitCycle, PlainData
+from eppanalysis.readable import quantity, readable
+from eppanalysis.results import LimitCycle, PlainData, Status
 from eppanalysis.units import QuantityError, parse_quantity
+
+if TYPE_CHECKING:
+    from eppanalysis.methods.simulation.batch import BatchResult
 
 Array = NDArray[np.float64]
 
@@ -71,6 +75,16 @@ class Allowed(PlainData):
         """As people say it."""
         within = "" if self.band is None else " within {:.4g} Hz to {:.4g} Hz".format(*self.band)
         return f"{self.signal} {self.text(self.size)}{within}"
+
+    @property
+    def exceeded(self) -> str:
+        """What must not be, in words."""
+        return f"stable limit cycle larger than allowed ({self})"
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """The unit in which people read the signal, and the factor to it."""
+        return readable(self.unit)
 
     def text(self, size: float) -> str:
         """A size in this measure."""
@@ -156,6 +170,15 @@ class Allowed(PlainData):
         time = np.append(cycle.time, cycle.time[0] + cycle.period)
         square = (np.append(wave, wave[0]) - cycle.mean[self.signal]) ** 2
         return float(np.sqrt(np.trapezoid(square, time) / cycle.period))
+
+    def too_large(self, runs: BatchResult) -> NDArray[np.bool_]:
+        """Which of many runs end on a cycle larger than allowed, by 512 samples of it."""
+        on_cycle = np.array([status is Status.LIMIT_CYCLE for status in runs.status])
+        return on_cycle & (self.size_of_runs(runs) > self.size) & self.counts(runs.period)
+
+    def size_of_runs(self, runs: BatchResult) -> Array:
+        """Sizes of the cycles that many runs end on [SI], at whatever frequency; zero at rest."""
+        return (runs.peak_to_peak if self.measure is Measure.PEAK_TO_PEAK else runs.rms)[self.signal]
 
     def exceeded_by(self, cycle: LimitCycle) -> bool:
         """Whether a cycle is stable, as far as its method can tell, and larger than allowed."""

@@ -84,9 +84,8 @@ def scan(question: Question, allowed: Allowed) -> Scan:
         return Scan(Finding.IDLE, note=Finding.IDLE.sentence)
     seen = [_seen_at(question, allowed, value) for value in values]
     there = [bool(cycles) for _, cycles, _ in seen]
-    what = f"stable limit cycle larger than allowed ({allowed})"
     if not any(there) or (there[0] and there[-1]):
-        return without_bound(question, seen, what)
+        return without_bound(question, seen, allowed.exceeded)
     sign = -1.0 if there[0] else 1.0
     ordered = seen if sign > 0 else seen[::-1]
     # The first value from the safe end on at which one is there: between it and its neighbour lies the bound.

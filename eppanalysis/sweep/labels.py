@@ -1,0 +1,85 @@
+"""What pictures of sweeps share: outcomes and their words, units of axes, the verdict above a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eppanalysis.plotting import put_verdict
+from eppanalysis.readable import in_print, with_unit, words
+from eppanalysis.sweep.analyses import PREFIX, Analysis
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+
+#: Of the variables of each analysis, the surest first.
+PREFIXES = tuple(PREFIX[analysis] for analysis in (Analysis.SIMULATE, Analysis.CYCLES, Analysis.PREDICT))
+
+#: Letters of a legend in an inch, times their size; letters that the sign and the gap of an entry take the room of.
+_LETTERS, _SIGN = 105.0, 10
+
+
+def is_sized(cells: xarray.Dataset) -> bool:
+    """Whether a sweep knows a limit cycle that is allowed."""
+    return "allowed" in cells.attrs
+
+
+def outcomes_in(cells: xarray.Dataset) -> list[str]:
+    """What says how a cell ends: that of the run first; beside a cycle that is allowed where there is one."""
+    kind = "allowed" if is_sized(cells) else "outcome"
+    return [f"{prefix}{kind}" for prefix in PREFIXES if f"{prefix}{kind}" in cells]
+
+
+def legend_columns(handles: Sequence[Artist], width: float, fontsize: float) -> int:
+    """Columns of a legend, four at most, that a figure of a width has room for; it is filled column by column."""
+    labels = [len(str(handle.get_label())) for handle in handles]
+    for columns in range(min(4, len(labels)), 1, -1):
+        rows = -(-len(labels) // columns)
+        longest = [max(labels[k : k + rows]) for k in range(0, len(labels), rows)]
+        if sum(longest) + _SIGN * len(longest) <= _LETTERS * width / fontsize:
+            return columns
+    return 1
+
+
+def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
+    """In how many of the designs that are drawn the loop does what, or what is proved of it, the most first."""
+    name = next((n for n in ("proved", *outcomes_in(cells)) if n in cells), None)
+    values, counts = np.unique(cells[name].values if name else [], return_counts=True)
+    parts = [f"{meanings(cells[name])[int(values[k])]} in {counts[k]}" for k in np.argsort(-counts, kind="stable")]
+    verdict = ", ".join([f"{parts[0]} of {counts.sum()} designs", *parts[1:]]).capitalize() if parts else ""
+    allowed = f"allowed is {cells.attrs['allowed']}" if is_sized(cells) else ""
+    put_verdict(figure, verdict, ", ".join(filter(None, (allowed, details))), str(cells.attrs.get("case", "")))
+
+
+def meanings(outcome: xarray.DataArray) -> list[str]:
+    """What each number of an outcome means."""
+    return [words(word) for word in str(outcome.attrs["flag_meanings"]).split()]
+
+
+def factor_of(dataset: xarray.Dataset, name: str) -> float:
+    """From SI to the unit in which people read the axis."""
+    shown = dataset[name].attrs.get("per_readable_unit")
+    return 1.0 / float(shown) if shown else 1.0
+
+
+def unit_of(dataset: xarray.Dataset, name: str) -> str:
+    """The unit in which people read the axis."""
+    attrs = dataset[name].attrs
+    return attrs.get("readable_units" if attrs.get("per_readable_unit") else "units", "")
+
+
+def readable_axis(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
+    """Values of an axis as people read them, and its label."""
+    return dataset[name].values * factor_of(dataset, name), with_unit(words(name), in_print(unit_of(dataset, name)))
+
+
+def place_in(dataset: xarray.Dataset, name: str, i: int) -> str:
+    """A value of an axis with its unit."""
+    if name not in dataset.coords:
+        return str(i)
+    return f"{float(dataset[name].values[i]) * factor_of(dataset, name):.4g} {unit_of(dataset, name)}".strip()
