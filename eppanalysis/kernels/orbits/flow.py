@@ -1,6 +1,7 @@
 """Compiled: the motion along one arc of an orbit, and its derivative with respect to the start.
 
-Without smooth channels the flow is a matrix exponential; with them it is a Taylor series, and so is its derivative.
+Without smooth channels the flow is a matrix exponential; with them it is a Taylor series, and so is its derivative. The
+derivative by a parameter is one more column, in forward mode: the variational equation with what the parameter changes.
 """
 
 from __future__ import annotations
@@ -29,6 +30,23 @@ class Channels(NamedTuple):
     smooth_s: np.ndarray  # (s, s): on those before it
     smooth_scale: np.ndarray  # (s,)
     sense: np.ndarray  # (p, s): sign of the argument on each arc, for channels that depend on its magnitude
+
+
+class Numbers(NamedTuple):
+    """What the motion along one arc depends on, or the derivatives of it by a parameter."""
+
+    F: np.ndarray  # (n, N)
+    S: np.ndarray  # (n, s)
+    smooth_x: np.ndarray  # (s, n)
+    smooth_H: np.ndarray  # (s, H)
+    smooth_s: np.ndarray  # (s, s)
+    smooth_scale: np.ndarray  # (s,)
+
+
+@njit(**KERNEL)
+def numbers_of(channels, F, S):
+    """The numbers of an arc; where no derivative by a parameter is asked for they stand in for it, unread."""
+    return Numbers(F, S, channels.smooth_x, channels.smooth_H, channels.smooth_s, channels.smooth_scale)
 
 
 @njit(**KERNEL)
@@ -87,8 +105,46 @@ def affine_flow(F, y, tau, end, Phi, square):
 
 
 @njit(**KERNEL)
-def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
+def affine_change(F, by, y, tau, change, end):
+    """Change of the state along an affine arc with a parameter, from that at its begin; `by` holds the derivatives.
+
+    The rate of change moves with the state's rate by the exponential of [[F, 0], [by, F]], which holds the Frechet
+    derivative of the exponential of F.
+    """
+    n, N = F.shape
+    moving = 1
+    for i in range(n):
+        for j in range(n):
+            if F[i, j] != 0.0 or by[i, j] != 0.0:
+                moving = max(moving, i + 1, j + 1)
+    fill(end, change)
+    if tau == 0.0:
+        return
+    square = np.zeros((8, padded(2 * moving), padded(2 * moving)))
+    M, integral = square[0], square[1]
+    rates = np.zeros(2 * n)
+    for i in range(n):
+        for j in range(N):
+            rates[i] += F[i, j] * y[j]
+            rates[n + i] += by[i, j] * y[j] + F[i, j] * change[j]
+    for i in range(moving):
+        for j in range(moving):
+            M[i, j] = M[moving + i, moving + j] = F[i, j]
+            M[moving + i, j] = by[i, j]
+    flow(M, tau, growth_rate(M, square[3], square[4]), integral, square[2], square[5], square[6], square[7])
+    for i in range(moving):
+        for j in range(moving):
+            end[i] += integral[moving + i, j] * rates[j] + integral[moving + i, moving + j] * rates[n + j]
+    for i in range(moving, n):
+        end[i] += tau * rates[n + i]
+
+
+@njit(**KERNEL)
+def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by):
     """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes.
+
+    The derivative Phi (N, N) is that by the state at the begin. With one more column (N, N + 1) it holds the change
+    with a parameter of which `by` has the derivatives, too.
 
     Returns the number of series made. The end is not a number where it is not reached with `most` of them: the stiffer
     the motion, the shorter its series.
@@ -96,13 +152,14 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
     n, N = F.shape
     n_s = S.shape[1]
     H = y[n:].copy()
-    X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, N))
+    columns = Phi.shape[1]
+    X, V = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n, columns))
     workspace = np.zeros((4, ORDER + 1, n_s))
-    change = np.zeros((2, n_s, ORDER + 1, N))
+    change = np.zeros((2, n_s, ORDER + 1, columns))
     square = np.zeros((3, padded(n), padded(n)))
     fill_rows(square[0, :n, :n], F)
     rate = growth_rate(square[0], square[1], square[2])
-    x, P = y[:n].copy(), np.zeros((n, N))
+    x, P = y[:n].copy(), np.zeros((n, columns))
     for i in range(n):
         P[i, i] = 1.0
     done, d = 0.0, abs(tau)
@@ -121,7 +178,7 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope):
         fill(X[0], x)
         fill_rows(V[0], P)
         made += 1
-        if not _series(channels, sense, F, S, H, h, X, V, workspace, change):
+        if not _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
             d, last = 0.5 * h, False
             continue
         _add_up(X, V)
@@ -149,13 +206,13 @@ def _add_up(X, V):
 
 
 @njit(**PART)
-def _series(channels, sense, F, S, H, h, X, V, workspace, change):
+def _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
     """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
     n, N = F.shape
     n_s = S.shape[1]
     Sg, arg, aux, slope = workspace[0], workspace[1], workspace[2], workspace[3]
     size = largest(X[:1]) + 1e-300
-    size_v = largest(V[0])
+    size_v = largest(V[0, :, :N])
     for k in range(ORDER - 1):
         for j in range(n_s):
             if channels.smooth_kind[j] != DELAY_LINE:
@@ -177,25 +234,79 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, change):
                 if F[i, c] != 0.0:
                     accumulate(V[k + 1, i], F[i, c], V[k, c])
             if k == 0:
-                accumulate(V[1, i, n:], 1.0, F[i, n:])
+                accumulate(V[1, i, n:N], 1.0, F[i, n:])
+        if V.shape[2] > N:
+            _rate_by(by, k, X, H, Sg, V)
         for j in range(n_s):
             if channels.smooth_kind[j] == DELAY_LINE:
                 continue
-            _change_term(channels, j, k, V, slope, change)
+            _change_term(channels, j, k, V, slope, change, N)
+            if V.shape[2] > N:
+                _channel_by(channels, by, j, k, X, H, Sg, slope, change)
             for i in range(n):
                 accumulate(V[k + 1, i], S[i, j], change[1, j, k])
         for i in range(n):
-            for j in range(N):
+            for j in range(V.shape[2]):
                 V[k + 1, i, j] *= factor
     # Two terms: of an odd or even motion every other one is zero. The derivative by its own series is as exact as the
     # flow, so that Newton's method ends at rounding (docs/theory/exact_orbits.md, Closing an orbit).
     tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
-    tail_v = largest(V[ORDER - 1]) + largest(V[ORDER - 2])
-    return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v
+    tail_v = largest(V[ORDER - 1, :, :N]) + largest(V[ORDER - 2, :, :N])
+    return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v and _ends(V, N)
 
 
 @njit(**PART)
-def _change_term(channels, j, k, V, slope, change):
+def _ends(V, column):
+    """Whether the series of the change with a parameter has ended, by its own size; where there is none it has."""
+    size, tail = 0.0, 0.0
+    if V.shape[2] > column:
+        for k in range(ORDER):
+            for i in range(V.shape[1]):
+                size = max(size, abs(V[k, i, column]))
+                if k >= ORDER - 2:
+                    tail = max(tail, abs(V[k, i, column]))
+    return tail <= EPS * size
+
+
+@njit(**PART)
+def _rate_by(by, k, X, H, Sg, V):
+    """Add to coefficient k of the rate of change with a parameter what it changes itself, channels at their values."""
+    n, last = X.shape[1], V.shape[2] - 1
+    for i in range(n):
+        v = 0.0
+        for j in range(n):
+            v += by.F[i, j] * X[k, j]
+        if k == 0:
+            for j in range(H.size):
+                v += by.F[i, n + j] * H[j]
+        for j in range(by.S.shape[1]):
+            v += by.S[i, j] * Sg[k, j]
+        V[k + 1, i, last] += v
+
+
+@njit(**PART)
+def _channel_by(channels, by, j, k, X, H, Sg, slope, change):
+    """Add to coefficient k of the change of channel j what a parameter changes in its argument and in its scale."""
+    last = change.shape[3] - 1
+    v = 0.0
+    for i in range(X.shape[1]):
+        v += by.smooth_x[j, i] * X[k, i]
+    if k == 0:
+        for i in range(H.size):
+            v += by.smooth_H[j, i] * H[i]
+    for i in range(j):
+        v += by.smooth_s[j, i] * Sg[k, i]
+    change[0, j, k, last] += v
+    # The convolution with the slope again, of the part that was added; all channels are proportional to their scale.
+    change[1, j, k, last] = 0.0
+    for c in range(k + 1):
+        change[1, j, k, last] += slope[k - c, j] * change[0, j, c, last]
+    if channels.smooth_scale[j] != 0.0:
+        change[1, j, k, last] += by.smooth_scale[j] / channels.smooth_scale[j] * Sg[k, j]
+
+
+@njit(**PART)
+def _change_term(channels, j, k, V, slope, change, N):
     """Coefficient k of the derivatives of smooth channel j: of its argument, and of its value behind it.
 
     The chain rule on series: the channel's slope times the derivative of its argument, convolved.
@@ -207,7 +318,7 @@ def _change_term(channels, j, k, V, slope, change):
     for i in range(n):
         accumulate(of_argument[k], channels.smooth_x[j, i], V[k, i])
     if k == 0:
-        accumulate(of_argument[0, n:], 1.0, channels.smooth_H[j])
+        accumulate(of_argument[0, n:N], 1.0, channels.smooth_H[j])
     for i in range(j):
         if channels.smooth_s[j, i] != 0.0:
             accumulate(of_argument[k], channels.smooth_s[j, i], change[1, i, k])

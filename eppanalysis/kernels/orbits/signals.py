@@ -6,7 +6,15 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.filling import fill
-from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, channels_at, rate_at, room, smooth_flow
+from eppanalysis.kernels.orbits.flow import (
+    MOST_SERIES,
+    affine_flow,
+    channels_at,
+    numbers_of,
+    rate_at,
+    room,
+    smooth_flow,
+)
 
 
 @njit(**KERNEL)
@@ -21,7 +29,10 @@ def states_at(channels, F, S, smooth, starts, marks, times, out):
             a += 1
         t = times[i] - marks[a]
         if smooth[a]:
-            smooth_flow(channels, channels.sense[a], F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope)
+            own = numbers_of(channels, F[a], S[a])
+            smooth_flow(
+                channels, channels.sense[a], F[a], S[a], starts[a], t, MOST_SERIES, out[i], Phi, sigma, slope, own
+            )
         else:
             affine_flow(F[a], starts[a], t, out[i], Phi, square)
 
@@ -43,9 +54,11 @@ def extents(channels, F, S, smooth, Y, Ys, starts, tau, low, high):
         fill(node[0], starts[a])
         for k in range(steps + 1):
             if k and smooth[a]:
+                own = numbers_of(channels, F[a], S[a])
                 smooth_flow(
-                    channels, channels.sense[a], F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change
-                )
+                    channels, channels.sense[a], F[a], S[a], node[k - 1], d, MOST_SERIES, node[k], Phi, sigma, change,
+                    own,
+                )  # fmt: skip
             elif k == 1:
                 affine_flow(F[a], node[0], d, node[1], Phi, square)
             elif k:
@@ -107,7 +120,8 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
     for _ in range(12):
         t = (t0 * right - t1 * left) / (right - left)
         if smooth:
-            smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change)
+            own = numbers_of(channels, F, S)
+            smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
         else:
             affine_flow(F, y, t, end, Phi, square)
         rate_at(F, S, end, sigma, rate)

@@ -9,7 +9,15 @@ import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.filling import accumulate, fill
-from eppanalysis.kernels.orbits.flow import affine_flow, rate_at, room, smooth_flow
+from eppanalysis.kernels.orbits.flow import (
+    MOST_SERIES,
+    affine_change,
+    affine_flow,
+    numbers_of,
+    rate_at,
+    room,
+    smooth_flow,
+)
 
 
 @njit(**KERNEL)
@@ -31,6 +39,31 @@ def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
                     weight[i] += through * channels.smooth_s[j, i]
     for j in range(end.size):
         value += g[j] * end[j]
+    return value
+
+
+@njit(**PART)
+def _guard_change(channels, by, dg, dgs, gs, smooth, end, sigma, slope):
+    """Change of the guard that ends an arc with a parameter, the state at its end held; `by` has the derivatives."""
+    n = channels.smooth_x.shape[1]
+    value = 0.0
+    for j in range(end.size):
+        value += dg[j] * end[j]
+    if not smooth:
+        return value
+    weight = gs.copy()
+    for j in range(sigma.size - 1, -1, -1):
+        value += dgs[j] * sigma[j]
+        through = weight[j] * slope[j]
+        for i in range(n):
+            value += through * by.smooth_x[j, i] * end[i]
+        for i in range(n, end.size):
+            value += through * by.smooth_H[j, i - n] * end[i]
+        for i in range(j):
+            value += through * by.smooth_s[j, i] * sigma[i]
+            weight[i] += through * channels.smooth_s[j, i]
+        if channels.smooth_scale[j] != 0.0:
+            value += weight[j] * by.smooth_scale[j] / channels.smooth_scale[j] * sigma[j]
     return value
 
 
@@ -101,8 +134,9 @@ def sweep(channels, F, S, g, gs, J, smooth, at_once, y0, tau, free, shift, most,
     for a in range(p):
         fill(starts[a], y)
         if smooth[a]:
+            own = numbers_of(channels, F[a], S[a])
             made += smooth_flow(
-                channels, channels.sense[a], F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope
+                channels, channels.sense[a], F[a], S[a], y, tau[a], most - made, ends[a], Phi, sigma, slope, own
             )
         else:
             sigma[:], slope[:] = 0.0, 0.0
@@ -154,3 +188,60 @@ def _times(P, Q, out, n_dense, n_columns):
     for i in range(n_dense, N):
         for j in range(n_columns):
             out[i, j] = Q[i, j]
+
+
+@njit(**KERNEL)
+def sweep_by(
+    channels, F, S, g, gs, J, smooth, at_once, starts, tau, free, of_channels, dF, dS, dg, dgs, dJ, dshift, dy, out
+):
+    """Derivative of the equations that `sweep` sets up by a parameter of which all numbers are functions.
+
+    Parameters
+    ----------
+    starts : array (p + 1, N)
+        As `sweep` fills them.
+    of_channels, dF, dS, dg, dgs, dJ, dshift : Channels and arrays
+        Derivatives of the numbers by the parameter.
+    dy : array (N,)
+        Derivative of the start; that of a driven loop's inputs. Behind the call that of the end.
+    out : array (m + p,)
+        Filled with the derivative of the residual at fixed start and dwell times.
+    """
+    p, _, N = F.shape
+    m = free.size
+    sigma, slope = np.zeros(S.shape[2]), np.zeros(S.shape[2])
+    end, moved, row, Phi = np.zeros(N), np.zeros(N), np.zeros(N), np.zeros((N, N))
+    square, wide = room(F), np.zeros((N, N + 1))
+    begin = dy.copy()
+    # Forward mode: beside the state goes its change with the parameter, through every arc and every event.
+    for a in range(p):
+        by = numbers_of(of_channels, dF[a], dS[a])
+        if smooth[a]:
+            smooth_flow(
+                channels, channels.sense[a], F[a], S[a], starts[a], tau[a], MOST_SERIES, end, wide, sigma, slope, by
+            )
+            for i in range(N):
+                moved[i] = wide[i, N]
+                for j in range(N):
+                    moved[i] += wide[i, j] * dy[j]
+        else:
+            sigma[:], slope[:] = 0.0, 0.0
+            affine_flow(F[a], starts[a], tau[a], end, Phi, square)
+            affine_change(F[a], dF[a], starts[a], tau[a], dy, moved)
+        value = _guard_change(channels, by, dg[a], dgs[a], gs[a], smooth[a], end, sigma, slope)
+        guard_at(channels, g[a], gs[a], smooth[a], end, sigma, slope, row)
+        for j in range(N):
+            value += row[j] * moved[j]
+        if at_once[a] == 1:
+            value = 0.0
+        elif at_once[a] == 2 and tau[a] != 0.0:
+            value /= tau[a]
+        out[m + a] = value
+        for i in range(N):
+            dy[i] = 0.0
+            for j in range(N):
+                dy[i] += J[a, i, j] * moved[j] + dJ[a, i, j] * end[j]
+    total = tau.sum()
+    for k in range(m):
+        i = free[k]
+        out[k] = dy[i] - begin[i] - dshift[i] * total

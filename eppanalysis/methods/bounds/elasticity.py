@@ -2,7 +2,7 @@
 
 At a solution of ``minimise p subject to E(X, theta(p, q)) = 0`` the derivative of the bound by another parameter q is
 that of the Lagrangian (the envelope theorem): ``dp/dq = multipliers @ dE/dtheta @ dtheta/dq``. The first two factors
-are exact (IPOPT, CasADi); the numbers theta of the loop are smooth functions of q, differentiated centrally. The
+are exact (IPOPT, CasADi); the numbers theta of the loop are polynomials of q to rounding, which are differentiated. The
 elasticity ``(q/p) dp/dq`` says by how many per cent the bound moves when the parameter grows by one.
 
 At an exact fold the equations of the orbit, r(u, p) = 0, are singular; with the row psi that annihilates their
@@ -24,11 +24,12 @@ from eppanalysis.methods.bounds.harmonic import Question, steady_loop
 from eppanalysis.methods.bounds.numbers import gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import steady_case
-from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.steps import Point, evaluate_at
+from eppanalysis.methods.continuation.families import slope_of
+from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.methods.orbits.orbit import CONVERGED, solve
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
+from eppanalysis.polynomials import polynomial_at
 
 _STEP = 1e-4
 #: Parameters that say where the motion begins or how it is recorded, not what the loop is.
@@ -94,7 +95,7 @@ def harmonic_slopes(
     ).ravel()
     out = {}
     for name, size in sizes.items():
-        slope = _slope(question, name, fold, _STEP * size)
+        slope = _slope(question, name, fold, size)
         # A number that is zero at the bound has no symbol in the equations:
         # where the parameter moves it the derivative is unknown, not zero.
         known = slope is not None and not np.any(slope[~used] != 0.0)
@@ -102,14 +103,11 @@ def harmonic_slopes(
     return out
 
 
-def _slope(question: Question, name: str, fold: Fold, h: float) -> np.ndarray | None:
-    """Derivative of the loop's numbers by a parameter, in steps of h; None where it cannot be moved."""
+def _slope(question: Question, name: str, fold: Fold, size: float) -> np.ndarray | None:
+    """Derivative of the loop's numbers by a parameter; None where it changes the structure of the loop."""
     case, value = question.case_at(fold.cycle.value), question.case.value(name)
-    try:
-        up, down = (gather(steady_loop(case.with_values({name: v})), fold.plan).flat() for v in (value + h, value - h))
-    except EppError:
-        return None
-    return (up - down) / (2.0 * h) if up.shape == down.shape else None
+    found = polynomial_at(lambda v: gather(steady_loop(case.with_values({name: v})), fold.plan).flat(), value, size)
+    return None if found is None else found.slope(value)
 
 
 def exact_elasticities(question: Question, point: Point) -> dict[str, float]:
@@ -155,16 +153,12 @@ def exact_slopes(question: Question, point: Point, sizes: Mapping[str, float]) -
     case = question.case_at(point.value)
     out = {}
     for name, size in sizes.items():
-        value, h = question.case.value(name), 1e-5 * size
-        family = Family(_changed(case, name), (value - h, value + h))
         try:
-            up, down = (
-                evaluate_at(family, orbit.arcs.event_sequence, v, orbit.y, orbit.tau).r for v in family.limits[::-1]
-            )
-        except (EppError, IndexError, ValueError):
+            slope = slope_of(_changed(case, name), orbit, question.case.value(name), size)
+        except EppError:
             out[name] = float("nan")
             continue
-        out[name] = -float(psi @ (up - down)) / (2.0 * h) / by_limit
+        out[name] = -float(psi @ slope) / by_limit
     return out
 
 

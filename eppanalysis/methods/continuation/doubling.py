@@ -11,7 +11,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.continuation.families import Family
-from eppanalysis.methods.continuation.steps import Point, admissible, slope_at, step, weights
+from eppanalysis.methods.continuation.steps import Point, admissible, step, weights
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
 from eppanalysis.methods.orbits.orbit import Orbit, evaluate
 
@@ -59,7 +59,7 @@ def doubled(family: Family, point: Point, length: float) -> Point:
     # The step goes across the branch of half the period, or Newton's method would follow that branch instead.
     direction -= along * (np.sum(w * along * direction) / np.sum(w * along**2))
     direction /= np.sqrt(np.sum(w * direction**2))
-    begin = Point(family, value, twice, slope_at(family, twice, value), direction)
+    begin = Point(family, value, twice, family.slope(twice, value), direction)
     for share in _SHARES:
         new = step(begin, share * length)
         if new is not None and not half_alike(new.orbit, 1e-2 * share * length) and admissible(new):

@@ -1,8 +1,9 @@
-"""The hybrid system as a function of one parameter, cheap enough to be asked for thousands of times.
+"""The hybrid system as a function of one parameter, cheap enough to be asked for thousands of times; its derivative.
 
-The numbers in a system's arrays are analytic functions of a parameter, so a Chebyshev interpolant over the range, of
-a degree at which it agrees with the system itself to rounding, stands in for it. Where none does (a parameter that
-changes the structure), the system is built each time.
+The numbers in a system's arrays are analytic functions of a parameter, so that polynomials over the range, of a degree
+at which they agree with the system itself to rounding, stand in for it. Where none do (a parameter that changes the
+structure), the system is built each time. The arrays of an orbit's arcs are such functions, too: the derivatives of
+their polynomials are those that folds and bounds need (docs/theory/exact_orbits.md, Derivatives by a parameter).
 """
 
 from __future__ import annotations
@@ -12,15 +13,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.arcs import Arcs
+from eppanalysis.methods.orbits.orbit import Orbit, residual_slope
 from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.polynomials import Polynomial, polynomial, polynomial_at
 
 Array = NDArray[np.float64]
 
-_DEGREES = (4, 8, 16, 32)
+#: Largest difference of a system from its stand-in, relative to the largest value that an entry takes over the range.
 _AGREEMENT = 4e-15
 #: Lengths of the range that is interpolated over, relative to the one given.
 _REACHES = (1.02, 0.98)
@@ -28,26 +31,37 @@ _CHECKED = (-0.93, -0.41, 0.13, 0.58, 0.97)
 
 
 @dataclass(frozen=True, eq=False)
-class _Interpolant:
-    """Chebyshev coefficients of the entries that vary, over ``middle +- half``."""
+class _StandIn:
+    """A system whose arrays are polynomials of the parameter.
+
+    Attributes
+    ----------
+    base : HybridSystem
+        At one value.
+    numbers : Polynomial
+        All arrays in one vector.
+    places : dict of str to slice
+        Where in the vector those arrays are that vary.
+    """
 
     base: HybridSystem
-    names: tuple[str, ...]
-    places: tuple[NDArray[np.intp], ...]
-    coefficients: tuple[Array, ...]
-    middle: float
-    half: float
+    numbers: Polynomial
+    places: dict[str, slice]
+
+    @classmethod
+    def of(cls, base: HybridSystem, numbers: Polynomial) -> _StandIn:
+        """From the numbers of a system and the system at one value."""
+        names = _arrays(base)
+        marks = np.cumsum([0, *(_array(base, name).size for name in names)]).tolist()
+        varies = np.zeros(marks[-1], bool)
+        varies[numbers.places] = True
+        spans = {name: slice(a, b) for name, a, b in zip(names, marks, marks[1:], strict=False)}
+        return cls(base, numbers, {name: span for name, span in spans.items() if varies[span].any()})
 
     def at(self, value: float) -> HybridSystem:
         """The system at a value."""
-        # Chebyshev polynomials as cosines: the place stays inside the range, which is a little wider than asked for.
-        angle = np.arccos(np.clip((value - self.middle) / self.half, -1.0, 1.0))
-        row = np.cos(angle * np.arange(self.coefficients[0].shape[0] if self.coefficients else 1))
-        changed = {}
-        for name, places, c in zip(self.names, self.places, self.coefficients, strict=True):
-            array = _array(self.base, name).copy()
-            array.ravel()[places] = row @ c
-            changed[name] = array
+        flat = self.numbers.at(value)
+        changed = {name: flat[span].reshape(_array(self.base, name).shape) for name, span in self.places.items()}
         x0, H0 = changed.pop("x0", self.base.x0), changed.pop("H0", self.base.H0)
         return replace(self.base, model=self.base.model._replace(**changed), x0=x0, H0=H0)
 
@@ -62,7 +76,7 @@ class Family:
         From the value (SI) to the system.
     limits : (float, float)
     window : (float, float), optional
-        Where the interpolant is wanted, when that is a small part of the range.
+        Where the stand-in is wanted, when that is a small part of the range.
     patience : int
         How many systems are built before it is made.
     """
@@ -71,8 +85,9 @@ class Family:
     limits: tuple[float, float]
     window: tuple[float, float] | None = None
     patience: int = 7
-    _stand_in: _Interpolant | None = field(default=None, init=False)
+    _stand_in: _StandIn | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
+    _arcs: dict[bytes, Polynomial] = field(default_factory=dict, init=False)
 
     @property
     def width(self) -> float:
@@ -84,38 +99,116 @@ class Family:
         self._asked += 1
         if self._asked == self.patience + 1:
             self._stand_in = interpolate(self.build, *(self.window or self.limits))
-        if self._stand_in is None or abs(value - self._stand_in.middle) > self._stand_in.half:
+        if self._stand_in is None or not self._stand_in.numbers.covers(value):
             return self.build(value)
         return self._stand_in.at(value)
 
+    def slope(self, orbit: Orbit, value: float) -> Array:
+        """Derivative of the residual of an orbit's equations by the parameter, at fixed unknowns and events.
 
-def interpolate(build: Callable[[float], HybridSystem], low: float, high: float) -> _Interpolant | None:
-    """The interpolant over a range a little wider than given; None when the system's structure changes in it.
+        Raises
+        ------
+        EppError
+            If the parameter changes the structure of the loop at the value.
+        """
+        # A derivative is followed by more: the stand-in pays at once.
+        self._asked = max(self._asked, self.patience) if self.patience > 0 else self._asked
+        key = orbit.arcs.event_sequence.key
+        known = self._arcs.get(key)
+        if known is None or not known.covers(value):
+            self.at(value)
+            wide = None if self._stand_in is None else self._stand_in.numbers
+            known = self._arcs[key] = _arcs_over(self.at, orbit, value, self.width, wide)
+        return _slope_from(orbit, known, value)
+
+
+def slope_of(build: Callable[[float], HybridSystem], orbit: Orbit, value: float, size: float) -> Array:
+    """Derivative of the residual of an orbit's equations by any parameter, of which `size` is a large change.
+
+    Raises
+    ------
+    EppError
+        If the parameter changes the structure of the loop at the value.
+    """
+    return _slope_from(orbit, _arcs_over(build, orbit, value, size), value)
+
+
+def _arcs_over(
+    at: Callable[[float], HybridSystem], orbit: Orbit, value: float, size: float, wide: Polynomial | None = None
+) -> Polynomial:
+    """The numbers of an orbit's arcs as polynomials: over the range of the system's own, or about the value."""
+    like = orbit.arcs
+
+    def numbers(v: float) -> Array:
+        hybrid = at(v)
+        return np.concatenate([a.ravel() for a in _numbers_of(hybrid, Arcs.build(hybrid, like.event_sequence, like))])
+
+    found = None
+    if wide is not None and wide.covers(value):
+        with suppress(EppError):
+            found = polynomial(numbers, wide.middle - wide.half, wide.middle + wide.half)
+    found = found or polynomial_at(numbers, value, size)
+    if found is None:
+        raise EppError(f"The loop changes its structure at {value:g} of the parameter; expected another value.")
+    return found
+
+
+def _numbers_of(hybrid: HybridSystem, arcs: Arcs) -> tuple[Array, ...]:
+    """What an orbit's equations depend on: its arcs, and where the loop's inputs stand."""
+    c = arcs.channels
+    smooth = c.smooth_x, c.smooth_H, c.smooth_s, c.smooth_scale
+    return arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.shift, *smooth, hybrid.x0[hybrid.n_plant :]
+
+
+def _slope_from(orbit: Orbit, numbers: Polynomial, value: float) -> Array:
+    like, slopes, at = _numbers_of(orbit.hybrid, orbit.arcs), [], 0
+    flat = numbers.slope(value)
+    for array in like:
+        slopes.append(flat[at : at + array.size].reshape(array.shape))
+        at += array.size
+    F, S, g, gs, J, shift, x, H, s, scale, inputs = slopes
+    channels = orbit.arcs.channels._replace(smooth_x=x, smooth_H=H, smooth_s=s, smooth_scale=scale)
+    change = replace(orbit.arcs, F=F, S=S, g=g, gs=gs, J=J, shift=shift, channels=channels)
+    start = np.zeros(orbit.y.size)
+    start[orbit.hybrid.n_plant : orbit.hybrid.x0.size] = inputs
+    return residual_slope(orbit, change, start)
+
+
+def interpolate(build: Callable[[float], HybridSystem], low: float, high: float) -> _StandIn | None:
+    """The stand-in over a range a little wider than given; None when the system's structure changes in it.
 
     Where the system refuses values beyond the range (a backlash from zero on), it is one over a little less of it.
     """
     for reach in _REACHES:
         with suppress(EppError):
-            return _interpolant(build, 0.5 * (low + high), 0.5 * abs(high - low) * reach)
+            return _stand_in(build, 0.5 * (low + high), 0.5 * abs(high - low) * reach)
     return None
 
 
-def _interpolant(build: Callable[[float], HybridSystem], middle: float, half: float) -> _Interpolant | None:
-    """The interpolant of the least degree that agrees with the system to rounding, if there is one."""
+def _stand_in(build: Callable[[float], HybridSystem], middle: float, half: float) -> _StandIn | None:
+    """The stand-in that agrees with the system to rounding, if there is one."""
     checks = [build(middle + u * half) for u in _CHECKED]
-    built: dict[float, HybridSystem] = {}
-    for degree in _DEGREES:
-        # The extrema of a Chebyshev polynomial are among those of one of twice the degree.
-        nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
-        keys = [k / degree for k in range(degree + 1)]
-        built |= {k: build(middle + half * float(u)) for k, u in zip(keys, nodes, strict=True) if k not in built}
-        systems = [built[k] for k in keys]
-        if not all(_same_structure(checks[0], s) for s in [*systems, *checks]):
+    first = checks[0]
+
+    def numbers(value: float) -> Array | None:
+        hybrid = build(value)
+        return _flat(hybrid) if _same_structure(first, hybrid) else None
+
+    if not all(_same_structure(first, other) for other in checks[1:]):
+        return None
+    found = polynomial(numbers, middle - half, middle + half)
+    if found is None:
+        return None
+    limit = np.zeros(found.base.size)
+    limit[found.places] = _AGREEMENT * np.abs(found.coefficients).sum(axis=0)
+    for u, exact in zip(_CHECKED, checks, strict=True):
+        if np.any(np.abs(found.at(middle + u * half) - _flat(exact)) > limit):
             return None
-        found = _fit(nodes, systems, middle, half)
-        if all(_agree(found, middle + u * half, exact) for u, exact in zip(_CHECKED, checks, strict=True)):
-            return found
-    return None
+    return _StandIn.of(first, found)
+
+
+def _flat(hybrid: HybridSystem) -> Array:
+    return np.concatenate([_array(hybrid, name).ravel() for name in _arrays(hybrid)])
 
 
 def _arrays(hybrid: HybridSystem) -> list[str]:
@@ -136,35 +229,3 @@ def _same_structure(one: HybridSystem, other: HybridSystem) -> bool:
         if a.shape != b.shape or (a.dtype.kind != "f" and not np.array_equal(a, b)):
             return False
     return one.x0.shape == other.x0.shape and np.array_equal(one.compared, other.compared)
-
-
-def _fit(nodes: Array, systems: list[HybridSystem], middle: float, half: float) -> _Interpolant:
-    degree = nodes.size - 1
-    # The discrete cosine transform at Chebyshev's extrema: the first and last node, and the first and last coefficient,
-    # count half.
-    to_coefficients = chebyshev.chebvander(nodes, degree).T * (2.0 / degree)
-    for ends in (np.s_[[0, -1]], np.s_[:, [0, -1]]):
-        to_coefficients[ends] /= 2.0
-    names, places, coefficients = [], [], []
-    for name in _arrays(systems[0]):
-        stack = np.array([_array(s, name).ravel() for s in systems])
-        varies = np.flatnonzero(np.any(stack != stack[0], axis=0)) if stack.size else np.zeros(0, np.int64)
-        if varies.size:
-            names.append(name)
-            places.append(varies)
-            coefficients.append(to_coefficients @ stack[:, varies])
-    return _Interpolant(systems[0], tuple(names), tuple(places), tuple(coefficients), middle, half)
-
-
-def _agree(found: _Interpolant, value: float, exact: HybridSystem) -> bool:
-    """Whether interpolant and system agree to rounding of the largest value that each entry takes over the range."""
-    system = found.at(value)
-    for name in _arrays(exact):
-        a, b = _array(system, name).ravel(), _array(exact, name).ravel()
-        limit = np.zeros(a.size)
-        if name in found.names:
-            i = found.names.index(name)
-            limit[found.places[i]] = _AGREEMENT * np.abs(found.coefficients[i]).sum(axis=0)
-        if np.any(np.abs(a - b) > limit):
-            return False
-    return True

@@ -44,16 +44,6 @@ def evaluate_at(
     return evaluate(hybrid, Arcs.build(hybrid, event_sequence, like), y, tau)
 
 
-def slope_at(family: Family, orbit: Orbit, value: float) -> Array:
-    """Derivative of the residual with respect to the parameter, by central differences at fixed unknowns."""
-    # Central, of second order: at a fold, where A is singular, this column alone gives the branch its direction.
-    h = 1e-6 * max(abs(value), 1e-3 * family.width)
-    it, like = orbit.arcs.event_sequence, orbit.arcs
-    up = evaluate_at(family, it, value + h, orbit.y, orbit.tau, like).r
-    down = evaluate_at(family, it, value - h, orbit.y, orbit.tau, like).r
-    return (up - down) / (2.0 * h)
-
-
 @dataclass(frozen=True, eq=False)
 class Point:
     """An orbit on a branch, with the direction of the branch there.
@@ -123,7 +113,7 @@ def weights(orbit: Orbit, width: float) -> Array:
 
 def make_point(family: Family, value: float, orbit: Orbit, along: Array | None, sign: float = 1.0) -> Point:
     """The point with its tangent, turned along an earlier tangent (or so that the parameter changes by `sign`)."""
-    slope = slope_at(family, orbit, value)
+    slope = family.slope(orbit, value)
     w = weights(orbit, family.width)
     row = np.zeros(w.size) if along is None else w * along
     if along is None:

@@ -238,6 +238,29 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     return Orbit(hybrid, arcs, y, tau, starts, ends, A, r, speed)
 
 
+def residual_slope(orbit: Orbit, by: Arcs, start: Array) -> Array:
+    """Derivative of an orbit's residual by a parameter, at fixed unknowns and events, shape (m + p,).
+
+    Parameters
+    ----------
+    orbit : Orbit
+    by : Arcs
+        Arcs whose numbers are the derivatives of the orbit's own.
+    start : array, shape (N,)
+        Derivative of the start, of what is no unknown in it.
+    """
+    from eppanalysis.kernels.orbits.sweep import sweep_by
+
+    arcs, out = orbit.arcs, np.empty(orbit.r.size)
+    p = arcs.n_arcs
+    spend(_SWEEP + 2.0 * _ARC * p)
+    sweep_by(
+        arcs.channels, arcs.F, arcs.S, arcs.g, arcs.gs, arcs.J, arcs.smooth, arcs.event_sequence.at_once, orbit.starts,
+        orbit.tau, arcs.free, by.channels, by.F, by.S, by.g, by.gs, by.J, by.shift, start.copy(), out,
+    )  # fmt: skip
+    return out
+
+
 def solve(hybrid: HybridSystem, guess: Guess, arcs: Arcs | None = None) -> Orbit:
     """Damped Newton on a fixed sequence of events, to rounding; the caller looks at the residual."""
     orbit = evaluate(hybrid, arcs or guess.arcs(hybrid), guess.y, guess.tau)

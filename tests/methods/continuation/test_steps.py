@@ -1,4 +1,4 @@
-"""The derivative of an orbit's equations by the parameter, against forward mode in 40 digits, and what it moves."""
+"""The derivative of an orbit's equations by a parameter, against forward mode in 40 digits, and what it moves."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.continuation import steps
 from eppanalysis.methods.continuation.branch import steady_case
-from eppanalysis.methods.continuation.families import Family
+from eppanalysis.methods.continuation.families import Family, slope_of
+from eppanalysis.methods.continuation.steps import evaluate_at
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.exact import start_of
 from eppanalysis.methods.orbits.shooting import orbits_near
@@ -16,51 +16,139 @@ from eppanalysis.methods.orbits.shooting import orbits_near
 RELAY = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
 
 
-def _forward_mode(family, value, orbit):
-    """The derivative where arrays are linear in the parameter, by exponentials of twice the size (Van Loan)."""
+def _power_law(half, at, twice, value):
+    """Derivatives of entries ``a + b p^k``: from their values at p/2, p and 2 p these follow without a small step."""
+    below, above, out = at - half, twice - at, np.zeros_like(at)
+    varies = (below != 0.0) | (above != 0.0)
+    power = np.log2(above[varies] / below[varies])
+    assert np.max(np.abs(power - np.round(power)), initial=0.0) < 1e-6
+    out[varies] = np.round(power) * above[varies] / (2.0 ** np.round(power) - 1.0) / value
+    return out
+
+
+def _forward_mode(build, value, orbit):
+    """The derivative by exponentials of twice the size (Van Loan), of arrays whose entries follow power laws."""
     flint = pytest.importorskip("flint")
     here = orbit.arcs
-    low, at, high = (Arcs.build(family.build(f * value), here.event_sequence, here) for f in (0.5, 1.0, 1.5))
-    n, N = at.F.shape[1:]
+    hybrids = [build(f * value) for f in (0.5, 1.0, 2.0)]
+    arcs = [Arcs.build(h, here.event_sequence, here) for h in hybrids]
+    n, N = here.F.shape[1:]
 
     def pair(name, arc):
         """An array of an arc, squared up, and its derivative."""
         arrays = []
-        for a in (getattr(at, name)[arc], (getattr(high, name)[arc] - getattr(low, name)[arc]) / value):
+        for a in (getattr(arcs[1], name)[arc], _power_law(*(getattr(a, name)[arc] for a in arcs), value)):
             square = np.zeros((N, N))
             square[: n if name == "F" else N] = a
             arrays.append(square)
         full, slope = arrays
         return flint.arb_mat(np.block([[full, slope], [np.zeros((N, N)), full]]).tolist())
 
+    start = np.zeros(N)
+    start[hybrids[1].n_plant : hybrids[1].x0.size] = _power_law(*(h.x0[h.n_plant :] for h in hybrids), value)
+    shift = _power_law(*(a.shift for a in arcs), value)
     with flint.ctx.workdps(40):
-        z, guards = flint.arb_mat([[0.0]] * N + [[v] for v in orbit.y.tolist()]), []
-        for arc in range(at.n_arcs):
-            tau = float(orbit.tau[arc])
+        z, guards = flint.arb_mat([[v] for v in [*start.tolist(), *orbit.y.tolist()]]), []
+        for arc in range(here.n_arcs):
+            tau, at_once = float(orbit.tau[arc]), here.event_sequence.at_once[arc]
             z = (pair("F", arc) * flint.arb(tau)).exp() * z
-            begins_on_it = at.event_sequence.at_once[arc] == 2
-            guards.append(float((pair("g", arc) * z)[0, 0]) / (tau if begins_on_it else 1.0))
+            begins_on_it = at_once == 2 and tau != 0.0
+            guards.append(0.0 if at_once == 1 else float((pair("g", arc) * z)[0, 0]) / (tau if begins_on_it else 1.0))
             z = pair("J", arc) * z
-        return np.array([float(z[int(i), 0]) for i in here.free] + guards)
+        moved = np.array([float(z[i, 0]) for i in range(N)]) - start - shift * orbit.period
+        return np.array([*moved[here.free], *guards])
 
 
-def test_the_slope_is_that_of_forward_mode_in_forty_digits():
-    case, name = epp.Case.from_system(RELAY, name="relay"), "loop.gain"
-    family = Family(lambda v: steady_case(case.with_values({name: v})), (0.8, 1.2))
-    hybrid = family.at(1.0)
-    for predicted in epp.predict_limit_cycles(RELAY):
-        orbit = next(iter(orbits_near(hybrid, *start_of(hybrid, predicted), predicted.period)))
-        found, exact = (
-            slope / orbit.row_scale for slope in (steps.slope_at(family, orbit, 1.0), _forward_mode(family, 1.0, orbit))
-        )
-        # Rounding over the step of 1e-6: the error that the theory page states.
-        assert np.max(np.abs(found - exact)) < 5e-10 * np.max(np.abs(exact))
+def _orbit(case, i=0):
+    found, hybrid = list(epp.find_limit_cycles(case))[i], steady_case(case)
+    return next(iter(orbits_near(hybrid, *start_of(hybrid, found), found.period)))
+
+
+#: Elbows, rings, matrices and diagrams: with plays, friction that sticks, limits, dead time, a bias.
+KINDS = [
+    ("relay_deadzone", ["relay_dead_zone.threshold", "relay_dead_zone.level"]),
+    ("relay_fopdt_closed", ["loop.delay"]),
+    ("sat_plus_backlash", ["saturation.lower", "play.gap"]),
+    ("x15_flare", ["Kp", "bandwidth", "rate"]),
+    ("pid_hunting", ["mass.mass", "controller.kp", "friction.coulomb"]),
+    ("robot_servo", ["Kp", "backlash", "arm_inertia"]),
+    ("thruster_dz_hyst", ["craft.inertia", "lead.gain", "thruster.level"]),
+]
+FURTHER = [
+    ("fig8a_original", ["drive.no_load_speed", "drive.stall_torque", "drive.coulomb_friction"]),
+    ("light_forearm", ["drive.no_load_speed", "drive.inertia"]),
+    ("two_mass_deadzone", ["dead_zone.lower", "dead_zone.slope"]),
+    ("freeplay_section", ["edge", "hinge_spring"]),
+    ("wheelchair", ["dead_zone.upper", "play.gap"]),
+    ("band_two_cycles", ["dead_zone_saturation.dead_zone", "dead_zone_saturation.slope"]),
+    ("stiction_level_S5J2", ["controller.ti", "jump_and_follow.slip_jump"]),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"), [*KINDS, *(pytest.param(*case, marks=pytest.mark.slow) for case in FURTHER)]
+)
+def test_the_slope_is_that_of_forward_mode_in_forty_digits(name, parameters):
+    case = epp.case(name)
+    orbit = _orbit(case)
+    for parameter in parameters:
+        value = case.value(parameter)
+
+        def build(v, parameter=parameter):
+            return steady_case(case.with_values({parameter: float(v)}))
+
+        exact = _forward_mode(build, value, orbit) / orbit.row_scale
+        over_the_range = Family(build, (0.8 * value, 1.25 * value)).slope(orbit, value)
+        for found in (over_the_range, slope_of(build, orbit, value, abs(value))):
+            # Rounding of an orbit's own events, over up to fifteen arcs (fig8a_original: 2e-12).
+            assert np.max(np.abs(found / orbit.row_scale - exact)) < 3e-12 * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [("van_der_pol_mu1", ["cube.scale"]), ("belt_leine", ["friction.static", "friction.stribeck"])],
+)
+def test_the_slope_through_smooth_elements_is_that_of_the_residual_over_a_range(name, parameters):
+    case = epp.case(name)
+    orbit = _orbit(case)
+    assert np.any(orbit.arcs.smooth)
+    for parameter in parameters:
+        value = case.value(parameter)
+
+        def build(v, parameter=parameter):
+            return steady_case(case.with_values({parameter: float(v)}))
+
+        family = Family(build, (0.98 * value, 1.02 * value), patience=1000)
+        # Of the whole residual, run along the arcs anew at nine values: by a quadrature of Cauchy's kind on Chebyshev's
+        # places, which rounding in the residual limits to 1e-12.
+        u = np.cos(np.pi * np.arange(9) / 8)
+        rows = [
+            evaluate_at(family, orbit.arcs.event_sequence, value * (1.0 + 0.01 * x), orbit.y, orbit.tau, orbit.arcs).r
+            for x in u
+        ]
+        fitted = np.polynomial.Chebyshev.fit
+        slopes = [fitted(u, row, 8).deriv()(0.0) / (0.01 * value) for row in np.array(rows).T]
+        exact = np.array(slopes) / orbit.row_scale
+        found = slope_of(build, orbit, value, abs(value)) / orbit.row_scale
+        assert np.max(np.abs(found - exact)) < 1e-11 * np.max(np.abs(exact))
+
+
+def test_a_parameter_that_changes_the_structure_has_no_slope():
+    case = epp.case("virtual_spring") if False else epp.case("fig8a_original")
+    orbit = _orbit(case)
+
+    def build(v):
+        bits = 8 if v < 1.0 else None
+        return steady_case(case.with_values({} if bits is None else {"sensor.bits": bits}))
+
+    with pytest.raises(epp.EppError, match="changes its structure at 1 "):
+        slope_of(build, orbit, 1.0, 1.0)
 
 
 @pytest.mark.slow
 def test_folds_do_not_feel_errors_of_the_slope(monkeypatch):
     (fold,) = epp.continue_branch(RELAY, "loop.gain", 0.7, 0.59).folds
-    exact = steps.slope_at
-    monkeypatch.setattr(steps, "slope_at", lambda *at: exact(*at) * (1.0 + 1e-4 * np.sin(np.arange(7.0))))
+    exact = Family.slope
+    monkeypatch.setattr(Family, "slope", lambda *at: exact(*at) * (1.0 + 1e-4 * np.sin(np.arange(7.0))))
     (moved,) = epp.continue_branch(RELAY, "loop.gain", 0.7, 0.59).folds
     assert moved.value == pytest.approx(fold.value, rel=1e-11)

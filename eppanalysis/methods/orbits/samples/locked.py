@@ -151,7 +151,7 @@ class Round:
     def _along(
         self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
     ) -> Array:
-        from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, smooth_flow
+        from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, numbers_of, smooth_flow
         from eppanalysis.kernels.orbits.sweep import guard_at
         from eppanalysis.kernels.simd.vectors import padded
 
@@ -167,7 +167,7 @@ class Round:
                 Phi = np.empty((N, N))
                 smooth_flow(
                     arcs.channels, arcs.channels.sense[a], F, arcs.S[a], y.copy(), tau[a], MOST_SERIES, end, Phi,
-                    sigma, slope,
+                    sigma, slope, numbers_of(arcs.channels, F, arcs.S[a]),
                 )  # fmt: skip
             else:
                 sigma[:] = slope[:] = 0.0
