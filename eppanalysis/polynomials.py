@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 #: Degrees that are tried. The places of one are among those of the next.
 DEGREES = (4, 8, 16, 32)
-#: Largest of the last two coefficients, and one that rounding makes of zero, relative to the sum of all; the largest that
-#: is taken for noise where it is as large at twice the degree.
+#: Largest of the last two coefficients, and one that rounding makes of zero, relative to the sum of all; the largest
+#: that is taken for noise where it is as large at twice the degree.
 _RESOLVED, _ROUNDING, _NOISE = 4e-15, 4e-16, 1e-10
 #: Half the lengths of ranges about a place, relative to it.
 _AROUND = (1e-2, 1e-3, 1e-4, 1e-5)

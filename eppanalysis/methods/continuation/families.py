@@ -139,8 +139,11 @@ def _arcs_over(
     """The numbers of an orbit's arcs as polynomials: over the range of the system's own, or about the value."""
     like = orbit.arcs
 
-    def numbers(v: float) -> Array:
+    def numbers(v: float) -> Array | None:
         hybrid = at(v)
+        # Modes and guards of an orbit are numbers of rows: in a system of another structure they are none.
+        if not _same_structure(orbit.hybrid, hybrid):
+            return None
         return np.concatenate([a.ravel() for a in _numbers_of(hybrid, Arcs.build(hybrid, like.event_sequence, like))])
 
     found = None

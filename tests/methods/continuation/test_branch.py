@@ -120,8 +120,8 @@ def test_interpolated_system_is_the_system(name, low, high, at):
 
     found = interpolate(build, low, high)
     one, other = found.at(at), build(at)
-    assert found.names
-    for field in found.names:
+    assert found.places
+    for field in found.places:
         places = (h if field in ("x0", "H0") else h.model for h in (one, other))
         np.testing.assert_allclose(*(getattr(place, field) for place in places), rtol=1e-13, err_msg=field)
     np.testing.assert_allclose(one.x0, other.x0, rtol=1e-14)
