@@ -2,7 +2,8 @@
 
 The numbers of a loop come from some hundred constructors that work on plain floats. Each number is an analytic function
 of a parameter, so that the coefficients of its Chebyshev polynomials fall off until they are rounding; what is left of
-them is the number itself, and can be differentiated as it stands.
+them is the number itself, and can be differentiated as it stands. How large the rounding of a number is, the number
+tells itself: at places so near to each other that the function between them is a parabola, it is the rest.
 """
 
 from __future__ import annotations
@@ -21,9 +22,15 @@ Array = NDArray[np.float64]
 
 #: Degrees that are tried. The places of one are among those of the next.
 DEGREES = (4, 8, 16, 32)
-#: Largest of the last two coefficients, and one that rounding makes of zero, relative to the sum of all; the largest
-#: that is taken for noise where it is as large at twice the degree.
-_RESOLVED, _ROUNDING, _NOISE = 4e-15, 4e-16, 1e-10
+#: Largest of the last two coefficients, and one that rounding makes of zero, relative to the sum of all.
+_RESOLVED, _ROUNDING = 4e-15, 4e-16
+#: The degree from which on rounding is looked for where a lower one has not sufficed.
+_LOOKED_FOR_FROM = 8
+#: Places at which it is looked at (of the range); how many neighbours of each, towards the middle, and how far from
+#: each other: beyond the teeth of what is rounded to a float, and what bends between them is far below rounding.
+_LOOKED_AT, _NEIGHBOURS, _APART = (0.0, 0.5, 1.0), 4, 1.3e-9
+#: Which differences of neighbours are rounding alone, and a coefficient of it relative to the largest of them.
+_ORDER, _NOISE = 3, 2.5
 #: Half the lengths of ranges about a place, relative to it.
 _AROUND = (1e-2, 1e-3, 1e-4, 1e-5)
 
@@ -41,6 +48,8 @@ class Polynomial:
         Entries that vary.
     coefficients : array, shape (degree + 1, k)
         Of their Chebyshev polynomials.
+    noise : array, shape (k,)
+        Rounding of them that is more than that of the result.
     """
 
     middle: float
@@ -48,6 +57,7 @@ class Polynomial:
     base: Array
     places: NDArray[np.intp]
     coefficients: Array
+    noise: Array
 
     def covers(self, x: float) -> bool:
         """Whether a place is within the range."""
@@ -93,7 +103,7 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     """
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     known: dict[float, Array] = {}
-    before = np.inf
+    noise: Array | None = None
     for degree in DEGREES:
         nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
         for k in range(degree + 1):
@@ -103,19 +113,53 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
                     return None
                 known[k / degree] = value
         rows = np.array([known[k / degree] for k in range(degree + 1)])
-        places = np.flatnonzero(np.any(rows != rows[0], axis=0))
-        # From their difference to one of them: what is the same at all places would leave its rounding.
-        c = _to_coefficients(degree) @ (rows[:, places] - rows[0, places])
-        c[0] += rows[0, places]
-        share = np.abs(c) / np.abs(c).sum(axis=0)
-        tail = share[-2:].max(axis=0)
-        worst = float(tail.max(initial=0.0))
-        if worst <= _RESOLVED or 0.1 * before < worst <= _NOISE:
-            # What is noise in the coefficients of an entry would count degree^2 times in its derivative.
-            noise = np.where(tail <= _RESOLVED, _ROUNDING, 4.0 * tail)
-            return Polynomial(middle, half, rows[0], places, np.where(share > noise, c, 0.0))
-        before = worst
+        if degree == DEGREES[0]:
+            coefficients = np.zeros((DEGREES[-1] + 1, rows.shape[1]))
+            is_open, left = np.ones(rows.shape[1], bool), np.zeros(rows.shape[1])
+        # An entry that is resolved stays as it is: of a higher degree its rounding counts more in the derivative.
+        places = np.flatnonzero(is_open & np.any(rows != rows[0], axis=0))
+        c, rough = _coefficients(rows[:, places], np.zeros(places.size))
+        if rough.any() and degree >= _LOOKED_FOR_FROM:
+            noise = _noise(function, known, middle, half) if noise is None else noise
+            left[places[rough]] = 0.0 if noise is None else noise[places[rough]]
+            c, rough = _coefficients(rows[:, places], left[places])
+        coefficients[: degree + 1, places[~rough]] = c[:, ~rough]
+        is_open[places[~rough]] = False
+        if not rough.any():
+            places = np.flatnonzero(~is_open)
+            return Polynomial(middle, half, rows[0], places, coefficients[: degree + 1, places], left[places])
     return None
+
+
+def _coefficients(rows: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Coefficients from values at Chebyshev's extrema, those of rounding zero; which entries they do not resolve."""
+    # From their difference to one of them: what is the same at all places would leave its rounding.
+    c = _to_coefficients(rows.shape[0] - 1) @ (rows - rows[0])
+    c[0] += rows[0]
+    size, tail = np.abs(c).sum(axis=0), np.abs(c[-2:]).max(axis=0)
+    # What is rounding in a coefficient would count degree^2 times in the derivative.
+    kept = np.abs(c) > _ROUNDING * size + noise
+    kept[0] = True
+    return np.where(kept, c, 0.0), tail > _RESOLVED * size + noise
+
+
+def _noise(
+    function: Callable[[float], Array | None], known: dict[float, Array], middle: float, half: float
+) -> Array | None:
+    """Rounding of each entry, shape (n,): what its changes between neighbours have besides slope and bend."""
+    # A sum that cancels keeps the rounding of its terms. No scale of other entries tells how large those were: entries
+    # have units of their own, and each state may be counted in another one.
+    spacing = _APART * (abs(middle) + half)
+    found = []
+    for key in _LOOKED_AT:
+        u = float(np.cos(np.pi * key))
+        near = [function(middle + half * u - np.copysign(k * spacing, u)) for k in range(1, _NEIGHBOURS + 1)]
+        values = [value for value in near if value is not None and value.size == known[key].size]
+        if len(values) < _NEIGHBOURS:
+            return None
+        found.append(np.abs(np.diff([known[key], *values], _ORDER, axis=0)).max(axis=0))
+    # Rounding is at all places. What is at one alone is a step of the function, which has no polynomial.
+    return np.asarray(_NOISE * np.median(found, axis=0), float)
 
 
 def polynomial_at(function: Callable[[float], Array | None], x: float, size: float) -> Polynomial | None:

@@ -203,7 +203,7 @@ def _stand_in(build: Callable[[float], HybridSystem], middle: float, half: float
     if found is None:
         return None
     limit = np.zeros(found.base.size)
-    limit[found.places] = _AGREEMENT * np.abs(found.coefficients).sum(axis=0)
+    limit[found.places] = _AGREEMENT * np.abs(found.coefficients).sum(axis=0) + found.noise
     for u, exact in zip(_CHECKED, checks, strict=True):
         if np.any(np.abs(found.at(middle + u * half) - _flat(exact)) > limit):
             return None

@@ -147,6 +147,7 @@ class Arcs:
         from eppanalysis.kernels.orbits.flow import Channels
 
         model = hybrid.model
+        _refuse_another_structure(hybrid, event_sequence, like)
         n, n_w = model.B.shape
         n_s, N, n_y = model.S.shape[1], n + model.K.shape[1], model.Yx.shape[0]
         p = event_sequence.guards.size
@@ -250,6 +251,20 @@ class Arcs:
             self, F=F, S=zeros, g=g, gs=np.zeros_like(self.gs), J=J, Y=Y, W=widen(self.W), n_timers=n_t,
             shift=widen(self.shift),
         )  # fmt: skip
+
+
+def _refuse_another_structure(hybrid: HybridSystem, event_sequence: EventSequence, like: Arcs | None) -> None:
+    """Raise where modes and guards, which are numbers of rows, name none of the system, or y has other places there."""
+    # Compiled code would read what lies behind the arrays.
+    model, modes, guards = hybrid.model, event_sequence.modes, event_sequence.guards
+    n, counts = model.A.shape[0], np.diff(model.mode_first)
+    known = modes.shape[1] == counts.size and np.all((modes >= 0) & (modes < counts))
+    known = known and np.all((guards >= -1) & (guards < model.guard_element.size))
+    if like is not None:
+        sizes = like.n_state, like.memory.stop - like.memory.start
+        known = known and sizes == (n, model.K.shape[1])
+    if not known:
+        raise ModelError("orbit: the loop changes its structure: it does not have the modes and events of the orbit.")
 
 
 def _constant_outputs(W: Array, outputs: IntArray) -> Array:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.delayed import DelayedMotion
 from eppanalysis.methods.orbits.guess import Guess, with_history
@@ -223,6 +224,8 @@ def evaluate(hybrid: HybridSystem, arcs: Arcs, y: Array, tau: Array) -> Orbit:
     from eppanalysis.kernels.orbits.flow import MOST_SERIES
     from eppanalysis.kernels.orbits.sweep import sweep
 
+    if y.size != arcs.size:
+        raise ModelError("orbit: the loop changes its structure: it has other states and memory values than the orbit.")
     p, N, m = arcs.n_arcs, arcs.size, arcs.free.size
     spend(_SWEEP + _ARC * p + _ENTRY * (m + p) ** 2)
     most = int(min(MOST_SERIES, 1.0 + left() / _SERIES))
@@ -311,7 +314,7 @@ def _lower(orbit: Orbit, step: Array, share: float) -> Orbit | None:
 
 
 def middle(orbit: Orbit, arc: int) -> Array:
-    """The vector y half-way along an arc."""
+    """The vector y half-way along an arc, where what sticks is exactly on its level."""
     if orbit.motion is not None:
         return np.asarray(orbit.motion.states(np.array([orbit.motion.marks[arc] - 0.5 * orbit.tau[arc]]))[0], float)
     from eppanalysis.kernels.orbits.signals import states_at
@@ -320,7 +323,23 @@ def middle(orbit: Orbit, arc: int) -> Array:
     y, marks = np.empty((1, arcs.size)), np.array([0.0, orbit.tau[arc]])
     channels = arcs.channels._replace(sense=arcs.channels.sense[one])
     states_at(channels, arcs.F[one], arcs.S[one], arcs.smooth[one], orbit.starts[one], marks, marks[1:] / 2, y)
+    _put_on_levels(orbit, arc, y[0])
     return y[0]
+
+
+def _put_on_levels(orbit: Orbit, arc: int, y: Array) -> None:
+    """Put the inputs of sticking elements exactly on their levels, as the engine does where they begin to stick."""
+    # A motion that is begun off a level by rounding breaks away with a speed of the wrong sign, and sticks again.
+    model, H = orbit.hybrid.model, y[orbit.arcs.memory]
+    rows = model.mode_first[:-1] + orbit.arcs.event_sequence.modes[arc]
+    for e in np.flatnonzero(model.mode_stick[rows]):
+        z, w = model.first[e, :2]
+        x, c, b = y[: model.A.shape[0]], model.C[z], model.B[:, w]
+        rest, acts = model.Kz[z] @ H - model.mode_level[rows[e]], np.flatnonzero(c)
+        if acts.size == 1:
+            x[acts] = -rest / c[acts]
+        else:
+            x -= b * (rest + c @ x) / (c @ b)
 
 
 def sample_arcs(orbit: Orbit, times: Array) -> Array:

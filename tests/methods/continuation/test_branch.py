@@ -127,6 +127,16 @@ def test_interpolated_system_is_the_system(name, low, high, at):
     np.testing.assert_allclose(one.x0, other.x0, rtol=1e-14)
 
 
+def test_an_orbit_that_sticks_is_followed_though_its_speed_is_rounding_of_zero():
+    """A speed of -1e-33 at breakaway sent the engine backward first: the branch ended at 0.52 kg, or at 0.97 kg."""
+    case = epp.case("pid_hunting")
+    branch = epp.continue_branch(case, "mass.mass", 0.5, 0.8, n_others=0)
+    assert branch.points["value"][[0, -1]] == pytest.approx([0.5, 0.8], rel=1e-12) and not branch.special
+    i = len(branch) // 2
+    run = epp.simulate(case.with_values({"mass.mass": float(branch.points["value"][i])}))
+    assert run.limit_cycle.period == pytest.approx(branch.points["period"][i], rel=1e-9)
+
+
 def test_change_of_structure_is_not_interpolated():
     case = epp.case("fig8a_original")
     # Without friction the loop has one element less.

@@ -1,0 +1,38 @@
+"""Numbers as polynomials of a parameter: derivatives of what is resolved, and what is rounding alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eppanalysis.polynomials import polynomial_at
+
+
+def _numbers(x):
+    return np.array([1.0 / x, np.sin(3.0 * x), (1e3 + x) - 1e3 - x, (x * x + 1e5) - 1e5 - x * x, 1e-9 * np.exp(x), 7.0])
+
+
+def _slopes(x):
+    return np.array([-1.0 / x**2, 3.0 * np.cos(3.0 * x), 0.0, 0.0, 1e-9 * np.exp(x), 0.0])
+
+
+@pytest.mark.parametrize("x", [0.7, 1.3, 2.9, 11.7])
+@pytest.mark.parametrize("power", [0, 3, -20, 20])
+def test_rounding_of_a_zero_has_no_slope_and_what_is_small_has_its_own(x, power):
+    # Units that are no powers of two: they round each number anew.
+    units = 10.0 ** (power * np.array([1, -1, 1, -1, -1, 1]))
+    found = polynomial_at(lambda v: units * _numbers(v), x, x)
+    np.testing.assert_allclose(found.slope(x) / units, _slopes(x), rtol=1e-11, atol=0.0)
+
+
+@pytest.mark.parametrize("jump", [1e-3, 1e-6, 1e-9])
+def test_a_step_at_the_value_is_not_taken_for_rounding(jump):
+    found = polynomial_at(lambda v: np.array([1.0 / v + (jump if v > 2.0 else 0.0)]), 2.0, 2.0)
+    # On one side of the step, where the function is smooth.
+    assert found.middle < 2.0
+    assert found.slope(2.0) == pytest.approx([-0.25], rel=1e-9)
+
+
+def test_what_is_rough_everywhere_has_no_polynomial():
+    assert polynomial_at(lambda v: np.array([np.sin(1e5 * v) + np.sin(1e7 * v)]), 2.0, 2.0) is None
+    assert polynomial_at(lambda v: np.array([np.round(1e7 * v)]), 2.0, 2.0) is None
