@@ -80,8 +80,8 @@ def branch(
     found = load_case(case, settings)
     for option, value in (("--from", start), ("--to", stop)):
         found.with_values({over: value}, option)
-    with progress(f"branch {found.name}"):
-        result = continue_branch(found, over, start, stop, n_points=points)
+    with progress(f"branch {found.name}") as advance:
+        result = continue_branch(found, over, start, stop, n_points=points, progress=advance)
     answer("branch", found, settings, as_json, result.to_dict, lambda: _show_branch(found, over, result))
     if output is not None:
         write_figure(result.plot(signal=found.expected.signal), output)

@@ -46,6 +46,7 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
+from eppanalysis.progress import Progress
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
@@ -71,6 +72,7 @@ def continue_branch(
     max_step: float = 0.02,
     n_simulated: int = 0,
     n_others: int = 3,
+    progress: Progress | None = None,
 ) -> Branch:
     """The branch of exact limit cycles over a parameter, stable and unstable, through its folds.
 
@@ -100,6 +102,8 @@ def continue_branch(
         Number of values, evenly over the range, at which the case is simulated for comparison.
     n_others : int
         At most so many branches besides; none where `cycle` or `origin` says which branch is wanted.
+    progress : callable, optional
+        Called with the number of points so far, None, and what is being done in words; of sampled loops alone.
 
     Returns
     -------
@@ -134,7 +138,7 @@ def continue_branch(
     if origin is not None and origin.point is None:
         raise EppError("continue_branch: cycles of doubled period are not followed in a loop with sampled controllers.")
     if is_sampled(case.to_system().elements):
-        branch = sampled_branch(case, parameter, (first, last), cycle, n_points, max_step)
+        branch = sampled_branch(case, parameter, (first, last), cycle, (n_points, max_step), progress)
     elif origin is None or origin.point is None:
         value, orbit = _seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:

@@ -4,13 +4,15 @@ A cycle that is locked to the samples is a fixed point of the map over its numbe
 from value to value. Where none is found the step is halved, until the border at which the cycle ceases to exist is
 known: there a switch meets a sample. Beyond it the branch goes on with the nearest cycle of as many samples, or of a
 neighbouring number; where there is none, a run and the search are asked. A cycle that is not locked has no exact orbit:
-it is carried by runs, each from the last one's state, as long as these stay near it.
+it is carried by runs, each from the last one's state, as long as these stay near it. Trials of these are judged by the
+period and the size of the run's last turn; only those that are kept are analysed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +31,16 @@ from eppanalysis.methods.orbits.samples.locked import (
     starts_on,
 )
 from eppanalysis.methods.search.find import find_limit_cycles, search_from
+from eppanalysis.methods.simulation.effort import Spent, allotted
+from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid, simulate
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.models.systems.starts import remembered
 from eppanalysis.models.systems.subject import CaseLike, facts_of
+from eppanalysis.progress import Progress
 from eppanalysis.readable import count
 from eppanalysis.results import SIMULATION, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
@@ -49,8 +56,10 @@ _BORDER, _BORDER_OF_RUNS = 1e-6, 2e-3
 #: either side, and starts on the last orbit for each, with their sizes.
 _BEYOND, _NEIGHBOURS, _STARTS = 1e-4, 5, 12
 _SIZES = (1.0, 0.8, 1.25)
-#: Turns of a run, and how often it is made three times as long.
-_TURNS, _LONGER = 12.0, 2
+#: Turns of a run, and of the one that goes on where that says nothing.
+_TURNS = (12.0, 24.0)
+#: Steps of the engine, and what is worth as many, after which a branch ends: a minute or two.
+_MOST_WORK = 6e7
 #: A multiplier as near to 1 as this at a border is that of a fold.
 _AT_FOLD = 0.02
 NOT_COVERED = (
@@ -72,7 +81,7 @@ class _Here:
 
     def locked(self, once: Round | None) -> _Point | None:
         """A point of a closed orbit."""
-        return None if once is None else _Point(self, locked_cycle(self.system, once), once)
+        return None if once is None else _Point(self, once)
 
     def carried(self, near: Round, n: int, sample: int = 0, size: float = 1.0) -> Round | None:
         """The orbit of n periods of the samples nearest to one at another value, begun at a sample of it, scaled."""
@@ -88,42 +97,98 @@ class _Here:
         found = close_locked(self.strobe, self.strobe.begun(x, row[N:], modes), n, near.motion)
         return found if found is not None and found.n == n else None
 
-    def searched(self, near: LimitCycle) -> _Point | None:
+    def searched(self, near: LimitCycle, progress: Progress | None) -> _Point | None:
         """The cycle that the search, which starts from one at another value, too, finds nearest to it."""
+
+        def alike(cycle: LimitCycle) -> bool:
+            return away(cycle, near) < np.log(2.0)
+
         try:
-            found = search_from(self.case, [near])
+            found = search_from(self.case, [near], alike, progress)
         except EppError:
             return None
-        likely = sorted((c for c in found if away(c, near) < np.log(2.0)), key=lambda c: away(c, near))
+        likely = sorted(filter(alike, found), key=lambda c: away(c, near))
         return next(_points_of(self, likely), None)
 
-    def by_run(self, cycle: LimitCycle) -> _Point | None:
+    def by_run(self, state: Array, memory: tuple[float | None, ...], period: float) -> _Point | None:
         """The cycle that a run from a state on another one ends on; None for none, and for rest."""
-        start, t = self.hybrid.begun(cycle.state, cycle.memory), _TURNS * cycle.period
-        for _ in range(_LONGER):
+        start = self.hybrid.begun(state, memory)
+        for turns in _TURNS:
+            t = turns * period
             most = self.strobe.samples_in(t) + 20_000
             run = run_hybrid(start, t, np.zeros(0), 2.0 * start.time_scale, most, most)
             status, found = judge(start, run, t)
-            if status is not Status.UNDECIDED:
+            if status is not Status.UNDECIDED or not self.strobe.every or self.strobe.forgets:
                 break
-            t *= 3.0
+            start = next(starts_on(self.strobe, run, 1, 1))
         if status is not Status.LIMIT_CYCLE:
             return None
         if not found[5] and not self.strobe.forgets:
             n = round(found[1] / self.strobe.period)
             return self.locked(close_locked(self.strobe, next(starts_on(self.strobe, run, n, 1)), n))
-        facts = Provenance("event-exact simulation", {"system": self.system.name})
-        seen = cycle_of_run(self.system, start, run, found, facts)
-        return None if seen is None else _Point(self, seen, None)
+        return _Point(self, _LastTurn(start, run, found))
+
+
+@dataclass(frozen=True, eq=False)
+class _LastTurn:
+    """What a run that is not locked to the samples came to: `found` is what its verdict says."""
+
+    start: HybridSystem
+    run: Run
+    found: Array
+
+    @property
+    def state(self) -> Array:
+        """Where the turn begins."""
+        return self.run.state[self._first, : self.start.n_plant]
+
+    @property
+    def memory(self) -> tuple[float | None, ...]:
+        """Of the elements, there."""
+        run = self.run
+        return remembered(self.start, run.state[self._first], run.memory_values[self._first], run.modes[self._first])
+
+    @property
+    def _first(self) -> int:
+        return int(self.run.order[-int(self.found[0]) - 1])
+
+    @cached_property
+    def extent(self) -> Array:
+        """Logarithms of its period and of how far each state moves."""
+        return extent_of(self.start.compared, self.run, self.found)
+
+    def away(self, other: _LastTurn) -> float:
+        """How far two are apart in period and sizes, as logarithms."""
+        apart = np.abs(self.extent - other.extent)
+        return float(apart[0] + np.median(apart[1:]))
+
+    def cycle(self, system: LureSystem) -> LimitCycle:
+        """The turn, analysed."""
+        facts = Provenance("event-exact simulation", {"system": system.name})
+        cycle = cycle_of_run(system, self.start, self.run, self.found, facts)
+        if cycle is None:
+            raise EppError("continue_branch: the last turn of a run could not be computed once more.")
+        return cycle
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A cycle at a value of the parameter; `once` is its orbit where it is locked to the samples."""
+    """A cycle at a value of the parameter: its orbit where it is locked to the samples, else the last turn of a run."""
 
     here: _Here
-    cycle: LimitCycle
-    once: Round | None
+    of: Round | _LastTurn
+
+    @property
+    def once(self) -> Round | None:
+        """The orbit, where it is locked to the samples."""
+        return self.of if isinstance(self.of, Round) else None
+
+    @cached_property
+    def cycle(self) -> LimitCycle:
+        """The cycle, analysed."""
+        return (
+            locked_cycle(self.here.system, self.of) if isinstance(self.of, Round) else self.of.cycle(self.here.system)
+        )
 
     @property
     def value(self) -> float:
@@ -142,23 +207,23 @@ class _Point:
 
     def next(self, here: _Here) -> _Point | None:
         """The same cycle at a value near; None where it is not there any more."""
-        if self.once is None:
-            found = here.by_run(self.cycle)
-            same = found is not None and found.once is None and away(found.cycle, self.cycle) < _MOVES_IN_RUNS
-            return found if same else None
-        once = here.carried(self.once, self.once.n)
-        return here.locked(once) if once is not None and _moved(self.once, once) < _MOVES else None
+        if isinstance(self.of, Round):
+            once = here.carried(self.of, self.of.n)
+            return here.locked(once) if once is not None and _moved(self.of, once) < _MOVES else None
+        found = here.by_run(self.of.state, self.of.memory, self.of.found[1])
+        near = found is not None and isinstance(found.of, _LastTurn) and found.of.away(self.of) < _MOVES_IN_RUNS
+        return found if near else None
 
-    def beyond(self, here: _Here) -> _Point | None:
+    def beyond(self, here: _Here, progress: Progress | None) -> _Point | None:
         """The cycle to go on with where this one ceased: of about as many samples, where a run ends, or searched."""
         if self.once is not None:
             for difference in range(_NEIGHBOURS + 1):
                 found = self._neighbour(here, difference)
                 if found is not None:
                     return found
-        found = here.by_run(self.cycle)
+        found = here.by_run(self.cycle.state, self.cycle.memory, self.cycle.period)
         near = found is not None and away(found.cycle, self.cycle) < np.log(2.0)
-        return found if near else here.searched(self.cycle)
+        return found if near else here.searched(self.cycle, progress)
 
     def _neighbour(self, here: _Here, difference: int) -> _Point | None:
         """The orbit of so many samples more or less that is the nearest in size."""
@@ -170,6 +235,22 @@ class _Point:
         found = [here.locked(once) for once in tried if once is not None]
         near = [p for p in found if p is not None and away(p.cycle, self.cycle) < np.log(2.0)]
         return min(near, key=lambda p: away(p.cycle, self.cycle), default=None)
+
+    def row(self) -> dict[str, float]:
+        """What the branch keeps of it."""
+        cycle = self.cycle
+        # Runs know no multipliers.
+        leading = float("nan") if self.once is None else float(np.max(np.abs(self.multipliers), initial=0.0))
+        return {
+            "value": self.value,
+            "period": cycle.period,
+            "frequency": cycle.frequency,
+            "stable": float(bool(cycle.stable)),
+            "multiplier": leading,
+            "residual": cycle.residual,
+            "samples": self.samples,
+            **cycle.peak_to_peak,
+        }
 
     def in_words(self) -> str:
         """How it stands to the samples."""
@@ -189,7 +270,10 @@ class _Walk:
     ends: tuple[float, float]
     n_points: int
     max_step: float
-    points: list[_Point] = field(default_factory=list)
+    tell: Callable[[int, float], None]
+    progress: Progress | None
+    last: _Point | None = None
+    rows: list[dict[str, float]] = field(default_factory=list)
     special: list[tuple[Change, _Point, str, int]] = field(default_factory=list)
 
     @property
@@ -199,20 +283,38 @@ class _Walk:
 
     def run(self, begin: _Point, stop: float) -> str:
         """From a cycle to an end of the range; why the branch ends."""
-        self.points = [begin]
-        while len(self.points) < self.n_points:
-            last = self.points[-1]
+        try:
+            with allotted(_MOST_WORK):
+                self._keep(begin)
+                return self._along(stop)
+        except Spent:
+            return f"stops when runs had taken {_MOST_WORK:.0e} steps (a narrower range or fewer points go farther)"
+
+    def _along(self, stop: float) -> str:
+        while len(self.rows) < self.n_points:
+            last = self.last
+            assert last is not None
             if last.value == stop:
                 return "leaves the range"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
-            here = self.at(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
+            here = self._asked(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
             new = last.next(here)
-            if new is None and not self._cross(last, here):
-                return "ends where no cycle near it continues it"
             if new is not None:
-                self._watch(last, new)
-                self.points.append(new)
+                self._keep(new)
+            elif not self._cross(last, here):
+                return "ends where no cycle near it continues it"
         return "stops at the number of points asked for"
+
+    def _asked(self, value: float) -> _Here:
+        self.tell(len(self.rows), value)
+        return self.at(value)
+
+    def _keep(self, point: _Point) -> None:
+        """Take a point into the branch: its numbers, for the signals over a slow cycle fill tens of megabytes."""
+        if self.last is not None:
+            self._watch(self.last, point)
+        self.rows.append(point.row())
+        self.last = point
 
     def _cross(self, last: _Point, here: _Here) -> bool:
         """Locate the border and go on behind it; whether there is something to go on with."""
@@ -221,24 +323,26 @@ class _Walk:
         # Where a switch meets a sample the cycle ceases without a sign in anything that Newton's method sees: its being
         # there is bisected (docs/theory/sampled.md, Over a parameter).
         while abs(outside.value - inside.value) > width:
-            middle = self.at(0.5 * (inside.value + outside.value))
+            middle = self._asked(0.5 * (inside.value + outside.value))
             found = inside.next(middle)
             inside, outside = (inside, middle) if found is None else (found, outside)
         if inside is not last:
-            self._watch(last, inside)
-            self.points.append(inside)
+            self._keep(inside)
         way = np.sign(outside.value - inside.value) * _BEYOND * self.width
-        new = inside.beyond(self.at(float(np.clip(outside.value + way, min(self.ends), max(self.ends)))))
+        new = inside.beyond(
+            self._asked(float(np.clip(outside.value + way, min(self.ends), max(self.ends)))), self.progress
+        )
         leading = np.min(np.abs(inside.multipliers - 1.0), initial=np.inf)
         fold = ": a multiplier comes to 1, as at a fold" if inside.once is not None and leading < _AT_FOLD else ""
         ceased = f"the cycle of {inside.in_words()} ceases to exist{fold}"
         if inside.once is None:
             ceased = "the cycle that is not locked to the samples is not there any more, or no longer stable"
         if new is None:
-            self.special.append((Change.END, inside, f"{ceased}; no cycle near it was found beyond", len(self.points)))
+            self.special.append((Change.END, inside, f"{ceased}; no cycle near it was found beyond", len(self.rows)))
             return False
-        self.special.append((Change.SAMPLES, inside, f"{ceased}; on with {new.in_words()}", len(self.points)))
-        self.points.append(new)
+        self.special.append((Change.SAMPLES, inside, f"{ceased}; on with {new.in_words()}", len(self.rows)))
+        self.rows.append(new.row())
+        self.last = new
         return True
 
     def _watch(self, old: _Point, new: _Point) -> None:
@@ -250,7 +354,7 @@ class _Walk:
         kind = Change.TORUS if abs(leading.imag) > 1e-9 else Change.BRANCH_POINT
         kind = Change.PERIOD_DOUBLING if kind is Change.BRANCH_POINT and leading.real < 0 else kind
         note = f"a multiplier leaves the unit circle ({kind}) between this orbit and the next"
-        self.special.append((kind, old, note, len(self.points)))
+        self.special.append((kind, old, note, len(self.rows)))
 
 
 def sampled_branch(
@@ -258,10 +362,10 @@ def sampled_branch(
     parameter: str,
     ends: tuple[float, float],
     cycle: LimitCycle | None,
-    n_points: int,
-    max_step: float,
+    most: tuple[int, float],
+    progress: Progress | None,
 ) -> Branch:
-    """The branch of a loop with sampled controllers; see ``continue_branch``."""
+    """The branch of a loop with sampled controllers, of so many points and steps at `most`; see ``continue_branch``."""
 
     def at(value: float) -> _Here:
         changed = case.with_values({parameter: value})
@@ -272,8 +376,12 @@ def sampled_branch(
             raise EppError(f"continue_branch: at {case.text(parameter, value)} nothing is sampled.")
         return _Here(float(value), changed, system, hybrid, strobe)
 
-    begin = _seed(case, parameter, at, ends, cycle)
-    walk = _Walk(at, ends, n_points, max_step)
+    def tell(done: int, value: float) -> None:
+        if progress is not None:
+            progress(done, None, f"{case.name}: {count(done, 'point')}, {parameter} = {case.text(parameter, value)}")
+
+    begin = _seed(case, parameter, at, ends, cycle, progress)
+    walk = _Walk(at, ends, *most, tell, progress)
     stop = ends[1] if begin.value == ends[0] else ends[0]
     why = walk.run(begin, stop)
     return _branch(case, parameter, walk, ("begins at the end of the range", why))
@@ -285,6 +393,7 @@ def _seed(
     at: Callable[[float], _Here],
     ends: tuple[float, float],
     cycle: LimitCycle | None,
+    progress: Progress | None,
 ) -> _Point:
     """A first cycle: near the one given, on which the case's own run ends at either end, or of a search there."""
     if cycle is not None:
@@ -299,7 +408,8 @@ def _seed(
         if begin is not None:
             return begin
     for value in ends[::-1]:
-        begin = next(_points_of(at(value), find_limit_cycles(case.with_values({parameter: value})).cycles), None)
+        found = find_limit_cycles(case.with_values({parameter: value}), progress=progress)
+        begin = next(_points_of(at(value), found.cycles), None)
         if begin is not None:
             return begin
     raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
@@ -312,24 +422,17 @@ def _points_of(here: _Here, cycles: Iterable[LimitCycle]) -> Iterator[_Point]:
         # What a run has found a run finds again, locked or not.
         known = rounds_near(here.hybrid, here.strobe, cycle) if closes and cycle.method != SIMULATION else ()
         found = next((p for p in map(here.locked, known) if p and away(p.cycle, cycle) < _MOVES_IN_RUNS), None)
-        found = found or here.by_run(cycle)
+        found = found or here.by_run(cycle.state, cycle.memory, cycle.period)
         if found is not None:
             yield found
 
 
 def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) -> Branch:
-    points, names = walk.points, walk.points[0].here.system.signals.names
-    data = {
-        "value": np.array([p.value for p in points]),
-        "period": np.array([p.cycle.period for p in points]),
-        "frequency": np.array([p.cycle.frequency for p in points]),
-        "stable": np.array([bool(p.cycle.stable) for p in points]),
-        "multiplier": np.array([float(np.max(np.abs(p.multipliers), initial=0.0)) for p in points]),
-        "residual": np.array([p.cycle.residual for p in points]),
-        "samples": np.array([p.samples for p in points]),
-    }
-    data["multiplier"][np.isnan(data["samples"])] = np.nan  # runs know none
-    data |= {name: np.array([p.cycle.peak_to_peak[name] for p in points]) for name in names}
+    begun = walk.last
+    assert begun is not None
+    names = begun.here.system.signals.names
+    data = {name: np.array([row[name] for row in walk.rows]) for name in walk.rows[0]}
+    data["stable"] = data["stable"] > 0.0
     special = tuple(SpecialPoint(kind, p.value, note, p.cycle, i) for kind, p, note, i in walk.special)
     left = gaps((min(walk.ends), max(walk.ends)), [(data["value"], ends)])
     missing = tuple(replace(gap, why=f"the branch {ends[1]}") for gap in left)
@@ -343,7 +446,7 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
         message=in_words(ends) + " It covers a part of the range asked for." * bool(missing),
         ends=ends,
         signals=tuple(names),
-        units=dict(points[0].cycle.units),
+        units=dict(begun.cycle.units),
         missing=missing,
         not_covered=NOT_COVERED,
         provenance=Provenance("branch of cycles of a sampled loop", {"limits": walk.ends}, case=facts_of(case)),

@@ -28,7 +28,7 @@ from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.methods.search.discrete import search_discrete
 from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
-from eppanalysis.methods.search.locked import search_locked
+from eppanalysis.methods.search.locked import Enough, search_locked, search_near
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
@@ -38,7 +38,7 @@ from eppanalysis.models.systems.hybrid import DELAY_LINE
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.models.systems.sampled.strobe import Strobe
+from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
 from eppanalysis.readable import count
@@ -104,11 +104,22 @@ def find_limit_cycles(
     >>> [(round(c.period, 8), c.stable) for c in epp.find_limit_cycles(loop)]
     [(8.25509713, False), (6.3277966, True)]
     """
-    system, at = standing(system, operating_point, "find_limit_cycles")
+    return _found(*standing(system, operating_point, "find_limit_cycles"), by_balance, predicted, progress)
+
+
+def _found(
+    system: LureSystem,
+    at: OperatingPoint,
+    by_balance: bool = True,
+    predicted: Sequence[LimitCycle] | None = None,
+    progress: Progress | None = None,
+    enough: Enough | None = None,
+) -> CycleSearch:
+    """See ``find_limit_cycles`` and ``search_from``."""
     if (apart := in_states_of_its_own(system)) is not None:
         given = None if predicted is None else [apart.asked(cycle) for cycle in predicted]
-        found = find_limit_cycles(apart.system, at, by_balance=by_balance, predicted=given, progress=progress)
-        return _told(found, apart)
+        wanted = None if enough is None else lambda cycle: enough(apart.told(cycle))
+        return _told(_found(apart.system, at, by_balance, given, progress, wanted), apart)
     if system.time_step:
         return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted, progress)
     hybrid = steady_hybrid(system, at)
@@ -116,7 +127,7 @@ def find_limit_cycles(
     for cycle in seeds:
         cycle.require_state(hybrid.n_plant)
     if (strobe := Strobe.of(hybrid)) is not None:
-        return search_locked(system, hybrid, strobe, at, seeds, progress)
+        return search_locked(system, hybrid, strobe, at, seeds, progress, enough)
     if seeds and not np.any(poles(system.A)):
         # Integrators alone have no time scale of their own: steps of a second would never end on a slow cycle.
         hybrid = replace(hybrid, time_scale=min(c.period for c in seeds) / 20.0)
@@ -147,13 +158,22 @@ def _told(found: CycleSearch, apart: OtherStates) -> CycleSearch:
     return replace(found, cycles=cycles, unclosed=unclosed, rest_state=apart.state(found.rest_state))
 
 
-def search_from(system: LureSystem | CaseLike, known: Sequence[LimitCycle]) -> CycleSearch:
-    """The search for all limit cycles, begun also from cycles that are known at another value of a parameter."""
-    try:
-        predicted = predicted_cycles(system)
-    except ModelError:  # an element without a describing function
-        predicted = ()
-    return find_limit_cycles(system, predicted=[*predicted, *known])
+def search_from(
+    system: LureSystem | CaseLike,
+    known: Sequence[LimitCycle],
+    enough: Enough | None = None,
+    progress: Progress | None = None,
+) -> CycleSearch:
+    """The search for all limit cycles, begun also from cycles that are known at another value of a parameter.
+
+    In a loop with sampled controllers it ends at the first cycle that is `enough`, and those known come first.
+    """
+    loop, at = standing(system, None, "find_limit_cycles")
+    if enough is not None and known and is_sampled(loop.elements):
+        near = search_near(loop, steady_hybrid(loop, at), at, known, enough)
+        if near is not None:
+            return near
+    return _found(loop, at, predicted=[*_predictions(loop, at), *known], progress=progress, enough=enough)
 
 
 def _made_by(system: LureSystem, counts: dict[str, float]) -> Provenance:

@@ -7,7 +7,7 @@ all numbers of samples near are sought by Newton's method, stable and unstable: 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from eppanalysis.methods.search.reach import reach_of_elements
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.kept import Run
+from eppanalysis.methods.simulation.samples import extent_of
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, run_hybrid
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.linear import poles
@@ -40,6 +41,8 @@ from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
+#: Whether a cycle that was found is all that is wanted.
+Enough = Callable[[LimitCycle], bool]
 
 #: Factors on a predicted oscillation, or on the distance of the start from rest, at which runs are started.
 _SCALES = (0.1, 0.3, 0.6, 1.0, 1.6, 3.0)
@@ -63,6 +66,7 @@ class _Search:
     strobe: Strobe
     predicted: Sequence[LimitCycle]
     progress: Progress | None = None
+    enough: Enough | None = None
     rounds: list[Round] = field(default_factory=list)
     others: list[LimitCycle] = field(default_factory=list)
     extents: list[Array] = field(default_factory=list)
@@ -70,6 +74,7 @@ class _Search:
     lengths: set[int] = field(default_factory=set)
     rest: Array = field(default_factory=lambda: np.zeros(0))
     ended: bool = False
+    stopped: bool = False
 
     def run_all(self) -> None:
         """Runs, then orbits of other numbers of samples."""
@@ -78,10 +83,23 @@ class _Search:
                 starts = self._starts()
                 for k, start in enumerate(starts):
                     self._say(k, len(starts), f"run {k + 1} of {len(starts)}")
-                    self.ends[self._end_of(start)] += 1
+                    if self.suffices(start):
+                        return
                 self._seek()
         except Spent:
             self.ended = True
+
+    def suffices(self, start: HybridSystem) -> bool:
+        """Whether a run from a start ends on a cycle that is all that is wanted."""
+        before = len(self.rounds) + len(self.others)
+        self.ends[self._end_of(start)] += 1
+        new = len(self.rounds) + len(self.others) > before
+        self.stopped = new and self.enough is not None and any(map(self.enough, self.cycles()))
+        return self.stopped
+
+    def cycles(self) -> list[LimitCycle]:
+        """Those found."""
+        return [*(locked_cycle(self.system, o) for o in self.rounds), *self.others]
 
     def _say(self, done: int, of: int | None, doing: str) -> None:
         if self.progress is not None:
@@ -151,7 +169,7 @@ class _Search:
             self._add(orbit)
             return End.CYCLE
         # The period of a slow cycle has ten thousand samples: its harmonics take ten times as long as the run.
-        extent = self._extent(run, found)
+        extent = extent_of(self.hybrid.compared, run, found)
         if any(np.abs(extent[0] - known[0]) + np.abs(extent - known)[1:].max() < _ALIKE for known in self.extents):
             return End.OF_RUNS
         facts = Provenance("event-exact simulation", {"system": self.system.name})
@@ -162,11 +180,6 @@ class _Search:
         if not any(away(cycle, known) < _ALIKE for known in self.others):
             self.others.append(cycle)
         return End.OF_RUNS
-
-    def _extent(self, run: Run, found: Array) -> Array:
-        """Logarithms of the period of a run's cycle and of how far each state moves in it, shape (1 + compared,)."""
-        moved = np.ptp(run.state[run.order[-int(found[0]) - 1 :]][:, self.hybrid.compared], axis=0)
-        return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
 
     def _add(self, orbit: Round) -> None:
         if not any(same_round(known, orbit) for known in self.rounds):
@@ -224,7 +237,8 @@ class _Search:
                 " Cycles that are not locked to the samples, and those through a dead time, are listed as runs have "
                 "them, stable ones only."
             )
-        return text + " The search ended before it had come to its end." * self.ended
+        text += " The search ended before it had come to its end." * self.ended
+        return text + " It ended at the first cycle that was enough." * self.stopped
 
 
 def search_locked(
@@ -234,12 +248,29 @@ def search_locked(
     at: OperatingPoint,
     predicted: Sequence[LimitCycle],
     progress: Progress | None = None,
+    enough: Enough | None = None,
 ) -> CycleSearch:
-    """All cycles of a loop with sampled controllers that runs and predictions lead to."""
-    search = _Search(system, hybrid, strobe, predicted, progress)
+    """All cycles of a loop with sampled controllers that runs and predictions lead to, or the first that is enough."""
+    search = _Search(system, hybrid, strobe, predicted, progress, enough)
     search.run_all()
-    cycles = [*(locked_cycle(system, o) for o in search.rounds), *search.others]
-    unclosed = not_among(cycles, predicted)
+    return _result(search, at)
+
+
+def search_near(
+    system: LureSystem, hybrid: HybridSystem, at: OperatingPoint, known: Sequence[LimitCycle], enough: Enough
+) -> CycleSearch | None:
+    """What runs from cycles that are known at another value end on, where one of these is enough; else None."""
+    strobe = Strobe.of(hybrid)
+    assert strobe is not None
+    search = _Search(system, hybrid, strobe, known, enough=enough)
+    found = any(search.suffices(hybrid.begun(cycle.state, cycle.memory)) for cycle in known)
+    return _result(search, at) if found else None
+
+
+def _result(search: _Search, at: OperatingPoint) -> CycleSearch:
+    system = search.system
+    cycles = search.cycles()
+    unclosed = () if search.stopped else not_among(cycles, search.predicted)
     name, open_runs = system.signals.names[0], search.ends[End.UNDECIDED]
     left = [undecided(open_runs)] * bool(open_runs) + ["the search took too many steps"] * search.ended
     if used_up := search.ends[End.OUT_OF_EVENTS]:

@@ -18,11 +18,16 @@ from eppanalysis.errors import EppError
 
 Array = NDArray[np.float64]
 
-N_NODES = 16
 N_HARMONICS = 25
 _TRIED = 4
-#: Pieces of a period to begin with (so many that every harmonic varies moderately on each), and most of them.
-_FEWEST, _MOST = 32, 6000
+#: Nodes on a piece, points of the grid on which its extrema are looked for, and each how many of these the waveform
+#: has; and the same for periods of so many pieces that each is short (a slow cycle between thousands of samples).
+_USUAL, _SHORT, _MANY = (16, 33, 4), (8, 9, 1), 1000
+#: Times at which harmonics are summed at once.
+_BLOCK = 16_000
+#: Pieces of a period to begin with (so many that every harmonic varies moderately on each), most of them, and how many
+#: times as many as the events ask for.
+_FEWEST, _MOST, _MORE = 32, 6000, 1.5
 _ROUNDS = 14
 #: Tails of the Legendre series, relative to the range of the signal: resolved, and where rounding may begin to show.
 _RESOLVED, _ROUNDING = 1e-12, 1e-9
@@ -71,10 +76,10 @@ def analyse_period(
             f"A period from {marks[0]:.17g} to {marks[-1]:.17g} s has no length; expected one beyond rounding."
         )
     pieces, before = _Pieces.cut(corners, max(time_scale, 1e-5 * period), period / _FEWEST), None
-    values = _whole(sample, pieces.times)
+    values, most = _whole(sample, pieces.times), max(_MOST, _MORE * pieces.size.size)
     for _ in range(_ROUNDS):
         coarse, before = pieces.unresolved(values, before)
-        if not np.any(coarse) or pieces.size.size + np.sum(coarse) > _MOST:
+        if not np.any(coarse) or pieces.size.size + np.sum(coarse) > most:
             break
         pieces, before = pieces.halved(coarse, before)
         values = _whole(sample, pieces.times)
@@ -110,6 +115,8 @@ class _Pieces:
 
     start: Array
     size: Array
+    #: `_USUAL` or `_SHORT`.
+    rule: tuple[int, int, int]
 
     @classmethod
     def cut(cls, corners: Array, first: float, longest: float) -> _Pieces:
@@ -123,18 +130,23 @@ class _Pieces:
         number = np.arange(gap.size) - np.repeat(np.cumsum(rest - 1) - (rest - 1), rest - 1) + 1
         even = (begin + grown)[gap] + number * ((length - grown) / rest)[gap]
         all_marks = np.sort(np.concatenate([corners, (begin[:, None] + growing)[short], even]))
-        return cls(all_marks[:-1], np.diff(all_marks))
+        return cls(all_marks[:-1], np.diff(all_marks), _USUAL if all_marks.size < _MANY else _SHORT)
 
     @property
     def times(self) -> Array:
-        """Sample times [s], increasing, shape (pieces * N_NODES,)."""
-        nodes = _rule()[0]
+        """Sample times [s], increasing, shape (pieces * nodes,)."""
+        nodes = _rule(self.rule[0])[0]
         return (self.start[:, None] + self.size[:, None] * (nodes + 1) / 2).ravel()
 
     def coefficients(self, values: Array, first: int = 0) -> Array:
-        """Legendre coefficients from degree `first` on of signals (s, pieces * N_NODES), shape (s, pieces, degrees)."""
-        # einsum, not BLAS: its threads cost far more than these small products.
-        return np.einsum("spj,kj->spk", values.reshape(len(values), -1, N_NODES), _rule()[2][first:])
+        """Legendre coefficients from degree `first` on of signals (s, pieces * nodes), shape (s, pieces, degrees)."""
+        n = self.rule[0]
+        return self.product(values.reshape(len(values), -1, n), _rule(n)[2][first:])
+
+    def product(self, c: Array, matrix: Array) -> Array:
+        """The last axis of c, shape (s, pieces, j), through a matrix, shape (k, j)."""
+        # Not BLAS where it is small: threads cost far more than these products then.
+        return np.einsum("spj,kj->spk", c, matrix) if self.rule is _USUAL else np.asarray(c @ matrix.T)
 
     def unresolved(self, values: Array, before: Array | None) -> tuple[NDArray[np.bool_], Array]:
         """Pieces on which some signal's last coefficients are neither near rounding of its range nor rounding.
@@ -142,7 +154,7 @@ class _Pieces:
         `before` are the largest tails of the pieces from which these come: where halving no longer shrinks a small
         tail, it is rounding. Returns the tails of these pieces too.
         """
-        tails = np.abs(self.coefficients(values, N_NODES - 2)).max(axis=2)
+        tails = np.abs(self.coefficients(values, self.rule[0] - 2)).max(axis=2)
         low, high = values.min(axis=1), values.max(axis=1)
         size = np.maximum(high - low, 1e-6 * np.maximum(high, -low))[:, None]
         tail = np.max(tails / np.where(size > 0, size, 1.0), axis=0)
@@ -158,58 +170,66 @@ class _Pieces:
         start = np.repeat(self.start, count)
         second = np.cumsum(count)[coarse] - 1
         start[second] += size[second]
-        return _Pieces(start, size), np.repeat(np.where(coarse, tail, np.inf), count)
+        return _Pieces(start, size, self.rule), np.repeat(np.where(coarse, tail, np.inf), count)
 
     def analyse(self, names: Sequence[str], values: Array) -> PeriodShape:
-        """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces * N_NODES)."""
+        """Mean, peak-to-peak, harmonics and waveform of signals at `times`, shape (s, pieces * nodes)."""
         begin, period = float(self.start[0]), float(self.size.sum())
-        w = (self.size[:, None] * _rule()[1] / 2).ravel() / period
-        grid, on_grid = _grid()
+        n, points, each = self.rule
+        w = (self.size[:, None] * _rule(n)[1] / 2).ravel() / period
+        grid, on_grid = _grid(n, points)
         turn = np.exp(-2j * np.pi * (self.times - begin) / period)
-        phases = np.empty((N_HARMONICS + 1, turn.size), complex)
-        phases[0] = w
-        for k in range(N_HARMONICS):
-            np.multiply(phases[k], turn, out=phases[k + 1])
-        series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), values) + 0j
-        series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), values)
+        parts = [slice(i, i + _BLOCK) for i in range(0, w.size, _BLOCK)]
+        series = np.sum([_harmonics(w[part], turn[part], values[:, part]) for part in parts], axis=0)
         series[:, 0] /= 2.0
         c = self.coefficients(values)
-        fine = np.einsum("sij,kj->sik", c, on_grid)
+        fine = self.product(c, on_grid)
         mean = series[:, 0].real
-        fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:4] + 1) / 2).ravel()
+        fine_t = (self.start[:, None] - begin + self.size[:, None] * (grid[:-1:each] + 1) / 2).ravel()
         rms = np.sqrt((values - mean[:, None]) ** 2 @ w)
         return PeriodShape(
             dict(zip(names, mean.tolist(), strict=True)),
             dict(zip(names, _spans(c, fine, grid).tolist(), strict=True)),
             dict(zip(names, series, strict=True)),
             fine_t,
-            {name: y[:, :-1:4].ravel() for name, y in zip(names, fine, strict=True)},
+            {name: y[:, :-1:each].ravel() for name, y in zip(names, fine, strict=True)},
             dict(zip(names, rms.tolist(), strict=True)),
         )
 
 
+def _harmonics(w: Array, turn: NDArray[np.complex128], values: Array) -> NDArray[np.complex128]:
+    """What some times add to twice the Fourier coefficients of signals (s, nt), shape (s, N_HARMONICS + 1)."""
+    phases = np.empty((N_HARMONICS + 1, turn.size), complex)
+    phases[0] = w
+    for k in range(N_HARMONICS):
+        np.multiply(phases[k], turn, out=phases[k + 1])
+    series = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.real), values) + 0j
+    series.imag = 2.0 * np.einsum("kt,st->sk", np.ascontiguousarray(phases.imag), values)
+    return series
+
+
 @cache
-def _rule() -> tuple[Array, Array, Array]:
+def _rule(n: int) -> tuple[Array, Array, Array]:
     """Nodes and weights, and the matrix from samples to Legendre coefficients; Gauss quadrature is exact for them."""
-    nodes, weights = legendre.leggauss(N_NODES)
-    degrees = np.arange(N_NODES)
-    values = legendre.legvander(nodes, N_NODES - 1)
+    nodes, weights = legendre.leggauss(n)
+    degrees = np.arange(n)
+    values = legendre.legvander(nodes, n - 1)
     return nodes, weights, (values * weights[:, None]).T * (2 * degrees[:, None] + 1) / 2
 
 
 @cache
-def _grid() -> tuple[Array, Array]:
+def _grid(n: int, points: int) -> tuple[Array, Array]:
     """Fine grid on a piece, with the Legendre polynomials there."""
-    grid: Array = np.linspace(-1.0, 1.0, 33)
-    return grid, np.asarray(legendre.legvander(grid, N_NODES - 1), float)
+    grid: Array = np.linspace(-1.0, 1.0, points)
+    return grid, np.asarray(legendre.legvander(grid, n - 1), float)
 
 
 @cache
-def _derivatives() -> tuple[Array, Array]:
+def _derivatives(n: int) -> tuple[Array, Array]:
     """Matrices from Legendre coefficients to those of the first and the second derivative in powers."""
-    powers = np.zeros((N_NODES, N_NODES))
-    for k in range(N_NODES):
-        powers[k, : k + 1] = legendre.leg2poly(np.eye(N_NODES)[k, : k + 1])
+    powers = np.zeros((n, n))
+    for k in range(n):
+        powers[k, : k + 1] = legendre.leg2poly(np.eye(n)[k, : k + 1])
     one, two = (polynomial.polyder(powers, order, axis=1) for order in (1, 2))
     return np.asarray(one, float), np.asarray(two, float)
 
@@ -218,20 +238,20 @@ def _spans(c: Array, fine: Array, grid: Array) -> Array:
     """Greatest less least value of each signal, shape (signals,): the best grid values, each refined by Newton.
 
     The best grid value may stand at the end of a piece with the extremum just inside the next one: several of the
-    best pieces are tried. `c` are Legendre coefficients, shape (signals, pieces, N_NODES), `fine` values on the grid.
+    best pieces are tried. `c` are Legendre coefficients, shape (signals, pieces, nodes), `fine` values on the grid.
     """
-    n = len(c)
+    n, nodes = len(c), c.shape[2]
     # A least value is the greatest of the mirror image.
     sign = np.repeat([1.0, -1.0], n)[:, None, None]
     best = np.argsort(np.concatenate([fine.max(axis=2), -fine.min(axis=2)]), axis=1)[:, -_TRIED:]
     rows = np.arange(2 * n)[:, None] % n
     c, fine = sign * c[rows, best], sign * fine[rows, best]
-    slope, bend = (np.einsum("spj,jk->spk", c, matrix) for matrix in _derivatives())
+    slope, bend = (np.einsum("spj,jk->spk", c, matrix) for matrix in _derivatives(nodes))
     u = grid[np.argmax(fine, axis=2)]
-    powers = np.ones((*u.shape, N_NODES - 1))
+    powers = np.ones((*u.shape, nodes - 1))
     for _ in range(8):
         # Powers tell the place well enough, for at an extremum the value hardly depends on it.
-        np.cumprod(np.broadcast_to(u[..., None], (*u.shape, N_NODES - 2)), axis=-1, out=powers[..., 1:])
+        np.cumprod(np.broadcast_to(u[..., None], (*u.shape, nodes - 2)), axis=-1, out=powers[..., 1:])
         rate = np.einsum("spj,spj->sp", powers, slope)
         curvature = np.einsum("spj,spj->sp", powers[..., :-1], bend)
         turns = curvature < 0
@@ -240,6 +260,6 @@ def _spans(c: Array, fine: Array, grid: Array) -> Array:
         old, u = u, np.where(turns, np.clip(u - rate / np.where(turns, curvature, 1.0), -1.0, 1.0), u)
         if np.max(np.abs(u - old)) < 1e-9:
             break
-    refined = np.einsum("spj,spj->sp", legendre.legvander(u, N_NODES - 1), c)
+    refined = np.einsum("spj,spj->sp", legendre.legvander(u, nodes - 1), c)
     greatest = np.maximum(fine.max(axis=(1, 2)), refined.max(axis=1))
     return np.asarray(greatest[:n] + greatest[n:], float)

@@ -85,6 +85,12 @@ def judge_samples(strobe: Strobe, run: Run, t_end: float) -> tuple[Status, Array
     return Status.LIMIT_CYCLE, found
 
 
+def extent_of(compared: NDArray[np.bool_], run: Run, found: Array) -> Array:
+    """Logarithms of the period of a run's cycle and of how far each state moves in it, shape (1 + compared,)."""
+    moved = np.ptp(run.state[run.order[-int(found[0]) - 1 :]][:, compared], axis=0)
+    return np.log(np.maximum([found[1], *moved], np.finfo(float).tiny))
+
+
 def locked_or_not(strobe: Strobe, found: Array) -> str:
     """How a cycle stands to the samples, in words."""
     n, sample_time = round(found[1] / strobe.period) * strobe.every if strobe.every else 0, _slowest(strobe)
