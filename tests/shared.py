@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
@@ -19,6 +20,19 @@ def said_above(figure: Figure) -> tuple[str, str]:
 def predicted(name: str) -> epp.Prediction:
     """What first order predicts for a shipped case."""
     return epp.predict_limit_cycles(epp.case(name))
+
+
+def of_unknown_response() -> epp.Case:
+    """The relay loop of a shipped case, but its relay reads two more signals: it has no describing function."""
+    loop = epp.case("relay_ideal_khalil79").to_system()
+    build = epp.AutomatonBuilder(n_inputs=3)
+    low, high = build.mode("low", constant=-1.0), build.mode("high", constant=1.0)
+    build.guard("rises", low, high, on_input=1.0)
+    build.guard("falls", high, low, on_input=-1.0)
+    relay, C = epp.AutomatonElement(build.build()), np.vstack([loop.C, np.zeros((2, len(loop.A)))])
+    return epp.Case.from_system(
+        epp.LureSystem.build(loop.A, loop.B, C, [relay], x0=loop.x0), "three_signals", t_end=99.0
+    )
 
 
 @cache

@@ -20,7 +20,7 @@ from eppanalysis.plotting import _lines
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
-from tests.shared import said_above
+from tests.shared import of_unknown_response, said_above
 from tests.synthetic import cycle, prediction, prediction_of_several, trajectory
 
 
@@ -175,7 +175,7 @@ def test_angles_are_in_degrees_in_the_ladder():
 
 
 def test_ladder_without_prediction_says_so():
-    figure = plot_ladder(epp.ladder(epp.case("two_mass_damped_shaft")))
+    figure = plot_ladder(epp.ladder(of_unknown_response()))
     assert [text.get_text() for text in figure.axes[-1].texts] == ["no describing function"]
 
 

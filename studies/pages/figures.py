@@ -63,6 +63,7 @@ def drawings() -> dict[str, Drawing]:
     lbf, degree = 4.4482216152605, np.pi / 180.0
     bands = {"slack": 1.25 * lbf, "low": 2.4 * lbf, "high": 2.6 * lbf, "max": 3.75 * lbf, "supply_voltage": 16.0}
     pin = {"gap": 2.5 * degree, "stiffness": 1000.0, "damping": 3.0}
+    slow = {"damping": 40.0}
     cable = {"harness_stiffness": 8381.6, "forearm_stiffness": 33526.3, "friction": 0.0447}
     return {
         "saturation": Drawing({"symmetric": epp.Saturation(), "upper limit 0.5": epp.Saturation(upper=0.5)}, 2.0, 6.0),
@@ -183,6 +184,13 @@ def drawings() -> dict[str, Drawing]:
             1.5,
             4.0,
         ),
+        "nordin_shaft": Drawing(
+            {"damped shaft": epp.NordinShaft(**pin | slow), "contact only pushes": epp.LockPin(**pin | slow)},
+            1.6 * degree,
+            5.0 * degree,
+            omega=60.0,
+            names=("twist [rad]", "torque [N m]"),
+        ),
         "lock_pin": Drawing(
             {
                 "contact only pushes": epp.LockPin(**pin),
@@ -200,6 +208,8 @@ def loop_of(element: epp.Nonlinearity, drawing: Drawing, n: int = 4000) -> tuple
     """One steady period of input and (first) output, by stepping the element's own map along the sine."""
     if element.inside is not None:
         return _loop_of_states(element, drawing, n)
+    if isinstance(element, epp.NordinShaft):
+        return _loop_of_contact(element, drawing, n)
     phase = np.linspace(0.0, 4.0 * np.pi, 2 * n + 1)
     x = drawing.bias + drawing.amplitude * np.sin(phase)
     rate = drawing.amplitude * drawing.omega * np.cos(phase)
@@ -221,6 +231,17 @@ def _loop_of_states(element: epp.Nonlinearity, drawing: Drawing, n: int) -> tupl
     times = period * (5.0 + np.linspace(0.0, 1.0, n + 1))
     run = epp.simulate(alone, epp.inputs.Sine(drawing.amplitude, 1.0 / period), t_end=float(times[-1]), t_eval=times)
     return drawing.amplitude * np.sin(drawing.omega * times), run.signals[alone.signals.names[1]]
+
+
+def _loop_of_contact(shaft: epp.NordinShaft, drawing: Drawing, n: int) -> tuple[Array, Array]:
+    """The same of a shaft whose twist is that of an oscillator: its contact angle has settled after a few periods."""
+    A, B = np.zeros((3, 3)), np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    A[0, 1], A[1, 0] = drawing.omega, -drawing.omega
+    C = np.array([[1.0, 0.0, 0.0], [0.0, drawing.omega, 0.0], [0.0, 0.0, 1.0]])
+    turning = epp.LureSystem.build(A, B, C, [shaft], x0=[0.0, drawing.amplitude, 0.0])
+    times = 2.0 * np.pi / drawing.omega * (5.0 + np.linspace(0.0, 1.0, n + 1))
+    run = epp.simulate(turning, t_end=float(times[-1]), t_eval=times)
+    return drawing.amplitude * np.sin(drawing.omega * times), run.signals[turning.signals.names[1]]
 
 
 def draw_element(drawing: Drawing) -> Figure:

@@ -25,6 +25,7 @@ from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_cur
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, search_one
 from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
+from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.methods.margins.margins import margins
 from eppanalysis.models.systems.lure import LureSystem
@@ -39,6 +40,8 @@ from eppanalysis.results.provenance import Provenance
 
 #: Relative residual of the balance up to which a cycle is one.
 _RESIDUAL = 1e-9
+#: Share below which a part of an input is rounding, as in coordinates that were turned.
+_SAME = 1e-9
 
 
 class Deferred(Mapping[str, Any]):
@@ -145,6 +148,7 @@ def _balanced(
     if (other := without_held_states(own)) is not None:
         balance, found, points, estimates, cycles = _balanced(other.system, at)
         return balance, found, points, estimates, tuple(map(other.told, cycles))
+    _require_rates(own)
     loop, coordinates = averaged(own).with_integrators_apart
     if not loop.elements:
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")
@@ -155,6 +159,24 @@ def _balanced(
         if isinstance(loop, AveragedSystem):
             cycles = tuple(of_samples(loop, c) for c in cycles)
     return balance, found, points, estimates, cycles
+
+
+def _require_rates(system: LureSystem) -> None:
+    """Refuse an element whose describing function takes its inputs for another motion than they have."""
+    if system.time_step:
+        return
+    for name, e, z, w in zip(
+        system.element_names, system.elements, system.input_slices, system.output_slices, strict=True
+    ):
+        if e.reads_rate and role_of_input(system, z.start, z.start + 1) != "rate":
+            what = f"{system.name}: the second input of {name} is not the rate of its first"
+            raise ModelError(what, expected="that rate for first order; or a search, a run or the exact orbit")
+        if "contact" in e.input_ports:
+            c, own = system.C[z.stop - 1], np.eye(1, system.B.shape[1], w.stop - 1)[0]
+            drifts = np.abs(c @ system.A).max() / np.abs(system.A).max()
+            if max(drifts, np.abs(c @ system.B - own).max()) > _SAME * np.abs(c).max():
+                what = f"{system.name}: the contact angle of {name} is not the integral of its contact rate"
+                raise ModelError(what, expected="that integral for first order")
 
 
 def is_one_loop(system: LureSystem) -> bool:

@@ -10,7 +10,6 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.elements.result import ElementCheck
 from eppanalysis.methods.elements.rules import Rules
 from eppanalysis.models.elements.base import Nonlinearity
-from eppanalysis.models.elements.own import AutomatonElement
 from eppanalysis.results import Status
 from eppanalysis.results.provenance import Provenance
 
@@ -84,8 +83,7 @@ def check_element(
     if sizes.ndim != 1 or not np.all(np.isfinite(sizes) & (sizes > 0.0)):
         raise EppError("check_element: amplitudes are not a list of positive numbers; expected such a list.")
     automaton = element.automaton()
-    own = type(element) is AutomatonElement and element.own_states is None
-    rules = Rules(automaton, automaton.n_inputs == 2 and (own or element.input_ports[1:2] == ("rate",)))
+    rules = Rules(automaton, automaton.n_inputs == 2 and element.reads_rate)
     findings = tuple(rules.examine())
     said = [] if rules.complete else [_UNDECIDED]
     try:

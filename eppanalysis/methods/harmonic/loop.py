@@ -68,7 +68,7 @@ class Loop:
     def with_means(cls, system: LureSystem, static: StaticBalance, value: Array | None = None) -> Loop:
         """The loop with its static balance (`value` is only needed to go from named signals to inputs)."""
         elements = tuple(
-            PeriodicElement.of(e, tuple(_role(system, z.start, i) for i in range(z.start, z.stop)))
+            PeriodicElement.of(e, tuple(role_of_input(system, z.start, i) for i in range(z.start, z.stop)))
             for e, z in zip(system.elements, system.input_slices, strict=True)
         )
         given = np.array(system.v0, float) if value is None else value
@@ -224,7 +224,7 @@ class Place:
         return J
 
 
-def _role(system: LureSystem, first: int, row: int) -> str:
+def role_of_input(system: LureSystem, first: int, row: int) -> str:
     """Role of an input of an element whose first input is in row `first`: "free", "rate" of the first, or "clock"."""
     if row == first or system.time_step:
         return "free"

@@ -348,6 +348,11 @@ class Nonlinearity(ABC):
         return None
 
     @property
+    def reads_rate(self) -> bool:
+        """Whether its describing function takes the second input for the rate of the first."""
+        return self.input_ports[1:2] == ("rate",)
+
+    @property
     def sticks_and_slips(self) -> bool:
         """Whether it resists more at rest than in motion, so that a loop that winds up hunts."""
         return False

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import DAMPING, IN, SLOPE, Nonlinearity
@@ -193,16 +192,27 @@ class NordinShaft(Nonlinearity, kind="nordin_shaft"):
         return np.stack([np.where(blocked, self.damping * drift, 0.0), np.where(blocked, 0.0, drift)], -1), memory
 
     def describing_function(self, amplitude: ArrayLike, bias: ArrayLike = 0.0, omega: ArrayLike = 1.0) -> Answer:
-        """Not defined: the contact angle is excited too, and its release has no closed form.
+        """Mean and gain for ``delta = bias + amplitude*sin(omega t)``, its rate, and a settled contact angle.
+
+        Closed but for the phases at which contact begins, which are roots found to rounding (docs/theory/lock_pin.md,
+        The damped shaft).
 
         Raises
         ------
         ModelError
-            Always.
+            If an amplitude or a frequency is negative.
         """
-        raise ModelError(
-            "NordinShaft has no describing function, as its contact angle is a state; use LockPin for a prediction."
-        )
+        from eppanalysis.kernels.describing.shaft import nordin_shaft
+
+        a, b, w = broadcast_with_frequency(amplitude, bias, omega)
+        a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
+        mean, share = np.empty(a.size), np.empty(a.size, complex)
+        points = (np.array(v, order="C").ravel() for v in (a, b, w))
+        nordin_shaft(*map(float, (self.gap, self.stiffness, self.damping)), *points, mean, share)
+        means, part = mean.reshape(a.shape), share.reshape(a.shape)
+        # In the gap and at a side alike the torque is spring plus damper of twist less contact angle.
+        torque, rate = part * (self.stiffness + 1j * w * self.damping), 1j * w * (1.0 - part)
+        return np.stack([means, 0.0 * means], -1), np.stack([torque, rate], -1)
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Half the gap, about any bias: the contact angle is apart from the twist."""

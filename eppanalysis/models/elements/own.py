@@ -79,6 +79,11 @@ class AutomatonElement(Nonlinearity):
         object.__setattr__(self, "n_inputs", rules.n_inputs)
         object.__setattr__(self, "n_outputs", rules.n_outputs)
 
+    @property
+    def reads_rate(self) -> bool:
+        """With two inputs, none of them a state of its own."""
+        return self.n_inputs == 2 and self.own_states is None
+
     def automaton(self) -> Automaton:
         """The automaton as it was given."""
         return self.rules

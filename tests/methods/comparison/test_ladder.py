@@ -19,7 +19,7 @@ from eppanalysis.results import Status
 from tests.reference.elbow_reference import DEG, nominal, simulate_reference
 from tests.reference.lure_reference import simulate_lure
 from tests.sampled_relay import patterns, sampled_relay
-from tests.shared import said_above
+from tests.shared import of_unknown_response, said_above
 
 
 @pytest.fixture(scope="module")
@@ -238,9 +238,9 @@ def test_stable_cycles_that_exist_and_are_not_predicted_are_missed(start: float,
 
 
 def test_an_element_without_a_describing_function_has_only_its_simulation() -> None:
-    result = epp.ladder(epp.case("two_mass_damped_shaft"))
+    result = epp.ladder(of_unknown_response())
     assert result.agreement is Agreement.NO_PREDICTION and result.prediction is None
-    assert result.outcome == "oscillate" and "nordinshaft" in result.verdict.lower()
+    assert result.outcome == "oscillate" and "An element has no describing function" in result.verdict
 
 
 def test_a_cycle_of_seven_turns_is_compared_oscillation_by_oscillation() -> None:

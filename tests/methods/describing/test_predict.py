@@ -26,7 +26,6 @@ from eppanalysis.models.elements import (
     HysteresisRelayDeadZone,
     JumpAndFollow,
     LockPin,
-    NordinShaft,
     PiecewiseLinear,
     Play,
     Preload,
@@ -39,6 +38,7 @@ from eppanalysis.models.elements import (
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
+from tests.shared import of_unknown_response
 
 from_tf, from_blocks = LureSystem.from_tf, LureSystem.from_blocks
 LBF, DEG = 4.4482216152605, np.pi / 180
@@ -426,10 +426,16 @@ class TestBadRequests:
             predict_limit_cycles(elbow(ElbowParameters()), {"angle": 1.0})
 
     def test_element_without_describing_function(self):
-        shaft = NordinShaft(gap=0.02, stiffness=40.0, damping=0.1)
-        A, C = -np.eye(3), np.eye(3)
-        with pytest.raises(ModelError, match="describing function"):
-            predict_limit_cycles(LureSystem.build(A, np.ones((3, 2)), C, [shaft]))
+        with pytest.raises(ModelError, match="3 inputs; expected one and its rate"):
+            predict_limit_cycles(of_unknown_response())
+
+    @pytest.mark.parametrize("row", [1, 2])
+    def test_inputs_that_are_not_what_the_describing_function_takes_them_for(self, row):
+        loop = epp.case("two_mass_damped_shaft").to_system()
+        C = loop.C.copy()
+        C[row] *= -1.0
+        with pytest.raises(ModelError, match="is not the (rate of its first|integral of its contact rate)"):
+            predict_limit_cycles(LureSystem.build(loop.A, loop.B, C, loop.elements))
 
 
 class Wrapped(control.DescribingFunctionNonlinearity):

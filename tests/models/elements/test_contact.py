@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from eppanalysis.errors import ModelError
@@ -206,8 +209,6 @@ def test_nordin_shaft_by_hand() -> None:
     np.testing.assert_allclose(shaft.output((-1.5, -1.0, -1.0))[0], [-7, 0])
     assert shaft.output((np.zeros(3), np.zeros(3), np.zeros(3)))[0].shape == (3, 2)
     np.testing.assert_allclose(shaft.thresholds(), [1.0])
-    with pytest.raises(ModelError, match="describing function"):
-        shaft.describing_function(1.0)
 
 
 def test_nordin_shaft_releases_where_its_torque_is_zero() -> None:
@@ -226,6 +227,95 @@ def test_nordin_shaft_releases_where_its_torque_is_zero() -> None:
         assert torque == pytest.approx(10 * (delta - held) + 2 * (rate - drift), abs=1e-9)
         assert torque * held >= 0
     assert np.abs(run.y[0]).max() < 0.5 + 0.01
+
+
+def settled_contacts(shaft: NordinShaft, a: float, b: float, omega: float) -> list[tuple[float, float, float]]:
+    """Contacts (side, begin, end) of the settled contact angle in a period, by events of its exact motion between them.
+
+    At a side it holds until its drift turns; released, the twist's lead over it dies away with the time constant c/k.
+    """
+    half, rate = shaft.gap / 2, shaft.stiffness / shaft.damping
+    period = 2 * np.pi / omega
+    turns = int(np.ceil(40 / (rate * period))) + 3
+    grid, last = np.linspace(0.0, period, 4001), (turns - 1) * period
+
+    def twist(t: Any) -> Any:
+        return b + a * np.sin(omega * t)
+
+    def drift(t: Any, side: float) -> Any:
+        return a * omega * np.cos(omega * t) + rate * (twist(t) - side * half)
+
+    def rise(of: Callable[[Any], Any], t: float) -> float:
+        """Where a function is first above zero, from a time on."""
+        while t < turns * period:
+            if np.any(above := of(t + grid[1:]) > 0):
+                low, high = t + grid[int(np.argmax(above))], t + grid[int(np.argmax(above)) + 1]
+                return float(brentq(of, low, high, xtol=1e-15, rtol=1e-15)) if of(low) < 0 else low
+            t += period
+        return np.inf
+
+    out, t, lead = [], 0.0, twist(0.0)
+    while t < turns * period:
+        since, led = t, lead
+
+        def contact(t: Any, since: float = since, led: float = led) -> Any:
+            return twist(t) - led * np.exp(-rate * (t - since))
+
+        begin, side = min((rise(lambda t, s=s: s * contact(t) - half, t + 1e-12 * period), s) for s in (1.0, -1.0))
+        t = rise(lambda t, side=side: -side * drift(t, side), begin)
+        if t > last and begin < turns * period:
+            out.append((side, max(begin, last), min(t, turns * period)))
+        lead = twist(t) - side * half if t < np.inf else 0.0
+    return out
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_nordin_shaft(seed: int) -> None:
+    """By adaptive quadrature of the torque over the contacts of a motion that has settled."""
+    rng = np.random.default_rng(seed)
+    gap, k, omega = rng.choice([0.02, 1.0, 2.0]), 10 ** rng.uniform(-1, 2), 10 ** rng.uniform(-1, 1)
+    kappa, a = 10 ** rng.uniform(-1.2, 2.5), 10 ** rng.uniform(-1, 1)
+    b = rng.choice([0.0, rng.uniform(-2, 2), gap / 2 + a * rng.uniform(-1.5, 1.5)])
+    shaft = NordinShaft(gap, k, k / (kappa * omega))
+    size = np.hypot(k, shaft.damping * omega) * (a + abs(b))
+    total = np.zeros(3)
+    for side, begin, end in settled_contacts(shaft, a, b, omega):
+        for i, weight in enumerate((np.ones_like, np.sin, np.cos)):
+
+            def torque(phi: float, weight: Any = weight, side: float = side) -> float:
+                spring = k * (b + a * np.sin(phi) - side * gap / 2)
+                return float((spring + shaft.damping * omega * a * np.cos(phi)) * weight(phi) / size)
+
+            total[i] += size * quad(torque, omega * begin, omega * end, epsabs=1e-12, limit=200)[0]
+    (mean, rest), (gain, drift) = shaft.describing_function(a, b, omega)
+    assert mean == pytest.approx(total[0] / (2 * np.pi), abs=1e-11 * size)
+    assert gain == pytest.approx((total[1] + 1j * total[2]) / (np.pi * a), abs=1e-11 * size / a)
+    # The torque is spring and damper of twist less contact angle, whose rate has no mean.
+    assert rest == 0.0 and gain == pytest.approx((k + 1j * shaft.damping * omega) * (1 - drift / (1j * omega)))
+
+
+def test_limits_of_nordin_shaft() -> None:
+    a, b = np.array([0.3, 0.7, 1.0, 2.0, 50.0]), np.array([-0.4, 0.0, 0.3, 1.0, 0.2])
+    # Without a gap it is spring and damper; slow, or hardly damped, it is the dead zone; mirrored, it is the same.
+    mean, gain = NordinShaft(0.0, 5.0, 0.3).describing_function(a, b, 2.0)
+    np.testing.assert_allclose(mean[:, 0], 5 * b, atol=1e-14)
+    np.testing.assert_allclose(gain[:, 0], 5 + 0.6j, rtol=1e-14)
+    for damping, omega in ((1e-12, 1.0), (1.0, 1e-12), (1.0, 0.0)):
+        mean, gain = NordinShaft(2.0, 5.0, damping).describing_function(a, b, omega)
+        expected = DeadZone(-1.0, 1.0, 5.0).describing_function(a, b)
+        np.testing.assert_allclose(mean[:, 0], expected[0], atol=1e-10)
+        np.testing.assert_allclose(gain[:, 0], expected[1], atol=1e-10)
+    shaft = NordinShaft(1.0, 5.0, 2.0)
+    (mean, gain), (other, same) = (shaft.describing_function(a, side * b, 3.0) for side in (1, -1))
+    np.testing.assert_array_equal(mean, -other)
+    np.testing.assert_array_equal(gain, same)
+    # Far off the middle it stays in contact; within the gap it never comes into it.
+    mean, gain = shaft.describing_function([0.0, 0.1, 0.4], [3.0, -3.0, 0.1], 3.0)
+    np.testing.assert_allclose(mean[:, 0], [12.5, -12.5, 0.0])
+    np.testing.assert_allclose(gain[:, 0], [5 + 6j, 5 + 6j, 0.0])
+    assert np.isnan(shaft.describing_function(np.nan, 0.0, 1.0)[0]).all()
+    with pytest.raises(ModelError, match="frequency"):
+        shaft.describing_function(1.0, 0.0, -2.0)
 
 
 BAD = [
