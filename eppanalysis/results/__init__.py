@@ -53,6 +53,27 @@ class Outcome(StrEnum):
         return {Status.LIMIT_CYCLE: cls.OSCILLATE, Status.SETTLED: cls.SETTLE}.get(status, cls.UNDECIDED)
 
 
+class WhenAsked:
+    """A field that holds a number, or is given a function without arguments that tells it when it is first read.
+
+    Most predictions are never held against their own error, which takes longer to find than they do.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, result: object | None, owner: type | None = None) -> float:
+        if result is None:
+            return float("nan")
+        value = vars(result)[self._name]
+        if callable(value):
+            value = vars(result)[self._name] = float(value())
+        return float(value)
+
+    def __set__(self, result: object, value: float | Callable[[], float]) -> None:
+        vars(result)[self._name] = value
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitCycle(Result):
     """A periodic motion as one method sees it.
@@ -104,7 +125,7 @@ class LimitCycle(Result):
     stability_criterion: str = ""
     multipliers: NDArray[np.complex128] | None = None
     residual: float = float("nan")
-    error_estimate: float = float("nan")
+    error_estimate: WhenAsked = WhenAsked()
     events: Sequence[Event] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     waveform: dict[str, Array] = field(default_factory=dict)
@@ -114,7 +135,7 @@ class LimitCycle(Result):
     mean_state: Array = field(default_factory=lambda: np.zeros(0))
     event_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
     elements: dict[str, dict[str, float]] = field(default_factory=dict)
-    harmonic_content: float = float("nan")
+    harmonic_content: WhenAsked = WhenAsked()
     note: str = ""
 
     in_json = (
@@ -122,6 +143,10 @@ class LimitCycle(Result):
         "stability_criterion multipliers residual error_estimate may_not_exist harmonic_content elements events note "
         "operating_point provenance"
     )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied to other processes has been told."""
+        return {**vars(self), "error_estimate": self.error_estimate, "harmonic_content": self.harmonic_content}
 
     @property
     def frequency(self) -> float:

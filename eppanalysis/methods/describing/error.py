@@ -12,6 +12,7 @@ one that passes a threshold by less than the harmonics that are still neglected.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextvars import Context
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -50,47 +51,65 @@ _SHARES = (0.1, 0.3, 0.6, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """How far a predicted cycle may be off.
+    """How far a predicted cycle may be off, from balances that are solved when it is first asked for.
 
     Attributes
     ----------
-    error : float
-        Relative; infinite where the cycle may not exist, nan where an element has no exact answer to harmonics or none
-        is below half the sample rate.
-    content : float
-        The largest root-sum-square of an input's harmonics over the amplitude of the fundamental; nan where unknown.
-    oscillations : tuple of BalancedOscillation
-        The cycle and what harmonics make of it, as far as they have been followed.
+    balance : Balance
+    point : Point
+        The cycle.
     """
 
-    error: float
-    content: float = float("nan")
-    oscillations: tuple[BalancedOscillation, ...] = ()
+    balance: Balance
+    point: Point
+
+    @property
+    def error(self) -> float:
+        """Relative; infinite where the cycle may not exist, nan where no balance of higher order can be set up.
+
+        An element has no exact answer to harmonics then, or none is below half the sample rate. It is the largest of
+        the errors in frequency, in the fundamental and in the peak-to-peak of the loop's first signal. How often it
+        covers them is in the documentation, "When first order is good enough".
+        """
+        return self._found[0]
+
+    @property
+    def content(self) -> float:
+        """Largest root-sum-square of an input's harmonics over the amplitude of the fundamental; nan where unknown."""
+        lasts = len(self.oscillations) > 1 and np.isfinite(self.error)
+        return self.oscillations[-1].content if lasts else float("nan")
+
+    @property
+    def oscillations(self) -> tuple[BalancedOscillation, ...]:
+        """The cycle and what harmonics make of it, as far as they have been followed."""
+        return self._found[1]
+
+    @cached_property
+    def _found(self) -> tuple[float, tuple[BalancedOscillation, ...]]:
+        # Whoever asks first does not pay for it out of what a search has been allotted.
+        return Context().run(_estimated, self.balance, self.point)
 
 
-def error_estimate(balance: Balance, p: Point) -> Estimate:
-    """Estimated relative error of a predicted cycle, and the harmonic content of the elements' inputs.
-
-    The error is the largest of those in frequency, in the fundamental and in the peak-to-peak of the loop's first
-    signal. How often the estimate covers it is in the documentation, "When first order is good enough".
-    """
+@np.errstate(all="ignore")
+def _estimated(balance: Balance, p: Point) -> tuple[float, tuple[BalancedOscillation, ...]]:
+    """Relative error of a predicted cycle, and its oscillations."""
     try:
         loop = Loop.with_means(balance.system, balance.static)
     except ModelError:
-        return Estimate(float("nan"))
+        return float("nan"), ()
     first = BalancedOscillation.of(balance, loop, p.amplitude, p.phase, p.bias, p.omega)
     if loop.highest(p.omega) < min(_ORDERS):
-        return Estimate(float("nan"))
+        return float("nan"), ()
     try:
         found = _refined(first)
         last = found[-1]
         if not _lasts(found):
-            return Estimate(float("inf"), oscillations=(first, last))
+            return float("inf"), (first, last)
         whole, rest = (np.abs(m.measures / last.measures - 1.0) for m in (first, found[-2]))
     except Unsettled:
-        return Estimate(float("inf"), oscillations=(first,))
+        return float("inf"), (first,)
     # docs/theory/first_order_quality.md, Does the error estimate cover the error?
-    return Estimate(float(((1.0 + _MARGIN) * whole + _REST * rest).max()), last.content, (first, last))
+    return float(((1.0 + _MARGIN) * whole + _REST * rest).max()), (first, last)
 
 
 def _lasts(found: list[BalancedOscillation]) -> bool:

@@ -19,7 +19,7 @@ from eppanalysis.methods.describing.balance import Array, Balance
 from eppanalysis.methods.describing.blind import blind_spots, made_by_harmonics
 from eppanalysis.methods.describing.data.cycles import above_the_data, cautions, of_data
 from eppanalysis.methods.describing.data.stability import stability_of_data
-from eppanalysis.methods.describing.error import Estimate, error_estimate
+from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
@@ -154,7 +154,7 @@ def _balanced(
         raise ModelError(f"{loop.name}: a prediction needs at least one nonlinear element.")
     with np.errstate(all="ignore"):
         balance, found, points = search_balance(loop, at.vector(own))
-        estimates = [error_estimate(balance, p) for p in points]
+        estimates = [Estimate(balance, p) for p in points]
         cycles = tuple(_cycle(balance, p, at, e, coordinates) for p, e in zip(points, estimates, strict=True))
         if isinstance(loop, AveragedSystem):
             cycles = tuple(of_samples(loop, c) for c in cycles)
@@ -250,7 +250,7 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
         stable=stable,
         stability_criterion=criterion,
         residual=p.residual,
-        error_estimate=estimate.error,
+        error_estimate=partial(getattr, estimate, "error"),
         time=time,
         waveform={n: float(a) + np.real(b * wave) for n, a, b in zip(names, c0, c1, strict=True)},
         state=coordinates @ (x + response.imag),
@@ -263,7 +263,7 @@ def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, c
             n: {"amplitude": float(a), "bias": float(b), "phase": float(np.angle(np.exp(1j * (q - p.phase[0]))))}
             for n, a, b, q in zip(system.element_names, p.amplitude, p.bias, p.phase, strict=True)
         },
-        harmonic_content=estimate.content,
+        harmonic_content=partial(getattr, estimate, "content"),
         provenance=_made_by(system, at),
         operating_point=at,
     )

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 from scipy.stats import binom
 
 import eppanalysis as epp
-from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.models.systems.own_states import ports
 from studies.measured_coverage import CASES, DEVIATION, RESULT, coverage, of_case
 from tests.shared import predicted
@@ -250,7 +249,7 @@ def test_interval_covers_the_model_in_as_many_draws_as_it_says(monkeypatch, draw
     # Binomial: of 95 %, fewer hits than these or more come in less than one of 200 series.
     element, poles, gain = epp.Relay(), [0.0, -1.0, -2.0], 1.0
     # What harmonics do to each draw is not asked for, and takes longest.
-    monkeypatch.setattr("eppanalysis.methods.describing.predict.error_estimate", lambda *_: Estimate(0.0))
+    monkeypatch.setattr("eppanalysis.methods.describing.error._estimated", lambda *_: (0.0, ()))
     omega = np.geomspace(0.1, 40.0, 261)
     true = gain / np.prod([1j * omega - p for p in poles], axis=0)
     known = epp.predict_limit_cycles(epp.LureSystem.from_tf(([gain], np.poly(poles)), element))[0]
