@@ -59,8 +59,8 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     The figure grows by the height of what is written, so that its panels keep theirs.
     """
     name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
-    bold = _lines(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
-    small = _lines(": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH * figure.get_figwidth())
+    bold = lines_of(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
+    small = lines_of(": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH * figure.get_figwidth())
     heights = _LINE * _BOLD, _LINE * _SMALL
     room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
@@ -74,7 +74,7 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
         engine.execute(figure)  # its two rounds at drawing do not suffice where a title takes room from a fixed shape
 
 
-def _lines(text: str, letters: float) -> list[str]:
+def lines_of(text: str, letters: float) -> list[str]:
     """A text in as few lines of so many letters as may be, of like length; a number stays with what stands behind it.
 
     A dollar would begin a formula.

@@ -16,7 +16,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.comparison.picture import plot_ladder
 from eppanalysis.methods.continuation.picture import plot_branch
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.plotting import _lines
+from eppanalysis.plotting import lines_of
 from eppanalysis.results import Status
 from eppanalysis.results.picture import plot_limit_cycle, plot_nyquist, plot_trajectory
 from eppanalysis.results.provenance import Provenance
@@ -76,7 +76,7 @@ def test_a_run_whose_samples_miss_the_peaks_of_its_cycle_is_drawn_with_the_cycle
 
 
 def test_numbers_are_not_parted_from_their_units_where_a_verdict_breaks():
-    lines = _lines("Free of limit cycles below a play gap of 3.789 mm to 14.43 mm, with x 7.011", 52)
+    lines = lines_of("Free of limit cycles below a play gap of 3.789 mm to 14.43 mm, with x 7.011", 52)
     assert len(lines) == 2 and abs(len(lines[0]) - len(lines[1])) < 12
     assert not any(re.search(r"\d$", line) and re.match(r"mm|rad", follow) for line, follow in pairwise(lines))
 

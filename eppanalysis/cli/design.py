@@ -116,7 +116,7 @@ def design(
         )
     answer("design", found, settings, as_json, result.to_dict, lambda: _show(found, result))
     for path in output:
-        _write(found, result, path)
+        write_design(found, result, path)
 
 
 def _show(case: Case, result: Design) -> None:
@@ -136,7 +136,7 @@ def _show(case: Case, result: Design) -> None:
             typer.echo(f"{result.front_over} {case.text(result.front_over, value)}: {best.message}")
 
 
-def _write(case: Case, result: Design, path: Path) -> None:
+def write_design(case: Case, result: Design, path: Path) -> None:
     """The design as the file that the suffix asks for.
 
     Raises

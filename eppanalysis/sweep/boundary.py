@@ -170,7 +170,7 @@ def outcome_boundary(
         # What is undecided counts with what does not oscillate.
         inside = coarse[outcome].values == there
         grid = np.stack(np.meshgrid(coarse[x].values, coarse[y].values, indexing="ij"), axis=-1)
-        edges = _edges(inside)
+        edges = edges_of(inside)
         ends = np.array([[grid[a], grid[b]] if inside[a] else [grid[b], grid[a]] for a, b in edges]).reshape(-1, 2, 2)
         for _ in range(halvings if len(edges) else 0):
             # All edges at once, so that a round is one sweep on all workers.
@@ -182,7 +182,7 @@ def outcome_boundary(
     crossings = dict(zip(edges, ends.mean(axis=1), strict=True))
     return Boundary(
         axes=(x, y),
-        points=_pieces(inside.shape, crossings),
+        points=pieces_of(inside.shape, crossings),
         label=_WORDS[Analysis(run)] + (" exceed" + "s" * (run != "cycles") + " what is allowed") * (allow is not None),
         status=Status.CONVERGED,
         message=f"{len(edges)} edges of a grid of {' x '.join(map(str, inside.shape))} cells, halved {halvings} times.",
@@ -348,14 +348,14 @@ def _two(axes: Mapping[str, Axis]) -> tuple[str, str]:
 Node = tuple[int, int]
 
 
-def _edges(inside: NDArray[np.bool_]) -> list[tuple[Node, Node]]:
+def edges_of(inside: NDArray[np.bool_]) -> list[tuple[Node, Node]]:
     """Pairs of neighbouring nodes of a grid that differ."""
     across = [((i, j), (i + 1, j)) for i, j in np.argwhere(inside[1:] != inside[:-1]).tolist()]
     up = [((i, j), (i, j + 1)) for i, j in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
     return across + up
 
 
-def _pieces(shape: tuple[int, ...], crossings: Mapping[tuple[Node, Node], Array]) -> Array:
+def pieces_of(shape: tuple[int, ...], crossings: Mapping[tuple[Node, Node], Array]) -> Array:
     """Crossings joined within every square of the grid (marching squares), and the squares to curves."""
     joined: dict[tuple[Node, Node], list[tuple[Node, Node]]] = {edge: [] for edge in crossings}
     for i in range(shape[0] - 1):

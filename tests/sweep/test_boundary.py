@@ -8,7 +8,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.errors import EppError
 from eppanalysis.results import Status
-from eppanalysis.sweep.boundary import Boundary, _edges, _pieces, fold_boundary, outcome_boundary
+from eppanalysis.sweep.boundary import Boundary, edges_of, fold_boundary, outcome_boundary, pieces_of
 
 RELAY = epp.case("relay_deadzone")
 AXES = {"relay_dead_zone.threshold": "0.3:2.1:3", "loop.gain": "0.2:1.4:3"}
@@ -44,8 +44,8 @@ def test_pieces_are_closed_or_open_curves_of_neighbouring_crossings() -> None:
         (x + y < 7, 1),
         (x < 0, 0),
     ):
-        edges = _edges(inside)
-        points = _pieces(inside.shape, {e: np.mean(np.array(e, float), axis=0) for e in edges})
+        edges = edges_of(inside)
+        points = pieces_of(inside.shape, {e: np.mean(np.array(e, float), axis=0) for e in edges})
         gaps = np.isnan(points[:, 0])
         assert (gaps.sum() + 1 if points.size else 0) == pieces
         steps = np.hypot(*np.diff(points, axis=0).T)

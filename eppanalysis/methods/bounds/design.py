@@ -335,7 +335,7 @@ def sized_cell(question: Question, value: float, settings: Settings) -> BoundCel
     cell = replace(cell, first_order=first_order_bound(here, settings.allowed, found))
     try:
         bound = bound_of_size(here, settings.allowed, found)
-        cell = _joined(cell, _tested(here, bound, found.sign, settings))
+        cell = _joined(cell, checked_bound(here, bound, found.sign, settings))
     except (EppError, np.linalg.LinAlgError) as error:
         cell = replace(cell, message=f"Not corrected: the exact orbits failed ({str(error).rstrip('.')}).")
     message = " ".join(text for text in (found.note, cell.message) if text and text not in found.note)
@@ -366,7 +366,7 @@ def _check(question: Question, near: Cycle | None, sign: float, settings: Settin
             end = question.low if sign > 0 else question.high
             other = searched(question, end if near is None else near.value, sign)
             found = other if other.cycle is not None or other.kind or near is None else found
-        return _tested(question, found, sign, settings)
+        return checked_bound(question, found, sign, settings)
     except (EppError, np.linalg.LinAlgError) as error:
         return _Checked(ExactBound(message=f"the correction failed ({error})"), None, {})
 
@@ -397,12 +397,12 @@ def bound_of_branch(question: Question, value: float, branch: Branch, settings: 
         return None
     cell = BoundCell(value=value, finding=Finding.BOUND)
     try:
-        return _joined(cell, _tested(question, turn, 1.0, settings))
+        return _joined(cell, checked_bound(question, turn, 1.0, settings))
     except (EppError, np.linalg.LinAlgError) as error:
         return replace(cell, exact=turn.value, kind=turn.kind, message=f"Not verified: the tests failed ({error}).")
 
 
-def _tested(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
+def checked_bound(question: Question, found: ExactBound, sign: float, settings: Settings) -> _Checked:
     """Test one exact bound; where a test finds another family on the safe side, its bound is the next to be tested."""
     if found.cycle is None:
         return _Checked(found, None, {})

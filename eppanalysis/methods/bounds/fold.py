@@ -278,7 +278,7 @@ class _Step:
         try:
             if known is None:
                 plan, phases, memory = plan_of(loop, Z, here.omega)
-                start = _unknowns(loop, Z, here.omega, phases, memory)
+                start = unknowns_of(loop, Z, here.omega, phases, memory)
             else:
                 plan, start = known.plan, known.unknowns
             dependence = numbers.dependence(plan, here.value)
@@ -411,7 +411,10 @@ class _Step:
         return plan_of(self.numbers.loop(cycle.value), cycle.Z, cycle.omega)[0] == self.plan
 
 
-def _unknowns(loop: Loop, Z: ComplexArray, omega: float, phases: tuple[Array, ...], memory: tuple[Array, ...]) -> Array:
+def unknowns_of(
+    loop: Loop, Z: ComplexArray, omega: float, phases: tuple[Array, ...], memory: tuple[Array, ...]
+) -> Array:
+    """A cycle in the order of the expressions: series of inputs and states, frequency, switches, memory."""
     W, _ = loop.answers(Z, omega)
     n = Z.shape[1] - 1
     x = np.zeros((loop.system.A.shape[0], n + 1), complex)

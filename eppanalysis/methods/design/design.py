@@ -44,7 +44,7 @@ _WIDER, _MOST_GIVING = 20.0, 7
 
 
 @dataclass(frozen=True)
-class _Task:
+class Task:
     """What is asked: the tuned parameters with their ranges [SI], the goal, and how it is tested."""
 
     goal: Goal
@@ -59,6 +59,7 @@ class _Task:
 
     @property
     def others(self) -> dict[str, tuple[float, float]]:
+        """Ranges of the tuned parameters beside the bounded one."""
         return {name: both for name, both in self.ranges.items() if name != self.bounded}
 
     def middle(self, case: CaseLike) -> CaseLike:
@@ -95,6 +96,7 @@ class _Task:
         return 1.0 if known[-1] >= known[0] else -1.0
 
     def search(self, frontier: Frontier, fixed: Mapping[str, float]) -> Search:
+        """The search for the best place on a frontier."""
         return Search(frontier, self.goal, self.others, dict(fixed), self.shares)
 
 
@@ -178,7 +180,7 @@ def design(
     bounded = goal.name if goal.name in ranges else next(iter(ranges))
     allowed = None if allow is None else Allowed.read(case.to_system(), allow)
     shares = _shares(case, tolerances)
-    task = _Task(goal, bounded, ranges, allowed, shares, verify, margin, starts, seed)
+    task = Task(goal, bounded, ranges, allowed, shares, verify, margin, starts, seed)
     over, values = _front(case, front, ranges)
     frontier = task.frontier(case, over, values)
     fixed = {name: case.value(name) for name in frontier.widths if name not in ranges}
@@ -249,13 +251,13 @@ def _front(
     return over, [case.si(over, v) for v in values]
 
 
-def _optimum(search: Search, task: _Task, near: Sequence[Place]) -> Optimum:
+def _optimum(search: Search, task: Task, near: Sequence[Place]) -> Optimum:
     """The optimum at one value of the front, tested; where tests find other families, sought once more with these."""
     for _ in range(_MOST_FAMILIES):
         best = search.best_of_all(near)
         if not best.feasible:
             return Optimum({}, message=_would_have_to_give(search, best), evaluated=search.evaluated())
-        found = _described(search, task, best)
+        found = described(search, task, best)
         if not task.verify:
             return replace(found, message="it was not tested.")
         found, tested = _tested(search, task, best, found)
@@ -268,7 +270,7 @@ def _optimum(search: Search, task: _Task, near: Sequence[Place]) -> Optimum:
     return found
 
 
-def _described(search: Search, task: _Task, best: Pick) -> Optimum:
+def described(search: Search, task: Task, best: Pick) -> Optimum:
     """The optimum without its tests."""
     limit, by_cycle = task.bounded, best.by_cycle
     others = dict(zip(search.others, best.place, strict=True))
@@ -318,7 +320,7 @@ def _prices(search: Search, case: CaseLike, best: Pick) -> dict[str, float]:
     return prices
 
 
-def _tested(search: Search, task: _Task, best: Pick, found: Optimum) -> tuple[Optimum, Verification | None]:
+def _tested(search: Search, task: Task, best: Pick, found: Optimum) -> tuple[Optimum, Verification | None]:
     """The optimum with what the tests of it found, at the corner of the tolerances that is active."""
     here = search.here(best.place, best.corner)
     if not best.by_cycle or best.bound.cycle is None:

@@ -104,7 +104,7 @@ def olop(
         omega=omega,
         phase=_phase(value),
         gain=abs(value),
-        boundary=_boundary(_phase(value)),
+        boundary=boundary_at(_phase(value)),
         message=message,
         rule=linearised.rule(),
         frequencies=response.omega,
@@ -189,7 +189,7 @@ def _judged(
         return Status.INCOMPLETE, "The limit is reached however slow the sine is: there is no onset."
     if np.isnan(omega):
         return Status.CONVERGED, "At this amplitude the limit is not reached at any frequency."
-    if np.isnan(_boundary(_phase(value))):
+    if np.isnan(boundary_at(_phase(value))):
         return Status.INCOMPLETE, "The boundary reaches from -180 to -60 deg and says nothing there."
     return Status.CONVERGED, ""
 
@@ -200,7 +200,7 @@ def _phase(value: complex) -> float:
     return angle - 2.0 * np.pi if angle > 0 else angle
 
 
-def _boundary(phase: float) -> float:
+def boundary_at(phase: float) -> float:
     """Gain on the boundary at a phase [rad]; nan outside it."""
     degrees, decibels = np.array(BOUNDARY).T
     at = np.rad2deg(phase)

@@ -62,7 +62,7 @@ _MOST_WORK = 2e7
 
 
 @dataclass
-class _Runs:
+class Runs:
     """Runs from many starts: states (samples, m, d) of their first stretch, and what each has come to.
 
     An end is the number of samples after which a run repeats itself (1: it settles), 0 where it does not, -1 where it
@@ -80,7 +80,7 @@ class _Runs:
     on: int = 0
 
     @classmethod
-    def of(cls, step: Step, starts: Array, samples: int) -> tuple[_Runs, list[Any]]:
+    def of(cls, step: Step, starts: Array, samples: int) -> tuple[Runs, list[Any]]:
         """From states (m, n) of the loop, and the marks at the end of the first stretch."""
         paths, marks = runs(step, *step.begin(starts, step.system.memory), samples)
         far = far_from(paths)
@@ -111,6 +111,7 @@ class _Runs:
 
     @property
     def undecided(self) -> int:
+        """Number of runs that come to no end and are on no motion."""
         return int(np.sum(self.ends == 0)) - self.on
 
     @property
@@ -132,7 +133,7 @@ def search_discrete(
     turns = [c.period / float(system.time_step or 1.0) for c in predicted]
     samples = int(np.clip(_TURNS * (max(turns) if turns else _slowest(system)), _FEWEST, _MOST))
     with allotted(_MOST_WORK) as work:
-        made, marks = _Runs.of(step, _starts(system, predicted), samples)
+        made, marks = Runs.of(step, starts_of(system, predicted), samples)
         cycles, sought = list(made.motions), _lengths(made.ends, turns)
         left = list(sought)
         with suppress(Spent):
@@ -188,7 +189,7 @@ def _slowest(system: LureSystem) -> float:
     return max(10.0, 1.0 / float(rates[rates > _STILL].min(initial=1.0)))
 
 
-def _starts(system: LureSystem, predicted: Sequence[LimitCycle]) -> Array:
+def starts_of(system: LureSystem, predicted: Sequence[LimitCycle]) -> Array:
     """States (m, n), the same ones in all coordinates: the loop's own, predicted cycles in several sizes, the reach of
     the elements in several sizes, and random sums of oscillations of sizes from a twentieth of that to three times it.
     """
@@ -250,7 +251,7 @@ def _end(tail: Array, scale: Array, far: Array) -> int:
     return 0
 
 
-def _sentence(made: _Runs) -> str:
+def _sentence(made: Runs) -> str:
     """How completeness was sought."""
     text = f"{made.ends.size} runs of up to {made.samples} samples; orbits were sought from states on all of them"
     if made.on:

@@ -58,7 +58,7 @@ _ALIKE = 0.1
 
 
 @dataclass
-class _Search:
+class SampledSearch:
     """State of one search; lives for one call."""
 
     system: LureSystem
@@ -80,7 +80,7 @@ class _Search:
         """Runs, then orbits of other numbers of samples."""
         try:
             with allotted(_MOST_WORK):
-                starts = self._starts()
+                starts = self.starts()
                 for k, start in enumerate(starts):
                     self._say(k, len(starts), f"run {k + 1} of {len(starts)}")
                     if self.suffices(start):
@@ -92,7 +92,7 @@ class _Search:
     def suffices(self, start: HybridSystem) -> bool:
         """Whether a run from a start ends on a cycle that is all that is wanted."""
         before = len(self.rounds) + len(self.others)
-        self.ends[self._end_of(start)] += 1
+        self.ends[self.end_of(start)] += 1
         new = len(self.rounds) + len(self.others) > before
         self.stopped = new and self.enough is not None and any(map(self.enough, self.cycles()))
         return self.stopped
@@ -116,7 +116,7 @@ class _Search:
         want = _TURNS * turn if turn else 30.0 / float(slow.min()) if slow.size else 0.0
         return float(np.clip(want, _FEWEST * T, _MOST * T))
 
-    def _starts(self) -> list[HybridSystem]:
+    def starts(self) -> list[HybridSystem]:
         """The loop's own start, predicted cycles in several sizes, and random states of their size."""
         n, own = self.hybrid.n_plant, self.hybrid.x0
         sizes = [np.abs(own[:n]), np.abs(reach_of_elements(self.system))]
@@ -139,7 +139,7 @@ class _Search:
         x[self.strobe.clock] = 0.0
         return replace(self.hybrid, x0=x)
 
-    def _end_of(self, start: HybridSystem) -> End:
+    def end_of(self, start: HybridSystem) -> End:
         """What a run from a start comes to; the cycle that it ends on is kept."""
         t = self.horizon
         for _ in range(_LONGER):
@@ -251,7 +251,7 @@ def search_locked(
     enough: Enough | None = None,
 ) -> CycleSearch:
     """All cycles of a loop with sampled controllers that runs and predictions lead to, or the first that is enough."""
-    search = _Search(system, hybrid, strobe, predicted, progress, enough)
+    search = SampledSearch(system, hybrid, strobe, predicted, progress, enough)
     search.run_all()
     return _result(search, at)
 
@@ -262,12 +262,12 @@ def search_near(
     """What runs from cycles that are known at another value end on, where one of these is enough; else None."""
     strobe = Strobe.of(hybrid)
     assert strobe is not None
-    search = _Search(system, hybrid, strobe, known, enough=enough)
+    search = SampledSearch(system, hybrid, strobe, known, enough=enough)
     found = any(search.suffices(hybrid.begun(cycle.state, cycle.memory)) for cycle in known)
     return _result(search, at) if found else None
 
 
-def _result(search: _Search, at: OperatingPoint) -> CycleSearch:
+def _result(search: SampledSearch, at: OperatingPoint) -> CycleSearch:
     system = search.system
     cycles = search.cycles()
     unclosed = () if search.stopped else not_among(cycles, search.predicted)

@@ -11,10 +11,10 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.bounds import harmonic
-from eppanalysis.methods.bounds.design import Settings, _tested, bound_of_branch, design_bounds
+from eppanalysis.methods.bounds.design import Settings, bound_of_branch, checked_bound, design_bounds
 from eppanalysis.methods.bounds.equations import write
 from eppanalysis.methods.bounds.exact import ExactBound, correct
-from eppanalysis.methods.bounds.fold import Cycle, _unknowns, anchored
+from eppanalysis.methods.bounds.fold import Cycle, anchored, unknowns_of
 from eppanalysis.methods.bounds.harmonic import Finding, HarmonicSweep, Question, look, steady_loop
 from eppanalysis.methods.bounds.numbers import Numbers, gather, plan_of
 from eppanalysis.methods.bounds.tolerances.bound import quantile, tolerance_bound
@@ -113,7 +113,7 @@ def test_cycles_that_only_runs_find_lead_to_the_true_bound(
     wrong = ExactBound(1.03 * FOLD, orbit.period, orbit, "fold")
     first = verify(question, wrong.value, 1.0, orbit, margin=0.01, n_starts=40, seed=1)
     assert len(first.cycles) == 1 and first.cycles[0].stable and not first.verified
-    checked = _tested(question, wrong, 1.0, Settings(starts=40))
+    checked = checked_bound(question, wrong, 1.0, Settings(starts=40))
     assert checked.bound.value == pytest.approx(FOLD, rel=1e-9) and checked.bound.kind == "fold"
     assert checked.verification is not None and checked.verification.verified
     assert checked.verification.safe_value == pytest.approx(0.99 * FOLD)
@@ -149,7 +149,7 @@ def test_expressions_hold_for_cycles_of_the_harmonic_balance(name: str) -> None:
     theta = numbers.flat()
     used = theta != 0.0
     expressions = write(plan, numbers, used, tuple(() for _ in loop.elements), pivot)
-    X = _unknowns(loop, Z, cycle.omega, phases, memory)
+    X = unknowns_of(loop, Z, cycle.omega, phases, memory)
     residual = np.array(expressions.residual(X, theta[used])).ravel()
     J = np.array(expressions.slope(X, theta[used]))
     size = np.abs(J).max(1)

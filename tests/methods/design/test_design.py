@@ -11,10 +11,10 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.cli.common import within_of
-from eppanalysis.cli.design import _write, design_columns, tuned, values_of
+from eppanalysis.cli.design import design_columns, tuned, values_of, write_design
 from eppanalysis.methods.bounds.harmonic import Question
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.methods.design.design import _described, _Task
+from eppanalysis.methods.design.design import Task, described
 from eppanalysis.methods.design.frontier import first_turn
 from eppanalysis.methods.design.goal import Goal, Sense
 from eppanalysis.methods.design.result import Optimum
@@ -51,12 +51,12 @@ def servo() -> epp.Case:
 def found(servo: epp.Case) -> epp.Design:
     """The best lead, from a cycle at hand; finding one from nothing is what the other tests do."""
     ranges = {"k": (5.0, 8.5), "T": (0.0, 2.0)}
-    task = _Task(Goal("k", 1.0), "k", ranges, None, {}, False, 0.01, 0, 0)
+    task = Task(Goal("k", 1.0), "k", ranges, None, {}, False, 0.01, 0, 0)
     frontier = task.frontier(servo, "", [])
     cycles = list(epp.find_limit_cycles(servo.with_values({"T": 1.0, "k": 8.0}), by_balance=False))
     assert frontier.add((1.0,), 8.0, cycles)
     search = task.search(frontier, {})
-    best = replace(_described(search, task, search.best([(0.98,)])), message="it was not tested.")
+    best = replace(described(search, task, search.best([(0.98,)])), message="it was not tested.")
     readable = {"k": ("", 1.0), "T": ("", 1.0)}
     return epp.Design("servo", "k", Sense.LARGEST, ranges, best, margin=0.01, readable=readable)
 
@@ -165,7 +165,7 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
     assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))
     assert design_columns(front).columns["k"][1] == found.optimum.at["k"]
     assert front.to_frame()["active"].tolist() == ["fold", "fold", "infeasible"]
-    _write(servo, found, tmp_path / "designed.toml")
+    write_design(servo, found, tmp_path / "designed.toml")
     again = epp.read_case(tmp_path / "designed.toml")
     assert again.value("k") == pytest.approx(0.99 * found.optimum.at["k"], rel=1e-10)
     assert tomllib.loads(again.to_toml())["blocks"]["lead"]["num"] == ["T", 1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.margins.olop import _boundary
+from eppanalysis.methods.margins.olop import boundary_at
 from tests.shared import said_above
 
 PLANT = ([4.0], [1.0, 1.0, 0.0])
@@ -55,7 +55,7 @@ def test_a_servo_without_an_input_has_its_lag():
     [(-60, 13.5), (-90, 7.5), (-100, 5.5), (-120, 2.5), (-140, 1.1), (-160, 0.0), (-180, 0.0), (-110, 4.0)],
 )
 def test_boundary_is_the_published_one(degrees, decibels):
-    assert 20.0 * np.log10(_boundary(np.deg2rad(degrees))) == pytest.approx(decibels, abs=1e-9)
+    assert 20.0 * np.log10(boundary_at(np.deg2rad(degrees))) == pytest.approx(decibels, abs=1e-9)
 
 
 def test_outside_the_boundary_nothing_is_said():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.methods.search.discrete import _Runs, _starts, ready
+from eppanalysis.methods.search.discrete import Runs, ready, starts_of
 from eppanalysis.results import Status
 from tests.coordinates import assert_same_cycles, rescaled, rotated
 from tests.stress.families import problem
@@ -58,5 +58,5 @@ def test_units_of_amplitude_and_turned_states_change_nothing(amplitude):
 def test_starts_reach_a_basin_with_a_twentieth_of_all_states() -> None:
     # Of 200 Sobol points in a box twice as large as the listed cycles, 8 run onto an orbit of 198 samples.
     system = problem("quantiser, sampled", 320).system
-    made, _ = _Runs.of(ready(system, epp.OperatingPoint.of(system)), _starts(system, ()), 8000)
+    made, _ = Runs.of(ready(system, epp.OperatingPoint.of(system)), starts_of(system, ()), 8000)
     assert {35, 198, 1253} <= set(made.ends.tolist())

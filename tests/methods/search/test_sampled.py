@@ -12,7 +12,7 @@ import eppanalysis as epp
 from eppanalysis.methods.orbits.exact import steady_hybrid
 from eppanalysis.methods.search import locked
 from eppanalysis.methods.search.basin import REST, UNKNOWN, basin
-from eppanalysis.methods.search.locked import _Search
+from eppanalysis.methods.search.locked import SampledSearch
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.methods.search.trigger import trigger
 from eppanalysis.methods.simulation.simulate import cycle_of_run, run_hybrid
@@ -92,10 +92,10 @@ def test_the_search_of_the_azimuth_servo_comes_to_all_three_cycles() -> None:
     hybrid = steady_hybrid(system, case.operating_point)
     strobe = Strobe.of(hybrid)
     assert strobe is not None
-    search = _Search(system, hybrid, strobe, ())
-    starts = search._starts()
+    search = SampledSearch(system, hybrid, strobe, ())
+    starts = search.starts()
     for k in (0, 1, 10):
-        assert search._end_of(starts[k]) == "cycle as runs have it"
+        assert search.end_of(starts[k]) == "cycle as runs have it"
     assert sorted(c.period for c in search.others) == pytest.approx([12.63, 19.76, 26.89465], rel=1e-3)
     assert all(c.note.startswith("not locked to the samples") for c in search.others)
 
@@ -124,7 +124,7 @@ def test_what_comes_round_to_a_known_cycle_is_not_analysed_again(monkeypatch) ->
     analysed = []
     monkeypatch.setattr(locked, "cycle_of_run", lambda *given: analysed.append(cycle_of_run(*given)) or analysed[-1])
     hybrid = steady_hybrid(servo)
-    search = _Search(servo, hybrid, Strobe.of(hybrid), epp.predict_limit_cycles(servo).cycles)
-    ends = [search._end_of(start) for start in search._starts()[9:13]]
+    search = SampledSearch(servo, hybrid, Strobe.of(hybrid), epp.predict_limit_cycles(servo).cycles)
+    ends = [search.end_of(start) for start in search.starts()[9:13]]
     assert ends.count("cycle as runs have it") >= 3
     assert len(analysed) == len(search.others) == 1

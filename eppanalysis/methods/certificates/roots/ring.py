@@ -32,7 +32,7 @@ def rational_ring(system: LureSystem, inputs: Array) -> tuple[dict[str, Any], fl
     links, off = [], 0.0
     for k, here in enumerate(order):
         link, moved = rational_link(_between(system, here, order[(k + 1) % len(order)]))
-        links.append(link | {"name": system.element_names[here], "element": _steps(link["element"])})
+        links.append(link | {"name": system.element_names[here], "element": as_steps(link["element"])})
         off = max(off, moved)
     means: list[Fraction] = []
     if len(order) > 1:
@@ -96,7 +96,7 @@ def _between(system: LureSystem, here: int, after: int) -> LureSystem:
     )
 
 
-def _steps(element: dict[str, Any]) -> dict[str, Any]:
+def as_steps(element: dict[str, Any]) -> dict[str, Any]:
     """An element as bends and jumps, or as what follows its input; and whether it is not odd."""
     kind, biased = element["kind"], element["kind"] in ("pieces", "biased_relay")
     made: dict[str, Any] = {"line": ["0", "0"], "steps": [], "gate": [], "follow": [], "biased": biased}

@@ -15,7 +15,7 @@ from eppanalysis.methods.certificates import check_balance
 from eppanalysis.methods.certificates.check_balance import Element, Jet, Refused
 from eppanalysis.methods.certificates.rational import element_data
 from eppanalysis.methods.certificates.registry import sealed
-from eppanalysis.methods.certificates.roots.ring import _steps
+from eppanalysis.methods.certificates.roots.ring import as_steps
 
 ELEMENTS = (
     epp.Saturation(-0.5, 2.0, 1.3),
@@ -33,7 +33,7 @@ def test_gain_and_mean_are_those_of_the_describing_function_and_their_slopes_tho
     element: epp.Nonlinearity,
 ) -> None:
     """Formulas of the checker against those of the elements, which quadrature confirms; a wide box holds its points."""
-    described = Element({n: x for n, x in _steps(element_data(element)).items() if n != "biased"})
+    described = Element({n: x for n, x in as_steps(element_data(element)).items() if n != "biased"})
 
     def over(*sides: float) -> tuple[Jet, Jet]:
         ends = [arb(fmpq(*Fraction(x).as_integer_ratio())) for x in sides]
