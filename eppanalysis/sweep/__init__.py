@@ -69,7 +69,8 @@ def sweep(
     allow : str, optional
         A limit cycle that is allowed, as :func:`design_bounds` takes it ("theta 0.3 deg"). Cells then also have their
         `size`, and in `allowed` whether they settle, have stable cycles within what is allowed, or exceed it. Runs have
-        sizes by 512 samples of a period, exact orbits exact ones, predictions those of a sinusoid.
+        sizes by 512 samples of a period, exact orbits exact extrema and the rms of their 256 samples, predictions those
+        of a sinusoid.
     scheduler : str
         "threads" (the kernels release the interpreter's lock), "processes", a queueing system whose jobs are the
         workers ("slurm", "pbs", "lsf", "sge", "oar", "moab", "htcondor"; needs dask-jobqueue), or the address of an
