@@ -225,7 +225,7 @@ class Guide(Result):
         if self._applied:
             line["margins taken off"] = ", ".join(self._applied)
         if self.allowed is not None:
-            size = with_unit(f"{self.allowed.signal} {self.allowed.measure} at the limit", self.allowed.shown[0])
+            size = with_unit("size at the limit", self.allowed.shown[0])
             line |= {"allowed": str(self.allowed), "what limits": str(row.cell.kind)}
             line[size] = self.allowed.shown[1] * row.cell.size
         begins = "oscillates from rest" if self.of_backlash else "own run oscillates"

@@ -50,7 +50,7 @@ def test_at_the_limit_the_exact_cycle_has_the_rms_that_is_allowed(servo: epp.Cas
     (row,) = guide.rows
     there = epp.find_limit_cycles(servo.with_values({"play.gap": row.allowed})).stable[0]
     assert Allowed.read(servo.to_system(), text).size_of(there) == pytest.approx(0.1, rel=1e-6)
-    assert row.cell.verified and "x rms at the limit" in guide.to_frame()
+    assert row.cell.verified and "size at the limit" in guide.to_frame()
 
 
 def test_what_is_allowed_is_named_in_sentences_and_tables(guide: epp.Guide) -> None:
@@ -60,7 +60,7 @@ def test_what_is_allowed_is_named_in_sentences_and_tables(guide: epp.Guide) -> N
     assert told[-1] == "Allowed is a stable limit cycle up to x 0.5 peak to peak."
     frame = guide.to_frame()
     assert frame["allowed"].tolist() == ["x 0.5 peak to peak"] and frame["what limits"].tolist() == ["allowed size"]
-    assert frame["x peak to peak at the limit"].tolist() == pytest.approx([0.5], rel=1e-9)
+    assert frame["size at the limit"].tolist() == pytest.approx([0.5], rel=1e-9)
     assert "own run exceeds it above" in frame and "own run oscillates above" not in frame
     plain = guide.to_dict()
     assert plain["allowed"]["size"] == 0.5 and plain["provenance"]["settings"]["allowed"]["signal"] == "x"
@@ -109,7 +109,7 @@ def test_sheets_and_documents_name_it(guide: epp.Guide, tmp_path: Path) -> None:
     for name in ("guide.xlsx", "guide.docx"):
         guide.write(tmp_path / name)
     heads = [cell.value for cell in openpyxl.load_workbook(tmp_path / "guide.xlsx")["guideline"][1]]
-    assert {"allowed", "what limits", "x peak to peak at the limit"} <= set(heads)
+    assert {"allowed", "what limits", "size at the limit"} <= set(heads)
     document = docx.Document(str(tmp_path / "guide.docx"))
     texts = " ".join(p.text for p in document.paragraphs)
     assert f"without a {_LARGER}" in texts and "Allowed is a lasting oscillation up to x 0.5 peak to peak." in texts
