@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 DEGREES = (4, 8, 16, 32)
 #: Largest of the last two coefficients, and one that rounding makes of zero, relative to the sum of all.
 _RESOLVED, _ROUNDING = 4e-15, 4e-16
-#: The degree from which on rounding is looked for where a lower one has not sufficed.
-_LOOKED_FOR_FROM = 8
+#: Where the last coefficients are still more than this share of those of half the degree, rounding is looked for.
+_FALLS = 0.1
 #: Places at which it is looked at (of the range); how many neighbours of each, towards the middle, and how far from
 #: each other: beyond the teeth of what is rounded to a float, and what bends between them is far below rounding.
 _LOOKED_AT, _NEIGHBOURS, _APART = (0.0, 0.5, 1.0), 4, 1.3e-9
@@ -102,27 +102,33 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     [-0.25, 4.0, 0.0]
     """
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    known: dict[float, Array] = {}
-    noise: Array | None = None
+    first = function(middle)
+    if first is None:
+        return None
+    known, n, noise = {0.5: first}, first.size, None
+    coefficients, left, before, is_open = (
+        np.zeros((DEGREES[-1] + 1, n)),
+        np.zeros(n),
+        np.full(n, np.inf),
+        np.ones(n, bool),
+    )
     for degree in DEGREES:
         nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
         for k in range(degree + 1):
             if k / degree not in known:
                 value = function(middle + half * float(nodes[k]))
-                if value is None or (known and value.size != known[0.0].size):
+                if value is None or value.size != n:
                     return None
                 known[k / degree] = value
         rows = np.array([known[k / degree] for k in range(degree + 1)])
-        if degree == DEGREES[0]:
-            coefficients = np.zeros((DEGREES[-1] + 1, rows.shape[1]))
-            is_open, left = np.ones(rows.shape[1], bool), np.zeros(rows.shape[1])
         # An entry that is resolved stays as it is: of a higher degree its rounding counts more in the derivative.
         places = np.flatnonzero(is_open & np.any(rows != rows[0], axis=0))
-        c, rough = _coefficients(rows[:, places], np.zeros(places.size))
-        if rough.any() and degree >= _LOOKED_FOR_FROM:
+        c, tail, rough = _coefficients(rows[:, places], left[places])
+        if np.any(tail[rough] > _FALLS * before[places[rough]]):
             noise = _noise(function, known, middle, half) if noise is None else noise
             left[places[rough]] = 0.0 if noise is None else noise[places[rough]]
-            c, rough = _coefficients(rows[:, places], left[places])
+            c, tail, rough = _coefficients(rows[:, places], left[places])
+        before[places] = tail
         coefficients[: degree + 1, places[~rough]] = c[:, ~rough]
         is_open[places[~rough]] = False
         if not rough.any():
@@ -131,8 +137,8 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     return None
 
 
-def _coefficients(rows: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Coefficients from values at Chebyshev's extrema, those of rounding zero; which entries they do not resolve."""
+def _coefficients(rows: Array, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Coefficients from values at Chebyshev's extrema, those of rounding zero; the last; which entries want more."""
     # From their difference to one of them: what is the same at all places would leave its rounding.
     c = _to_coefficients(rows.shape[0] - 1) @ (rows - rows[0])
     c[0] += rows[0]
@@ -140,7 +146,7 @@ def _coefficients(rows: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
     # What is rounding in a coefficient would count degree^2 times in the derivative.
     kept = np.abs(c) > _ROUNDING * size + noise
     kept[0] = True
-    return np.where(kept, c, 0.0), tail > _RESOLVED * size + noise
+    return np.where(kept, c, 0.0), tail, tail > _RESOLVED * size + noise
 
 
 def _noise(

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _AGREEMENT = 4e-15
 #: Lengths of the range that is interpolated over, relative to the one given.
 _REACHES = (1.02, 0.98)
+#: Parts of it over which the arcs of an orbit are polynomials: a sequence of events is rarely that of the whole range.
+_PARTS = 6
 _CHECKED = (-0.93, -0.41, 0.13, 0.58, 0.97)
 
 
@@ -87,7 +89,7 @@ class Family:
     patience: int = 7
     _stand_in: _StandIn | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
-    _arcs: dict[bytes, Polynomial] = field(default_factory=dict, init=False)
+    _arcs: dict[tuple[bytes, tuple[float, float] | None], Polynomial] = field(default_factory=dict, init=False)
 
     @property
     def width(self) -> float:
@@ -113,13 +115,23 @@ class Family:
         """
         # A derivative is followed by more: the stand-in pays at once.
         self._asked = max(self._asked, self.patience) if self.patience > 0 else self._asked
-        key = orbit.arcs.event_sequence.key
+        part = self._part(value)
+        key = orbit.arcs.event_sequence.key, part
         known = self._arcs.get(key)
         if known is None or not known.covers(value):
-            self.at(value)
-            wide = None if self._stand_in is None else self._stand_in.numbers
-            known = self._arcs[key] = _arcs_over(self.at, orbit, value, self.width, wide)
+            known = self._arcs[key] = _arcs_over(self.at, orbit, value, self.width, part)
         return _slope_from(orbit, known, value)
+
+    def _part(self, value: float) -> tuple[float, float] | None:
+        """The part of the range of the stand-in that a value is in; None where it is in none."""
+        self.at(value)
+        if self._stand_in is None or not self._stand_in.numbers.covers(value):
+            return None
+        numbers = self._stand_in.numbers
+        length = 2.0 * numbers.half / _PARTS
+        k = min(max(int((value - numbers.middle + numbers.half) / length), 0), _PARTS - 1)
+        low = numbers.middle - numbers.half + k * length
+        return low, low + length
 
 
 def slope_of(build: Callable[[float], HybridSystem], orbit: Orbit, value: float, size: float) -> Array:
@@ -134,9 +146,13 @@ def slope_of(build: Callable[[float], HybridSystem], orbit: Orbit, value: float,
 
 
 def _arcs_over(
-    at: Callable[[float], HybridSystem], orbit: Orbit, value: float, size: float, wide: Polynomial | None = None
+    at: Callable[[float], HybridSystem],
+    orbit: Orbit,
+    value: float,
+    size: float,
+    limits: tuple[float, float] | None = None,
 ) -> Polynomial:
-    """The numbers of an orbit's arcs as polynomials: over the range of the system's own, or about the value."""
+    """The numbers of an orbit's arcs as polynomials: between two limits, or about the value."""
     like = orbit.arcs
 
     def numbers(v: float) -> Array | None:
@@ -147,9 +163,9 @@ def _arcs_over(
         return np.concatenate([a.ravel() for a in _numbers_of(hybrid, Arcs.build(hybrid, like.event_sequence, like))])
 
     found = None
-    if wide is not None and wide.covers(value):
+    if limits is not None:
         with suppress(EppError):
-            found = polynomial(numbers, wide.middle - wide.half, wide.middle + wide.half)
+            found = polynomial(numbers, *limits)
     found = found or polynomial_at(numbers, value, size)
     if found is None:
         raise EppError(f"The loop changes its structure at {value:g} of the parameter; expected another value.")
