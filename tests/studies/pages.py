@@ -1,8 +1,8 @@
 """Faults of built pages: ``python -m tests.studies.pages HTML`` after ``sphinx-build``.
 
-Dead internal links and pictures without a text in their place are read from the files. A browser sees formulas that do
-not render, what is wider than the screen (at 420 and at 1400 pixels), and texts with too little contrast (WCAG 2 AA,
-light and dark).
+Dead internal links and pictures without a text in their place are read from the files. A browser sees formulas and rows
+of tables that do not render, what is wider than the screen (at 420 and at 1400 pixels), and texts with too little
+contrast (WCAG 2 AA, light and dark).
 """
 
 from __future__ import annotations
@@ -27,6 +27,12 @@ MADE = "genindex.html", "py-modindex.html", "search.html"
 BROKEN = """
 () => [...document.querySelectorAll('mjx-merror, .math:not(:has(mjx-container))')]
   .map((node) => node.textContent.slice(0, 60))
+"""
+
+#: Rows of a table that are shown as their source.
+TORN = """
+() => [...document.querySelectorAll('article p')].map((node) => node.textContent.trim())
+  .filter((text) => text.startsWith('|') && text.endsWith('|')).map((text) => text.slice(0, 60))
 """
 
 #: What sticks out of the page, and is neither in a box that scrolls nor out of sight.
@@ -150,6 +156,7 @@ def seen_faults(browser: Any, address: str) -> Iterator[str]:
         tab.wait_for_function("window.MathJax && MathJax.startup && MathJax.startup.promise", timeout=20_000)
         tab.evaluate("() => MathJax.startup.promise")
         yield from (f"broken formula: {text}" for text in tab.evaluate(BROKEN))
+    yield from (f"torn table: {text}" for text in tab.evaluate(TORN))
     for theme in THEMES:
         tab.evaluate("(theme) => { document.body.dataset.theme = theme; }", theme)
         yield from (f"little contrast, {theme}: {text}" for text in tab.evaluate(PALE))

@@ -54,6 +54,7 @@ def test_faults_of_a_file_are_found(site, more, fault):
 def test_faults_that_a_browser_sees_are_found(site):
     faults = {
         '<p style="color:#aaa">pale</p>': "little contrast",
+        "<p>| a | row that no table has |</p>": "torn table: | a |",
         '<p style="width:600px">wide</p>': "wider than 420 px: p to",
         '<script>window.MathJax = {startup: {promise: 1}}</script><span class="math">x^2</span>': "broken formula: x^2",
     }
