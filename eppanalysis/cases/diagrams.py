@@ -25,7 +25,7 @@ from eppanalysis.cases.values.dimensions import check_fields
 from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.cases.values.parameters import Named, read, resolve
 from eppanalysis.cases.values.quantities import AnyQuantity, Parameter, Quantity
-from eppanalysis.cases.values.wires import check_wires
+from eppanalysis.cases.values.wires import units_along_wires
 from eppanalysis.cases.variation import LoopVariation
 from eppanalysis.errors import CaseError, IdleInput, ModelError, did_you_mean
 from eppanalysis.models.devices.declared import Declared, Form, declared_fields
@@ -63,7 +63,8 @@ class DiagramKind(Kind):
             _require_driving(diagram, raw)
         except ModelError as error:
             raise _refused(error, raw) from None
-        check_wires(diagram, diagram.units, reader.with_units, raw)
+        known = units_along_wires(diagram, diagram.units, reader.with_units, raw)
+        system = replace(system, signals=system.signals.in_units(known))
         parameters = {**{name: named.parameter for name, named in reader.named.items()}, **reader.given}
         units = {name: level.unit for name, level in levels.items()}
         return Parts(parameters, input_signals_of(file.run, system.input_names, units, raw), system)

@@ -13,6 +13,7 @@ from eppanalysis.cases.values.expressions import Unit, alike, is_expression, nam
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.errors import CaseError
 from eppanalysis.models.diagrams import Block, Diagram
+from eppanalysis.models.diagrams.closing import signals_of_ports
 from eppanalysis.models.diagrams.wiring import Port, port_names, written
 from eppanalysis.models.elements.base import RATIO, Role
 from eppanalysis.units import KINDS, QuantityError, dimensions
@@ -48,17 +49,31 @@ class _Signals:
         self._above[top] = other_top, times(times(unit, others), own, -1)
         return None
 
+    def of(self, port: Port) -> Unit | None:
+        """The unit of a signal, where that is known."""
+        (top, own), (ground, one) = self._top(port), self._top(_ONE)
+        return times(own, one, -1) if top == ground else None
+
     def said(self, port: Port) -> str:
         """A signal and its unit, where that is known."""
-        (top, own), (ground, one) = self._top(port), self._top(_ONE)
-        name = name_of_unit(times(own, one, -1)) or "a plain number"
-        return f"{written(port)} is in {name}" if top == ground else written(port)
+        unit = self.of(port)
+        return written(port) if unit is None else f"{written(port)} is in {name_of_unit(unit) or 'a plain number'}"
+
+    def named(self, port: Port) -> str:
+        """The unit of a signal as axes and tables have it; empty where it is not known.
+
+        Radians count in an angle and its rates alone, and once: what else holds some has them from a factor between.
+        """
+        unit = self.of(port) or {}
+        others = {name for name, power in unit.items() if power} - {"radian"}
+        turns = unit.get("radian", 0) > 0 and others <= {"second"}
+        return name_of_unit({**unit, "radian": int(turns)})
 
 
-def check_wires(
+def units_along_wires(
     diagram: Diagram, units: Mapping[str, str], fields: Mapping[str, Mapping[str, Parameter]], raw: RawCase
-) -> None:
-    """Refuse units in a diagram that do not go together.
+) -> dict[str, str]:
+    """The units of all signals, as far as they are known; what does not go together is refused.
 
     Parameters
     ----------
@@ -68,6 +83,11 @@ def check_wires(
     fields : mapping of str to mapping of str to Parameter
         Numbers of the file's blocks ("blocks.controller") and elements that have a unit, by their fields.
     raw : RawCase
+
+    Returns
+    -------
+    dict of str to str
+        Those that the file gives, and of the signals of ports those that follow from them and from the parts.
 
     Raises
     ------
@@ -88,6 +108,8 @@ def check_wires(
     _check_given(diagram, units, signals, raw)
     for place, typed in fields.items():
         _check_part(diagram, place, typed, signals, raw)
+    of_ports = {name: signals.named(port) for name, port in signals_of_ports(diagram).items()}
+    return of_ports | {name: unit for name, unit in units.items() if unit}
 
 
 def _check_connections(diagram: Diagram, signals: _Signals, raw: RawCase) -> None:

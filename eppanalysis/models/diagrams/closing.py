@@ -145,8 +145,8 @@ class _Closed:
         """Signals that the diagram names, then those of all ports that it can tell."""
         terms = dict(shown)
         if diagram.ports_as_signals:
-            for name, sums in _of_all_ports(diagram).items():
-                terms.setdefault(name, sums)
+            for name, port in signals_of_ports(diagram).items():
+                terms.setdefault(name, [(1.0, port)])
         known = {name: sums for name, sums in terms.items() if all(port in self.places for _, port in sums)}
         for name in shown:
             if name not in known:
@@ -162,18 +162,18 @@ class _Closed:
         return SignalMap(tuple(known), C, D, D_input, constant, tuple(diagram.units.get(n, "") for n in known))
 
 
-def _of_all_ports(diagram: Drawn) -> dict[str, Terms]:
+def signals_of_ports(diagram: Drawn) -> dict[str, Port]:
     """A signal for every output and external input, and for the inputs of elements."""
     ports = diagram.ports
     wanted = [(part, port, len(names) == 1) for part, names in ports.outputs.items() for port in names]
     wanted += [(name, "", True) for name in ports.external]
     inputs = {part: names for part, names in ports.inputs.items() if not isinstance(diagram.parts[part], Block)}
     wanted += [(part, port, False) for part, names in inputs.items() for port in names]
-    found: dict[str, Terms] = {}
+    found: dict[str, Port] = {}
     single = {part for part, _, alone in wanted if alone}
     for part, port, alone in wanted:
         name = part if alone else f"{part}_{port}"
-        found[name if alone or name not in {*single, *found} else f"{part}.{port}"] = [(1.0, (part, port))]
+        found[name if alone or name not in {*single, *found} else f"{part}.{port}"] = part, port
     return found
 
 

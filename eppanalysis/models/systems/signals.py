@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,10 @@ class SignalMap:
         order = sorted(range(len(self.names)), key=lambda i: self.names[i] != name)
         names, units = (tuple(part[i] for i in order) if part else part for part in (self.names, self.units))
         return SignalMap(names, self.C[order], self.D[order], self.D_input[order], self.constant[order], units)
+
+    def in_units(self, known: Mapping[str, str]) -> SignalMap:
+        """The signals with these units, by their names; none for one that is not among them."""
+        return replace(self, units=tuple(known.get(name, "") for name in self.names))
 
 
 def require(name: str, what: str, given: object, holds: bool, expected: str) -> None:

@@ -66,3 +66,34 @@ def test_plain_numbers_and_machines_of_plain_numbers_fit_everything():
 def test_a_parameter_that_was_set_beside_the_file_is_refused_by_its_own_name():
     with pytest.raises(epp.CaseError, match="^with_values: Kp is '2 rad/s'; expected a plain number"):
         epp.case("x15_flare").with_values({"Kp": "2 rad/s"})
+
+
+def test_ports_that_the_file_does_not_name_have_the_units_that_follow_from_the_others():
+    """By hand from the servo's drawing; a voltage gain's radians are left out, a bandwidth's are no second angle."""
+    units = _units(SERVO)
+    ports = {"rad": "motor_angle encoder encoder_in gear_twist setpoint", "rad/s": "motor_speed load_friction_in"}
+    ports |= {"V": "controller", "A": "motor_current", "N*m": "gear motor_friction load_friction"}
+    assert {name: units[name] for names in ports.values() for name in names.split()} == {
+        name: unit for unit, names in ports.items() for name in names.split()
+    }
+    flare = _units(FLARE)
+    assert (flare["error"], flare["rate_limit"], flare["elevator"]) == ("rad/s", "rad/s", "rad")
+
+
+def test_ports_behind_plain_numbers_alone_have_no_unit():
+    plain = SERVO.replace("40 V/rad", "40")
+    units = _units(plain, ("blocks.controller.kp", "Kp"), ("parameters.Kp", 40.0))
+    assert units["controller"] == "V"  # the motor tells it
+    loop = _read(epp.case("clegg_loop").to_toml()).to_system()
+    assert not any(loop.signals.units)
+
+
+def test_units_of_ports_are_those_of_the_axes():
+    run = epp.simulate(_read(SERVO), t_end=0.1)
+    assert run.plot(signals=["motor_current"]).get_ylabel() == "motor current [A]"
+    assert run.to_dataset()["gear_twist"].attrs["units"] == "rad"
+
+
+def _units(text, *changes):
+    signals = _read(text, *changes).to_system().signals
+    return dict(zip(signals.names, signals.units, strict=True))
