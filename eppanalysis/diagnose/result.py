@@ -13,7 +13,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.diagnose.record import Oscillation, Record
 from eppanalysis.readable import listed, number, quantity, words
 from eppanalysis.results import Listing, PlainData, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

@@ -123,7 +123,7 @@ def picture(given: Given) -> Facts:
     """The ladder's picture, as a PNG."""
     from eppanalysis.methods.comparison.ladder import ladder
     from eppanalysis.plotting import figure_of
-    from eppanalysis.results.shown import png
+    from eppanalysis.shown import png
 
     return {"png": png(figure_of(ladder(given.case()).plot()), 150)}
 

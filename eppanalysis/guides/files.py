@@ -13,7 +13,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import manual_table, source
 from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
-from eppanalysis.results.shown import png
+from eppanalysis.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.readable import count, in_print, words
 from eppanalysis.results import PlainData, Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 from eppanalysis.units import format_si
 
 if TYPE_CHECKING:

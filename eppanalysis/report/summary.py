@@ -19,7 +19,7 @@ from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.search.result import CycleSearch
 from eppanalysis.readable import DIGITS, cut, in_print, quantity, words
 from eppanalysis.results import LimitCycle, Status, Trajectory
-from eppanalysis.results.shown import png
+from eppanalysis.shown import png
 
 #: Size of the picture [inch], and its dots per inch.
 _SIZE, _DOTS = (7.2, 3.4), 150

@@ -25,7 +25,7 @@ from eppanalysis.results.result import (
     plain as plain,
     require_converged as require_converged,
 )
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

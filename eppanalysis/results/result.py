@@ -5,20 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
-from functools import partial
-from importlib import import_module
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, overload
+from typing import Any, ClassVar, Generic, TypeVar, overload
 
 import numpy as np
 
 from eppanalysis.errors import NotConverged
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import Shown, png
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from eppanalysis.shown import Shown
 
 Part = TypeVar("Part")
 
@@ -129,34 +124,14 @@ class Result(Shown, PlainData):
     provenance: Provenance = field(default_factory=Provenance, kw_only=True, compare=False, repr=False)
     operating_point: OperatingPoint | None = field(default=None, kw_only=True, compare=False)
 
-    def drawn(self, function: str, ax: Axes | None, *options: Any) -> Axes:
-        """The axes into which a function of the module `picture` in the result's own room draws it.
+    @property
+    def subject(self) -> str:  # type: ignore[override]  # of its provenance
+        """Name of the case or the system that the result is of; empty where none was given."""
+        return self.provenance.subject
 
-        Into given axes goes its main panel; without any, the whole picture goes on a figure of its own (``ax.figure``)
-        with the verdict above it, and its first axes are returned. A notebook shows them as that figure.
-        """
-        from eppanalysis.plotting import put_verdict
-
-        figure = self.by("picture", function, *options, ax)
-        if ax is not None:
-            return ax
-        verdict = self.headline()
-        rest = str(self).removeprefix(verdict).lstrip(".;: ")
-        put_verdict(figure, verdict, rest[:1].upper() + rest[1:], self.provenance.subject)
-        first: Axes = figure.axes[0]
-        # A figure that no window manages is shown by nobody; what a notebook looks for is this name.
-        first._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]
-        return first
-
-    def by(self, module: str, function: str, *options: Any) -> Any:
-        """What a function in the result's own room makes of it: a picture, a file.
-
-        Such a function knows the result. So that no two modules know each other, a result knows it by name only; what
-        draws and writes is loaded when something is drawn or written.
-        """
-        own = import_module(type(self).__module__)
-        room = own.__name__ if hasattr(own, "__path__") else own.__name__.rpartition(".")[0]
-        return getattr(import_module(f"{room}.{module}"), function)(self, *options)
+    def facts(self) -> Mapping[str, Any]:
+        """What made it, as plain data."""
+        return self.provenance.to_dict()
 
 
 class Listing(Result, Generic[Part]):

@@ -17,7 +17,7 @@ from eppanalysis.models.systems.subject import require_case
 from eppanalysis.readable import count, listed, span, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 from eppanalysis.sweep.analyses import PREFIX, Allowance, Analysis, Outcome
 from eppanalysis.sweep.axes import Axis, Zipped, make_design
 

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from eppanalysis.readable import ROUNDING, at_rest, in_print, percent, readable, signed_percent, with_unit
 from eppanalysis.results import DESCRIBING_FUNCTION, EXACT_ORBIT, SIMULATION
-from eppanalysis.results.shown import for_people
+from eppanalysis.shown import Shown, for_people
 from eppanalysis.tables.cells import cell, table_of
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from eppanalysis.methods.driven.result import ForcedResponse, FrequencyResponse
     from eppanalysis.methods.margins.result import Margins
     from eppanalysis.methods.search.trigger import Trigger
-    from eppanalysis.results import LimitCycle, Result, Trajectory
+    from eppanalysis.results import LimitCycle, Trajectory
 
 #: How to read an estimate that says no more than that it cannot tell.
 _BEYOND = (
@@ -33,7 +33,7 @@ _BEYOND = (
 )
 
 
-def result_table(result: Result) -> Table:
+def result_table(result: Shown) -> Table:
     """The table of a result in the units that people read, a long one cut in the middle."""
     frame = for_people(result.in_brief())
     table = table_of(*map(str, frame.columns))

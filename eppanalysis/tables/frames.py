@@ -17,8 +17,9 @@ from eppanalysis.methods.comparison.ladder import Ladder
 from eppanalysis.methods.design.result import Design
 from eppanalysis.methods.margins.result import Margins
 from eppanalysis.methods.search.trigger import Trigger
-from eppanalysis.results import LimitCycle, Result, Trajectory
+from eppanalysis.results import LimitCycle, Trajectory
 from eppanalysis.results.provenance import Provenance
+from eppanalysis.shown import Shown
 from eppanalysis.tables import console, designs
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def table(what: Any, signals: Sequence[str] | None = None) -> ShownTable:
 
     Parameters
     ----------
-    what : Case, Result, mapping, or sequence
+    what : Case, result, mapping, or sequence
         Of a case its parameters with where they come from; of a ladder all methods side by side; of a run its cycle, or
         where it rests; of a prediction or a search its limit cycles; of bounds one a row, of a design its optimum and
         its front. A mapping is the margins of a prediction, or the provenance of a case. A sequence holds limit cycles,
@@ -120,7 +121,7 @@ def table(what: Any, signals: Sequence[str] | None = None) -> ShownTable:
                 return ShownTable(make(cycles, *chosen[: kind in _WITH_SIGNALS]))
     elif isinstance(cycles, Sequence) and not isinstance(cycles, str):
         return ShownTable(console.sentence_table("none"))
-    if isinstance(what, Result):
+    if isinstance(what, Shown):
         return ShownTable(console.result_table(what))
     raise EppError(f"table: there is none of {type(what).__name__}; expected {_LIKED}.")
 

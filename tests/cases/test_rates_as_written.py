@@ -9,7 +9,7 @@ import pytest
 
 import eppanalysis as epp
 from eppanalysis.methods.continuation.result import Branch
-from eppanalysis.results.shown import for_people
+from eppanalysis.shown import for_people
 
 TABLES = {
     "kind": "diagram",

@@ -32,7 +32,7 @@ from eppanalysis.methods.simulation.batch import BatchResult
 from eppanalysis.readable import number, readable
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import for_people, frame_of
+from eppanalysis.shown import Shown, for_people, frame_of
 from tests.made_bounds import bounds_of
 from tests.shared import cycles_of
 from tests.synthetic import cycle, prediction, trajectory
@@ -40,7 +40,7 @@ from tests.wrong_arguments import doors
 
 
 def result_classes() -> set[type]:
-    """All classes of results in the package, but for those that others are built on."""
+    """All classes of results and of measured responses in the package, but for those that others are built on."""
     for module in pkgutil.walk_packages(epp.__path__, "eppanalysis."):
         if not re.search(r"__main__|\.kernels\.|\.explorer|\.report", module.name):
             importlib.import_module(module.name)
@@ -48,7 +48,7 @@ def result_classes() -> set[type]:
     def below(kind: type) -> set[type]:
         return {kind}.union(*(below(sub) for sub in kind.__subclasses__()))
 
-    return {kind for kind in below(Result) if "__dataclass_params__" in vars(kind)} - {Result}
+    return {kind for kind in below(Shown) if "__dataclass_params__" in vars(kind)} - {Result}
 
 
 @cache
@@ -85,6 +85,8 @@ def examples() -> dict[type, Result]:
         made_design(),
         made_dither(),
         measured_cycle(),
+        lag(),
+        epp.MeasuredMatrix([[None, lag(0.01)], [lag(), lag()]], name="plate"),
     ]  # fmt: skip
     made: dict[type, Result] = {type(result): result for result in found}
     for door in doors():
@@ -92,6 +94,11 @@ def examples() -> dict[type, Result]:
         if inspect.isfunction(door.call) and kind in result_classes() and kind not in made:
             made[kind] = door.call(**door.good)
     return made
+
+
+def lag(deviation: float | None = None) -> epp.MeasuredResponse:
+    omega = np.geomspace(0.1, 10.0, 31)
+    return epp.MeasuredResponse(omega, 2.0 / (1.0 + 1j * omega), deviation, static_gain=2.0, name="lag")
 
 
 def measured_cycle() -> epp.MeasuredCycle:
@@ -314,7 +321,13 @@ def test_a_search_without_a_stable_cycle_claims_none():
     unknown = replace(search, cycles=(replace(search[0], stable=None),))
     assert str(unknown).startswith("Limit cycles of unknown stability exist: 1 limit cycle with x 2.066 peak to peak")
     none = replace(search, cycles=(), n_runs=40)
-    assert str(none) == "No limit cycle was found by 40 runs: some starts settle at rest."
+    assert str(none) == "No limit cycle was found by 40 runs: all settle at rest."
+    undecided = replace(none, left_open=("2 runs neither settled nor repeated themselves",), status=Status.UNDECIDED)
+    assert str(undecided).startswith(
+        "No limit cycle was found by 40 runs: some starts settle at rest. The search leaves"
+    )
+    both = replace(none, diverges=True)
+    assert str(both) == "No limit cycle was found by 40 runs: some starts settle at rest and some grow without bound."
 
 
 EMPTY = {

@@ -75,7 +75,7 @@ def read_response(
     >>> import eppanalysis as epp
     >>> response = epp.read_response("frequency_response.csv")
     >>> response
-    MeasuredResponse('frequency_response.csv', 301 points, 0.1257 to 125.7 rad/s, deviation 0.01)
+    Frequency response at 301 frequencies from 0.1257 to 125.7 rad/s, standard deviation 1 %.
     """
     path = _found(Path(path))
     source = str(path)

@@ -17,7 +17,7 @@ from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.readable import count, percent, reasons, span, with_unit, words
 from eppanalysis.results import Brief, LimitCycle, Listing, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

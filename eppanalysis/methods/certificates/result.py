@@ -15,7 +15,7 @@ from eppanalysis.errors import EppError, visible
 from eppanalysis.methods.certificates.registry import STATEMENTS, Asked
 from eppanalysis.readable import words
 from eppanalysis.results import PlainData, Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

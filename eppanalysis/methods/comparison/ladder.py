@@ -48,7 +48,7 @@ from eppanalysis.results import (
     counted,
 )
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

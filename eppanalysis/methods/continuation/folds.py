@@ -20,7 +20,7 @@ from eppanalysis.models.systems.subject import CaseLike, facts_of, require_case
 from eppanalysis.readable import count, span, words
 from eppanalysis.results import LimitCycle, Result, Status
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

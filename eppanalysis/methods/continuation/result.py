@@ -14,7 +14,7 @@ from eppanalysis.methods.continuation.labels import Change
 from eppanalysis.methods.continuation.steps import Point
 from eppanalysis.readable import count, listed, number, readable, span, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

@@ -13,7 +13,7 @@ from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.design.goal import Kept, Sense
 from eppanalysis.readable import percent, quantity, words
 from eppanalysis.results import Brief, LimitCycle, Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

@@ -13,7 +13,7 @@ from eppanalysis.methods.dither.smoothed import Wave, smoothed
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.readable import count, percent
 from eppanalysis.results import LimitCycle, Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

@@ -12,7 +12,7 @@ from eppanalysis.arguments import checked
 from eppanalysis.methods.elements.rules import Finding, Flaw
 from eppanalysis.readable import number
 from eppanalysis.results import Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

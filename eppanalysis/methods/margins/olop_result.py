@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.readable import words
 from eppanalysis.results import Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

@@ -13,7 +13,7 @@ from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Result, Status, require_converged
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

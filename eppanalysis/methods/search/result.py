@@ -101,7 +101,9 @@ class CycleSearch(Listing[LimitCycle]):
             open_ends = f" {self.message}"
         if not self.cycles:
             none = "No limit cycle was found" + (f" by {count(self.n_runs, 'run')}" if self.n_runs else "")
-            ends = ["some starts settle at rest"] * self.settles + ["some grow without bound"] * self.diverges
+            alike = self.n_runs > 0 and not self.left_open and self.settles != self.diverges
+            first, second = ("all", "all") if alike else ("some starts", "some")
+            ends = [f"{first} settle at rest"] * self.settles + [f"{second} grow without bound"] * self.diverges
             return f"{none}{': ' * bool(ends)}{listed(ends) if ends else ''}.{open_ends}"
         # Rest and a cycle may both be there: which of them a motion comes to is for its start to say.
         begin = "Can oscillate" if self.settles else "Oscillates"

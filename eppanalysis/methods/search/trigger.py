@@ -28,7 +28,7 @@ from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.readable import count, quantity, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

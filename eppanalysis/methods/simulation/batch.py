@@ -23,7 +23,7 @@ from eppanalysis.models.systems.sampled.strobe import refuse_samples
 from eppanalysis.readable import count, listed, words
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

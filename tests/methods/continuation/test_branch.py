@@ -17,7 +17,7 @@ from eppanalysis.methods.continuation.cover import gaps
 from eppanalysis.methods.continuation.families import Family, interpolate
 from eppanalysis.methods.continuation.labels import Change, standstill
 from eppanalysis.methods.continuation.steps import bend, last_admissible, other_sequence, step
-from eppanalysis.results.shown import for_people
+from eppanalysis.shown import for_people
 from tests.shared import cycles_of
 
 POUND = 4.4482216152605

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eppanalysis.arguments import checked
 from eppanalysis.readable import listed, number, quantity, words
 from eppanalysis.results import Result, Status
-from eppanalysis.results.shown import frame_of
+from eppanalysis.shown import frame_of
 
 if TYPE_CHECKING:
     import pandas

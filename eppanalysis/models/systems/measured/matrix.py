@@ -11,18 +11,23 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import checked, checked_class
 from eppanalysis.errors import ModelError
-from eppanalysis.models.systems.measured.response import MeasuredResponse
+from eppanalysis.models.systems.measured.response import MeasuredResponse, reach
+from eppanalysis.readable import count
+from eppanalysis.shown import Shown, frame_of
 
 if TYPE_CHECKING:
     import control
+    import pandas
+
+    from eppanalysis.plotting import Axes
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
 @checked_class
-@dataclass(frozen=True, eq=False)
-class MeasuredMatrix:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredMatrix(Shown):
     """Measured frequency responses of a linear part with several inputs and outputs.
 
     Each path has its own points, standard deviation and static gain. The matrix is known where all its paths are.
@@ -143,6 +148,41 @@ class MeasuredMatrix:
             G[..., i, j], dG[..., i, j] = r.with_slope(omega)
         return G, dG
 
-    def __repr__(self) -> str:
-        (p, q), (low, high) = self.shape, self.band
-        return f"MeasuredMatrix({self.name!r}, {p} outputs, {q} inputs, {low:.4g} to {high:.4g} rad/s)"
+    def __str__(self) -> str:
+        """How many paths were measured, and where all of them are known."""
+        paths = f"{len(self.known)} of {count(self.shape[0] * self.shape[1], 'path')}"
+        ports = " and ".join(count(n, what) for n, what in zip(self.shape, ("output", "input"), strict=True))
+        return f"Frequency responses of {paths} between {ports}, all known {reach(self)}."
+
+    @property
+    def subject(self) -> str:  # type: ignore[override]  # its own name
+        """What results call it."""
+        return self.name
+
+    def facts(self) -> dict[str, Any]:
+        """What is known of each path beside its points."""
+        return {f"output {i + 1}, input {j + 1}": {"name": r.name, **r.facts()} for i, j, r in self.known}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a measured frequency of each path: its output and its input, counted from 1, and the response."""
+        import pandas
+
+        parts = [(i + 1, j + 1, r.to_frame()) for i, j, r in self.known]
+        rows = [part.assign(output=i, input=j) for i, j, part in parts]
+        columns = ["output", "input", *max((part.columns for _, _, part in parts), key=len)]
+        table = pandas.concat(rows, ignore_index=True).reindex(columns=columns)
+        return frame_of(table.to_dict("records"), parts[0][2].attrs["units"])
+
+    def in_brief(self) -> pandas.DataFrame:
+        """One row a path: where it is measured."""
+        rows = [
+            {"output": i + 1, "input": j + 1, "points": r.curve.log_omega.size, "from_omega": low, "to_omega": high}
+            for i, j, r in self.known
+            for low, high in (r.band,)
+        ]
+        return frame_of(rows, {"from_omega": "rad/s", "to_omega": "rad/s"})
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Bode diagram of all paths; the magnitudes alone in given axes."""
+        return self.drawn("plot_matrix", ax)

@@ -12,9 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import checked, checked_class, floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.systems.measured.curve import Curve
+from eppanalysis.readable import number
+from eppanalysis.shown import Shown, frame_of
 
 if TYPE_CHECKING:
     import control
+    import pandas
+
+    from eppanalysis.plotting import Axes
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -29,8 +34,8 @@ _NOISY = 0.3
 
 
 @checked_class
-@dataclass(frozen=True, eq=False)
-class MeasuredResponse:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredResponse(Shown):
     """Measured frequency response of a linear part with one input and one output.
 
     Between the points it is a curve of log magnitude and unwrapped phase over log frequency; outside them it has no
@@ -187,10 +192,40 @@ class MeasuredResponse:
         G, dG = self.curve.at(np.clip(omega, low, high))
         return np.where(inside, G, np.nan), np.where(inside, dG, np.nan)
 
-    def __repr__(self) -> str:
-        low, high = self.band
-        noise = "" if self.deviation is None else f", deviation {np.median(self._of()):.2g}"
-        return f"MeasuredResponse({self.name!r}, {len(self._omega)} points, {low:.4g} to {high:.4g} rad/s{noise})"
+    def __str__(self) -> str:
+        """How much was measured, and how well."""
+        told = f"Frequency response at {len(self._omega)} frequencies {reach(self)}"
+        if self.deviation is not None:
+            told += f", standard deviation {number(100.0 * float(np.median(self._of())))} %"
+        return told + ("" if self.static_gain is None else f", static gain {number(float(self.static_gain))}") + "."
+
+    @property
+    def subject(self) -> str:  # type: ignore[override]  # its own name
+        """What results call it."""
+        return self.name
+
+    def facts(self) -> dict[str, Any]:
+        """What is known beside the points."""
+        return {"static_gain": self.static_gain, "unstable_poles": self.unstable_poles}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a measured frequency: magnitude, unwrapped phase, and the deviation over the magnitude."""
+        size, phase = np.exp(self.curve.points[:, 0]), self.curve.points[:, 1]
+        rows = [{"omega": w, "magnitude": g, "phase": p} for w, g, p in zip(self._omega, size, phase, strict=True)]
+        if self.deviation is not None:
+            rows = [row | {"deviation": d} for row, d in zip(rows, self._of(), strict=True)]
+        return frame_of(rows, {"omega": "rad/s", "phase": "rad"})
+
+    @checked
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Bode diagram of the points and the curve through them; the magnitude alone in given axes."""
+        return self.drawn("plot_response", ax)
+
+
+def reach(measured: Any) -> str:
+    """From where to where something is measured, in words."""
+    low, high = measured.band
+    return f"from {number(low)} to {number(high)} rad/s"
 
 
 def _numbers(given: object, kind: type, field: str) -> NDArray:

@@ -1,7 +1,7 @@
 """How a result shows itself on a console and in a notebook: its sentence, its table, its picture, what made it.
 
-A result says three things of its own: a sentence (``__str__``), a table in SI units (``to_frame``) and a picture
-(``plot``). What people see is made of them here, once for all results.
+A result, and what was measured, says three things of its own: a sentence (``__str__``), a table in SI units
+(``to_frame``) and a picture (``plot``). What people see is made of them here, once for all.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import io
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from eppanalysis.errors import EppError
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from eppanalysis.results.provenance import Provenance
 
 #: Rows of a table that are shown; of a longer one those at both ends.
 _MOST_ROWS = 12
@@ -41,15 +41,49 @@ _CLAUSE = re.compile(r"[.;] ")
 class Shown:
     """What people see of a result, made of its own sentence, table and picture."""
 
-    provenance: Provenance
+    #: Case or system that the picture names; empty where the sentence does.
+    subject: str = ""
+
+    def facts(self) -> Mapping[str, Any]:
+        """What it comes from, as plain data."""
+        raise NotImplementedError
 
     def to_frame(self) -> pandas.DataFrame:
         """The result as a table in SI units; ``attrs["units"]`` of it says which."""
         raise NotImplementedError
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The picture; see :meth:`eppanalysis.results.Result.drawn`."""
+        """The picture; see :meth:`drawn`."""
         raise NotImplementedError
+
+    def drawn(self, function: str, ax: Axes | None, *options: Any) -> Axes:
+        """The axes into which a function of the module `picture` in the result's own room draws it.
+
+        Into given axes goes its main panel; without any, the whole picture goes on a figure of its own (``ax.figure``)
+        with the verdict above it, and its first axes are returned. A notebook shows them as that figure.
+        """
+        from eppanalysis.plotting import put_verdict
+
+        figure = self.by("picture", function, *options, ax)
+        if ax is not None:
+            return ax
+        verdict = self.headline()
+        rest = str(self).removeprefix(verdict).lstrip(".;: ")
+        put_verdict(figure, verdict, rest[:1].upper() + rest[1:], self.subject)
+        first: Axes = figure.axes[0]
+        # A figure that no window manages is shown by nobody; what a notebook looks for is this name.
+        first._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]
+        return first
+
+    def by(self, module: str, function: str, *options: Any) -> Any:
+        """What a function in the result's own room makes of it: a picture, a file.
+
+        Such a function knows the result. So that no two modules know each other, a result knows it by name only; what
+        draws and writes is loaded when something is drawn or written.
+        """
+        own = import_module(type(self).__module__)
+        room = own.__name__ if hasattr(own, "__path__") else own.__name__.rpartition(".")[0]
+        return getattr(import_module(f"{room}.{module}"), function)(self, *options)
 
     def headline(self) -> str:
         """The verdict alone, as it stands above the picture: what the sentence begins with."""
@@ -75,7 +109,7 @@ class Shown:
         return (
             f'<div class="eppanalysis"><p><strong>{html.escape(str(self))}</strong></p>'
             f'<div style="{_STYLE}"><div>{table}</div>{self._picture()}</div>'
-            f"<details><summary>Where this comes from</summary>{_facts(self.provenance.to_dict())}</details></div>"
+            f"<details><summary>Where this comes from</summary>{_facts(self.facts())}</details></div>"
         )
 
     def _picture(self) -> str:
