@@ -40,6 +40,8 @@ _PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
 _CONSTANT = 1e-6
 #: Half height of the axis around a constant, relative to it.
 _AROUND = 0.05
+#: A curve runs away that exceeds so many times what it stays below over this share of its width.
+_RUNS_AWAY, _KEPT = 5.0, 0.9
 #: Letters of the verdict and of what stands below it: their size [points], and how many stand side by side on an inch.
 _BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
 _SMALL, _SMALL_IN_AN_INCH = 8.0, 15.5
@@ -95,6 +97,25 @@ def show_constant(ax: Axes, *curves: Array) -> None:
     if largest > 0.0 and np.ptp(values) < _CONSTANT * largest:
         middle = float(values.mean())
         ax.set_ylim(middle - _AROUND * largest, middle + _AROUND * largest)
+
+
+def height_of(x: Array, y: Array) -> float:
+    """Up to which height a curve is shown: all of it, but where it runs away over next to no change of x.
+
+    Cycles grow without bound where the linear loop is at the limit of its stability: all others would lie on the axis.
+
+    Examples
+    --------
+    >>> x = np.array([0.0, 1.0, 2.0, 2.001])
+    >>> height_of(x, np.array([1.0, 2.0, 3.0, 4.0])), height_of(x, np.array([1.0, 2.0, 3.0, 1e9]))
+    (4.0, 6.0)
+    """
+    width, height = np.abs(np.diff(x)), np.fmax(y[1:], y[:-1])
+    order = np.argsort(height)
+    share = np.cumsum(width[order])
+    top = float(np.max(y, initial=0.0))
+    usual = float(height[order][np.searchsorted(share, _KEPT * share[-1])]) if len(share) else top
+    return top if top <= _RUNS_AWAY * usual else 2.0 * usual
 
 
 def mark_events(ax: Axes, times: Array) -> None:

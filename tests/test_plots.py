@@ -85,6 +85,17 @@ def test_chosen_signals_keep_their_order():
     assert labels(plot_trajectory(trajectory(), ["voltage"])) == ["voltage [V]"]
 
 
+def test_a_branch_whose_cycles_grow_without_bound_leaves_the_picture_and_not_the_others_on_its_axis():
+    """Sizes 1/(3 - x), up to a million, on x from 0 to 3: at x = 2.7, nine tenths of the way, it is 3.33."""
+    x = 3.0 - np.geomspace(3.0, 1e-6, 400)
+    y = 1.0 / (3.0 - x)
+    points = {"value": x, "stable": np.ones(400, bool), "frequency": 1.0 / y, "x": y}
+    branch = Branch("k", "", points, (), Status.CONVERGED, "To the limit.", ("x",), {"x": ""})
+    upper, lower = branch.plot(signal="x").figure.axes
+    assert upper.get_ylim() == (0.0, pytest.approx(2.0 / 0.3, rel=0.1))
+    assert lower.get_ylim()[1] > 3.0
+
+
 def test_unknown_signal_is_one_sentence():
     with pytest.raises(EppError, match="no signal 'thetta'; expected one of theta, voltage"):
         plot_trajectory(trajectory(), ["thetta"])

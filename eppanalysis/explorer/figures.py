@@ -14,7 +14,7 @@ from bokeh.models.annotations import Span, Title
 from bokeh.plotting import figure
 
 from eppanalysis.explorer.quick import Quick
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, nyquist_window
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, height_of, nyquist_window
 from eppanalysis.readable import with_unit, words
 from eppanalysis.sweep.picture import OUTCOME_COLOURS
 
@@ -174,9 +174,10 @@ class BranchPicture:
         """The branch."""
         lines: dict[bool, dict[str, list[list[float]]]] = {kind: {"xs": [], "ys": []} for kind in (True, False)}
         for piece in facts["pieces"]:
+            top = height_of(np.array(piece["value"]), np.array(piece["size"]))
             for kind, xs, ys in _runs_of(piece["stable"], piece["value"], piece["size"]):
                 lines[kind]["xs"].append([x_factor * x for x in xs])
-                lines[kind]["ys"].append([y_factor * y for y in ys])
+                lines[kind]["ys"].append([y_factor * y if y <= top else math.nan for y in ys])
         self.stable.data, self.unstable.data = lines[True], lines[False]
         self.begins.data = {
             "x": [x_factor * x for x, _ in facts["begins"]],

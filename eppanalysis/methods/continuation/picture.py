@@ -22,6 +22,7 @@ from eppanalysis.plotting import (
     VERMILLION,
     chosen,
     each_once,
+    height_of,
     label_of,
     note_below,
     place_of,
@@ -76,6 +77,9 @@ def plot_branch(
         if branch.not_covered and ax is panels[-1]:
             note_below(ax, branch.not_covered)
         show_constant(ax, y)
+        top = max(height_of(one.points["value"], scale * one.points[key]) for one in (branch, *branch.others))
+        if top < np.nanmax(y):
+            ax.set_ylim(0.0, top)
         if at is not None:
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")

@@ -29,8 +29,8 @@ from eppanalysis.readable import count, readable, with_unit, words
 
 Array = NDArray[np.float64]
 
-#: Colours of stable responses, which may be several.
-_STABLE = (BLUE, GREEN, SKY)
+#: Colours and lines of stable responses, which may be several; unstable ones are dashed.
+_STABLE = ((BLUE, "-"), (GREEN, "-."), (SKY, ":"))
 
 
 def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None) -> Figure:
@@ -135,7 +135,7 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
             turns = (one.cycle.time - one.cycle.time[0]) * response.frequency + one.phase / (2.0 * np.pi)
             style: dict[str, Any] = {"linestyle": "--", "color": VERMILLION}
             if one.stable:
-                style = {"linestyle": "-", "color": _STABLE[number % len(_STABLE)]}
+                style = dict(zip(("color", "linestyle"), _STABLE[(number - 1) % len(_STABLE)], strict=True))
             text = f"{number}: {STABILITY[one.stable]}, of {count(one.multiple, 'period')}"
             panel.plot(turns, factor * one.cycle.waveform[name], linewidth=1.3, label=text, **style)
             panel.set_ylabel(label)

@@ -28,14 +28,14 @@ def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
     fine = np.linspace(angles[0], angles[-1], 721)
     sector = np.clip(np.searchsorted(-angles, -fine, side="right") - 1, 0, len(forms) - 1)
     direction = np.stack([np.cos(fine), np.sin(fine)])
-    for matrices, colour, label in (
-        (forms[sector][:, :2, :2], BLUE, "play moves"),
-        (np.broadcast_to(stuck[:2, :2], (len(fine), 2, 2)), VERMILLION, "play rests"),
+    for matrices, style, colour, label in (
+        (forms[sector][:, :2, :2], "-", BLUE, "play moves"),
+        (np.broadcast_to(stuck[:2, :2], (len(fine), 2, 2)), "--", VERMILLION, "play rests"),
     ):
         value = np.einsum("ik,kij,jk->k", direction, matrices, direction)
         radius = np.where(value > 0, 1.0 / np.sqrt(np.where(value > 0, value, 1.0)), np.nan)
         radius = np.where(radius < _REACH * np.nanmin(radius), radius, np.nan)
-        ax.plot(*(radius * direction), color=colour, linewidth=1.6, label=label)
+        ax.plot(*(radius * direction), style, color=colour, linewidth=1.6, label=label)
     reach = max(*ax.get_xlim(), *ax.get_ylim())
     for ray in rays / np.linalg.norm(rays, axis=1)[:, None] * reach:
         ax.plot([0.0, ray[0]], [0.0, ray[1]], color=GREY, linewidth=0.4)
