@@ -2,7 +2,7 @@
 
 The numbers are those of ``SMOOTH_KINDS``. Series are scaled to the step, as in
 :mod:`eppanalysis.kernels.engine.series`: with the coefficients of the argument in `arg` up to order k, coefficient k of
-the scaled function goes into `Sg`. `aux` holds the squared argument (powers) or the scaled slope (tanh, arctan).
+the scaled function goes into `Sg`. `aux` holds the squared argument (powers) or the scaled slope (others).
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import math
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.tables import HOT
 
-SINE, CUBE, RECIPROCAL, SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN = range(9)
+SINE, CUBE, RECIPROCAL, SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN, LOGARITHM, EXPONENTIAL = range(11)
+#: Size of the argument below which the logarithm rests.
+LEAST = 5e-11
 
 
 @njit(**HOT)
@@ -30,6 +32,10 @@ def curve(kind, x):
         return math.tanh(x), 4.0 * e / ((1.0 + e) * (1.0 + e))
     if kind == ARCTAN:
         return math.atan(x), 1.0 / (1.0 + x * x)
+    if kind == LOGARITHM:
+        return (math.log(abs(x)), 1.0 / x) if abs(x) > LEAST else (math.log(LEAST), 0.0)
+    if kind == EXPONENTIAL:
+        return math.exp(x), math.exp(x)
     y = math.exp(-x * x)
     return y, -2.0 * x * y
 
@@ -65,7 +71,15 @@ def curve_term(kind, j, k, scale, Sg, arg, aux):
     if kind == TANH:  # slope = 1 - y^2
         aux[k, j] = -_product(Sg, Sg, j, k) / scale if scale != 0.0 else 0.0
         return
+    if kind == EXPONENTIAL:  # slope = y
+        aux[k, j] = Sg[k, j]
+        return
     total = 0.0
+    if kind == LOGARITHM:  # slope x = 1, and none at rest
+        for i in range(1, k + 1):
+            total -= arg[i, j] * aux[k - i, j]
+        aux[k, j] = total / arg[0, j] if aux[0, j] != 0.0 else 0.0
+        return
     for i in range(1, k + 1):  # slope (1 + x^2) = 1
         total -= _product(arg, arg, j, i) * aux[k - i, j]
     aux[k, j] = total / (1.0 + arg[0, j] * arg[0, j])
@@ -106,7 +120,7 @@ def has_fallen(kind, j, k, limit, Sg):
     A function that passes zero begins with nothing there: the largest coefficient counts.
     """
     size = abs(Sg[0, j])
-    if SQUARE <= kind <= GAUSSIAN:
+    if SQUARE <= kind <= EXPONENTIAL:
         for i in range(1, k + 1):
             size = max(size, abs(Sg[i, j]))
     return abs(Sg[k, j]) <= limit * size

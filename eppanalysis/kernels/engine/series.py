@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from eppanalysis.kernels.compiling import njit
-from eppanalysis.kernels.engine.curves import CUBE, SINE, SQUARE, curve_term, has_fallen
+from eppanalysis.kernels.engine.curves import CUBE, EXPONENTIAL, SINE, SQUARE, curve_term, has_fallen
 from eppanalysis.kernels.engine.tables import HOT, INLINE
 from eppanalysis.kernels.simd.vectors import (
     any_above,
@@ -23,7 +23,7 @@ from eppanalysis.kernels.simd.vectors import (
 
 ORDER = 32
 EPS = 2.220446049250313e-16
-DELAY_LINE = 10
+DELAY_LINE = EXPONENTIAL + 1
 #: Weights of a guard's terms in its rise behind the start, and in its second derivative at 1.
 AFTER = np.where(np.arange(padded(ORDER + 1)) > 0, 1.0, 0.0)
 CURVATURE = np.arange(padded(ORDER + 1)) * (np.arange(padded(ORDER + 1)) - 1.0)

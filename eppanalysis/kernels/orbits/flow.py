@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.engine.curves import CUBE, RECIPROCAL, SINE, SQUARE, curve, curve_slope_term
+from eppanalysis.kernels.engine.curves import CUBE, LOGARITHM, RECIPROCAL, SINE, SQUARE, curve, curve_slope_term
 from eppanalysis.kernels.engine.flow import flow, growth_rate
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, smooth_term
 from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
@@ -166,13 +166,15 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
     # Series are tried over times in which no power of F grows; longer ones would not converge to rounding.
     while rate * d > 1.0:
         d *= 0.5
+    # Near rest the series of a power without one there is as short as the velocity is small: it grows with it.
+    grows = np.any(channels.smooth_kind == LOGARITHM)
     if tau < 0.0:
         d = -d
     made, last = 0, False
     while not last:
         last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
         h = tau - done if last else d
-        if made >= most or not abs(d) >= 1e-12 * abs(tau):
+        if made >= most or not abs(d) >= (1e-15 if grows else 1e-12) * abs(tau):
             x[:], P[:, :] = np.nan, np.nan
             break
         fill(X[0], x)
@@ -186,6 +188,8 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
         fill_rows(P, V[ORDER])
         X[ORDER], V[ORDER] = 0.0, 0.0
         done += h
+        if grows:
+            d *= 2.0
     fill(end[:n], x)
     fill(end[n:], H)
     Phi[:, :] = 0.0

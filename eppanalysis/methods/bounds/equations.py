@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.bounds.numbers import DEGREE, Dependence, ElementNumbers, LoopNumbers, Plan
 from eppanalysis.methods.harmonic.series import TURN, Array
+from eppanalysis.models.elements.automaton import LEAST
 
 _NODES_MOST = 40
 
@@ -389,6 +390,8 @@ _FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
     "tanh": lambda x, scale: scale * ca.tanh(x),
     "arctan": lambda x, scale: scale * ca.atan(x),
     "gaussian": lambda x, scale: scale * ca.exp(-(x**2)),
+    "logarithm": lambda x, scale: scale * ca.log(ca.fmax(ca.fabs(x), LEAST)),
+    "exponential": lambda x, scale: scale * ca.exp(x),
 }
 
 

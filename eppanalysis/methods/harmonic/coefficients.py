@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.elements import PeriodicElement, Regime, rest_value
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, orders
-from eppanalysis.models.elements.automaton import Smooth
+from eppanalysis.models.elements.automaton import LEAST, Smooth
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.answers import Pieces
@@ -161,6 +161,11 @@ def _reciprocal_abs(x: Array, scale: float) -> tuple[Array, Array]:
     return y, -y * np.sign(x) / (1.0 + np.abs(x))
 
 
+def _logarithm(x: Array, scale: float) -> tuple[Array, Array]:
+    moves = np.abs(x) > LEAST
+    return scale * np.log(np.where(moves, np.abs(x), LEAST)), scale * moves / np.where(moves, x, 1.0)
+
+
 #: Value and slope of smooth functions of an argument, and their scale.
 _CURVES: dict[str, Callable[[Array, float], tuple[Array, Array]]] = {
     "sine": lambda x, scale: (scale * np.sin(x), scale * np.cos(x)),
@@ -172,6 +177,8 @@ _CURVES: dict[str, Callable[[Array, float], tuple[Array, Array]]] = {
     "tanh": lambda x, scale: (scale * np.tanh(x), scale * (1.0 - np.tanh(x) ** 2)),
     "arctan": lambda x, scale: (scale * np.arctan(x), scale * (1.0 / (1.0 + x**2))),
     "gaussian": lambda x, scale: (scale * np.exp(-(x**2)), scale * (-2.0 * x * np.exp(-(x**2)))),
+    "logarithm": _logarithm,
+    "exponential": lambda x, scale: (scale * np.exp(x), scale * np.exp(x)),
 }
 
 

@@ -28,6 +28,8 @@ BENEATH_ROUNDING = (
 #: Samples of a period in which what the elements change is measured.
 SAMPLES = 512
 #: Movement of an element's input that is rounding, relative to its thresholds and to its value.
+#: Stands for a channel without end.
+_NO_END = 1e200
 _ROUNDING = 1e-13
 #: Rounding of a state over a period, relative to its largest value, as in the verdict of a run; changes by the elements
 #: that are no more than some times this are lost in it.
@@ -86,7 +88,8 @@ class _Sizes:
 
     def outputs(self, varies: Array) -> Array:
         """Most of each output that does not grow with the inputs, of smooth channels that vary so far."""
-        most = self.constant + self.per_smooth @ varies
+        # One without end may act through others alone.
+        most = self.constant + self.per_smooth @ np.minimum(varies, _NO_END)
         return np.concatenate([most[rows, :count].max(axis=0) for rows, count in self.modes])
 
     @cached_property

@@ -8,7 +8,7 @@ h).
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,14 +114,13 @@ def friction(coulomb: float, static: float, stribeck: float = 0.0) -> Automaton:
 def decay(shape: float, velocity: float, scale: float) -> tuple[tuple[Smooth, ...], float]:
     """Smooth functions of which the last, and a constant with it, are ``scale*exp(-|v/velocity|**shape)``.
 
-    Even shapes are a Gaussian of a power, odd ones are what ``exp(-2|p|) = 2/(1 + |tanh p|) - 1`` makes of one.
-
-    Raises
-    ------
-    KeyError
-        If the shape is no whole number from 1 to 6.
+    Even shapes are a Gaussian of a power, odd ones are what ``exp(-2|p|) = 2/(1 + |tanh p|) - 1`` makes of one, and
+    those that are no whole number from 1 to 6 are made of the logarithm.
     """
     u, none = np.array([1 / velocity]), np.zeros(1)
+    if shape not in range(1, 7):
+        power = Smooth("exponential", none, on_smooth=(shape,))
+        return (Smooth("logarithm", u), power, Smooth("exponential", none, 0.0, scale, (0.0, -1.0))), 0.0
     if shape == 2:
         return (Smooth("gaussian", u, 0.0, scale),), 0.0
     if shape == 1:
@@ -133,7 +132,21 @@ def decay(shape: float, velocity: float, scale: float) -> tuple[tuple[Smooth, ..
     return (power, bent, Smooth("reciprocal_abs", none, 0.0, 2 * scale, (0.0, 1.0))), -scale
 
 
-def sticking(static: float, level: float, viscous: float = 0.0, law: tuple[Smooth, ...] = ()) -> Automaton:
+class Creep(NamedTuple):
+    """Line of a friction below a velocity, its edge."""
+
+    edge: float
+    level: float
+    slope: float
+
+
+def sticking(
+    static: float,
+    level: float,
+    viscous: float = 0.0,
+    law: tuple[Smooth, ...] = (),
+    creep: Creep | None = None,
+) -> Automaton:
     """Force against a velocity: sticks at zero up to `static`, slips with `level`, the law and the viscous part.
 
     Parameters
@@ -141,15 +154,27 @@ def sticking(static: float, level: float, viscous: float = 0.0, law: tuple[Smoot
     static, level, viscous : float
     law : tuple of Smooth
         The last of them is what falls with speed; or nothing.
+    creep : Creep, optional
+        What stands for all of them at small velocities.
     """
     build, falls = AutomatonBuilder(smooth=law), np.eye(1, len(law), len(law) - 1)[0]
     stick = build.mode("stuck", sticking=True)
     forward = build.mode("slips forward", from_input=viscous, from_smooth=falls, constant=level)
     backward = build.mode("slips backward", from_input=viscous, from_smooth=-falls, constant=-level)
-    build.guard("breaks away forward", stick, forward, on_output=1.0, constant=-static)
-    build.guard("breaks away backward", stick, backward, on_output=-1.0, constant=-static)
-    build.guard("sticks", forward, stick, on_input=-1.0, bypass=backward)
-    build.guard("sticks", backward, stick, on_input=1.0, bypass=forward)
+    slow = forward, backward
+    if creep:
+        slow = (
+            build.mode("creeps forward", from_input=creep.slope, constant=creep.level),
+            build.mode("creeps backward", from_input=creep.slope, constant=-creep.level),
+        )
+    build.guard("breaks away forward", stick, slow[0], on_output=1.0, constant=-static)
+    build.guard("breaks away backward", stick, slow[1], on_output=-1.0, constant=-static)
+    build.guard("sticks", slow[0], stick, on_input=-1.0, bypass=slow[1])
+    build.guard("sticks", slow[1], stick, on_input=1.0, bypass=slow[0])
+    if creep:
+        for sign, creeps, slips in ((1.0, slow[0], forward), (-1.0, slow[1], backward)):
+            build.guard("slips", creeps, slips, on_input=sign, constant=-creep.edge)
+            build.guard("slows down", slips, creeps, on_input=-sign, constant=creep.edge)
     return build.build(stick)
 
 

@@ -27,6 +27,8 @@ from eppanalysis.models.elements.columns import ByName, Columns, in_columns
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Size of its argument below which the logarithm of a size rests.
+LEAST = 5e-11
 #: Smooth functions an element may use, of numbers or arrays, in the order of the codes that the kernels know.
 SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sine": np.sin,
@@ -38,6 +40,8 @@ SMOOTH_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "tanh": np.tanh,
     "arctan": np.arctan,
     "gaussian": lambda u: np.exp(-(u**2)),
+    "logarithm": lambda u: np.log(np.maximum(abs(u), LEAST)),
+    "exponential": np.exp,
 }
 #: Their codes.
 SMOOTH_KINDS = {name: code for code, name in enumerate(SMOOTH_FUNCTIONS)}

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 T = TypeVar("T")
-DELAY_LINE = 10
+DELAY_LINE = len(SMOOTH_KINDS)
 #: Dead time, relative to the fastest time constant of the linear part.
 _LEAST_DELAY = 1e-7
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eppanalysis.arguments import floats
-from eppanalysis.errors import ModelError
 from eppanalysis.models.elements import automata
 from eppanalysis.models.elements.automaton import Automaton
 from eppanalysis.models.elements.base import IN, OUT, RATIO, SLOPE, Nonlinearity
@@ -23,6 +22,8 @@ Array = NDArray[np.float64]
 #: Largest exponent of a Stribeck curve, parts of a panel of one that falls steeply, and how much shorter panels are at
 #: rest where the exponent makes a root there.
 _STEEPEST, _PARTS, _ROOT = 6, 4, 2.0**30
+#: Velocity over the Stribeck velocity below which a line stands for a curve that has no Taylor series at rest.
+_CREEP = 1e-10
 Answer = tuple[Array, NDArray[np.complex128]]
 
 
@@ -131,8 +132,8 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
     viscous : float, optional
         At least zero [N*s/m or N*m*s/rad].
     shape : float, optional
-        Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. A run, an orbit and a
-        balance of harmonics take whole numbers.
+        Exponent of the falling part, positive, 6 or less: 2 is a Gaussian, 1 an exponential. In runs, orbits and
+        balances of harmonics the curve of one that is no whole number is a line below 1e-10 of `velocity`.
 
     Raises
     ------
@@ -229,15 +230,27 @@ class StribeckFriction(_Sliding, kind="stribeck_friction"):
         return float(self.viscous - (excess / self.velocity * steepest if excess else 0.0)), super().slope_bounds()[1]
 
     def automaton(self) -> Automaton:
-        """Slips either way, sticks at rest.
+        """Slips either way, sticks at rest; of a shape without a Taylor series at rest it creeps in between."""
+        excess = self.static - self.coulomb
+        law, constant = automata.decay(self.shape, self.velocity, excess)
+        level = self.coulomb + constant
+        if self.shape == round(self.shape):
+            return automata.sticking(self.static, level, self.viscous, law)
+        at_rest, more = (excess * part * _CREEP**self.shape for part in _line(self.shape))
+        edge = _CREEP * self.velocity
+        creeps = automata.Creep(edge, self.static - at_rest, self.viscous - more / edge)
+        return automata.sticking(self.static, level, self.viscous, law, creeps)
 
-        Raises
-        ------
-        ModelError
-            If the shape is none whose curve has a Taylor series at rest.
-        """
-        if self.shape != round(self.shape):
-            expected = "a whole number, whose curve has a Taylor series at rest, or first order alone"
-            raise ModelError("StribeckFriction", self.shape, expected, field="shape")
-        law, constant = automata.decay(self.shape, self.velocity, self.static - self.coulomb)
-        return automata.sticking(self.static, self.coulomb + constant, self.viscous, law)
+
+def _line(shape: float) -> tuple[float, float]:
+    """Line on [0, 1] that stands for ``u**shape`` there: its value at zero, and how much it rises.
+
+    It has the mean of the power, and of its reciprocal, so that a body is as long on its way whether it is pulled or
+    lets go by itself (docs/theory/friction.md).
+    """
+    mean = 1.0 / (1.0 + shape)
+    low, high = 0.0, 2.0 * mean
+    while shape < 1.0 and low < (rise := 0.5 * (low + high)) < high:
+        slower = np.log1p(rise / max(mean - 0.5 * rise, 1e-300)) * (1.0 - shape) > rise
+        low, high = (low, rise) if slower else (rise, high)
+    return mean - 0.5 * high, high
