@@ -239,8 +239,10 @@ def _lowest_gain(N: ComplexArray) -> float:
     top = size.max(initial=0.0)
     if top == 0:
         return np.inf
-    # Greatest at the least amplitude and falling from there, as that of a jump, it has no bound.
-    unbounded = size[0] == top and size[: len(size) // 20].min() < 0.9 * top
+    # Greatest at an end of the amplitudes and falling from there, as that of a jump or of a power, it has no bound.
+    share = max(len(size) // 20, 1)
+    ends = size[:share], size[::-1][:share]
+    unbounded = any(end[0] == top and end.min() < 0.9 * top for end in ends)
     return 0.0 if unbounded else 0.999 / top
 
 

@@ -19,6 +19,7 @@ from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.balanced import orbit_of_balance
 from eppanalysis.methods.orbits.boundary import orbits_on_boundary
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.mirrored import mirrored_orbits
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.samples.locked import locked_orbit
@@ -113,20 +114,28 @@ def exact_orbit(
     if (strobe := Strobe.of(hybrid)) is not None:
         return replace(locked_orbit(system, hybrid, strobe, start), operating_point=at)
     found: list[Found] = []
+    if is_smooth_delayed(hybrid):
+        return replace(_behind_delay(system, hybrid, start, at), operating_point=at)
     with suppress(Spent), allotted(_MOST_WORK):
         found.extend(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
         return replace(to_limit_cycle(system, orbit), operating_point=at)
+    note = f"the orbit that was found {found[-1].difference}" if found else start.note
+    return replace(_unclosed(start, note), operating_point=at)
+
+
+def _unclosed(start: LimitCycle, note: str) -> LimitCycle:
     return replace(
-        start,
-        method=EXACT_ORBIT,
-        status=Status.NOT_CONVERGED,
-        stable=None,
-        residual=float("nan"),
-        note=f"the orbit that was found {found[-1].difference}" if found else start.note,
-        operating_point=at,
+        start, method=EXACT_ORBIT, status=Status.NOT_CONVERGED, stable=None, residual=float("nan"), note=note
     )
+
+
+def _behind_delay(system: LureSystem, hybrid: HybridSystem, start: LimitCycle, at: OperatingPoint) -> LimitCycle:
+    with suppress(Spent), allotted(_MOST_WORK):
+        closed, note = closed_behind_delay(system, hybrid, start, at)
+        return closed or _unclosed(start, note)
+    return _unclosed(start, "no harmonic balance leads to it within the steps allowed")
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,9 +37,14 @@ class _Point:
     value: float
 
 
+def has_locus(orbit: Orbit) -> bool:
+    """Whether the switches of an orbit can be followed to other periods: without dead time, and not in a continuum."""
+    return orbit.motion is None and not orbit.arcs.n_timers and not orbit.one_of_many
+
+
 def orbits_on_locus(orbit: Orbit) -> Iterator[Orbit]:
-    """Orbits with the switches of one at other periods; none of loops with dead time, and of continua."""
-    if orbit.motion is not None or orbit.arcs.n_timers or orbit.one_of_many:
+    """Orbits with the switches of one at other periods; none of those that have no locus."""
+    if not has_locus(orbit):
         return
     for guess in _through_guards(orbit):
         found = close_orbit(orbit.hybrid, guess)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs
-from eppanalysis.methods.orbits.delayed import DelayedMotion
+from eppanalysis.methods.orbits.delayed.motion import DelayedMotion
 from eppanalysis.methods.orbits.guess import Guess, with_history
 from eppanalysis.methods.simulation.effort import left, spend
 from eppanalysis.methods.simulation.stability import multipliers, return_map

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
-from eppanalysis.methods.orbits.delayed import delayed_motion, is_delayed
+from eppanalysis.methods.orbits.delayed.motion import delayed_motion, is_delayed
 from eppanalysis.methods.orbits.guess import Guess, first_return, make_guess, one_turn, recurrences
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate, middle, sample_arcs, solve
 from eppanalysis.methods.simulation.kept import Run

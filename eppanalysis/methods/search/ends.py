@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError
+from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import centre_of, start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import Orbit
 from eppanalysis.methods.orbits.shooting import orbit_of, same_orbit
@@ -25,7 +26,7 @@ from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.progress import Progress
-from eppanalysis.results import LimitCycle, Status
+from eppanalysis.results import EXACT_ORBIT, LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
@@ -63,6 +64,12 @@ _REACHED, _MOST_LONGER, MOST_REACHED = 1e-9, 6, 12
 _GRAZING = 1e-3
 #: Relative difference of the periods of a linear oscillation that is rounding.
 _SAME_PERIOD = 1e-8
+#: Relative difference of closed cycles that are one.
+_SAME_CYCLE = 1e-6
+#: Estimated error above which a prediction is no measure of how long runs take.
+_DOUBTFUL = 1.0
+#: How far beside a start that is a state of rest another one is asked, relative to the motions in question.
+_ASIDE = 1e-6
 #: Share of all work that one prediction, one start or one mirror image may take.
 FOR_ONE = 0.1
 
@@ -84,6 +91,10 @@ class End(StrEnum):
     NOT_RUN = "not run"
 
 
+#: Of a cycle that no run has met.
+NO_CORNERS = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros(0)
+
+
 @dataclass(frozen=True, eq=False)
 class Reached:
     """A cycle that a run is on, whose orbit could not be closed.
@@ -91,7 +102,7 @@ class Reached:
     Attributes
     ----------
     cycle : LimitCycle
-        As the run has it.
+        As the run has it, or closed by collocation behind a dead time.
     corners : tuple of arrays, shapes (events,), (events, n), (n,)
         Guard and state at each event of a period, and how far each state moves.
     """
@@ -134,7 +145,9 @@ class Ends:
     def horizon(self) -> float:
         """How long a run is before it is judged for the first time [s]."""
         if self.predicted:
-            return 40.0 * max(c.period for c in self.predicted)
+            # What may not exist sets no length: a run is made longer anyway where it has not come to an end.
+            trusted = [c for c in self.predicted if c.error_estimate <= _DOUBTFUL]
+            return 40.0 * max(c.period for c in trusted or self.predicted)
         rates = np.abs(poles(self.system.A)) if self.system.A.size else np.ones(1)
         slow = rates[rates > 1e-9 * max(rates.max(), 1e-300)]
         return 3.0 / float(slow.min()) if slow.size else 100.0
@@ -181,13 +194,22 @@ class Ends:
         self._tell()
         try:
             with allotted(FOR_ONE * self.work.most):
-                return self._end_of(replace(self.hybrid, x0=x, H0=H))
+                return self._beside(x, H, self._end_of(replace(self.hybrid, x0=x, H0=H)))
         except EppError:  # a dead time with more switches than its history holds
             return End.UNDECIDED
         except Spent:
             if not left():  # of what lies around this start
                 raise
             return End.UNDECIDED
+
+    def _beside(self, x: Array, H: Array, end: End | int) -> End | int:
+        """The end of a run, but that of one beside it where a run stays at its very start: no motion settles there."""
+        if end is not End.REST or self.rest is None or not np.array_equal(self.rest[0], x):
+            return end
+        rest, moved = self.rest, self.hybrid.compared * _ASIDE * self._sizes()
+        beside = self._end_of(replace(self.hybrid, x0=x + moved, H0=H))
+        self.rest = rest if beside is End.REST else None
+        return beside
 
     def _end_of(self, start: HybridSystem) -> End | int:
         t = self.horizon
@@ -274,24 +296,30 @@ class Ends:
         """Number of the cycle that a run is on at its end."""
         if run.n_kept == 0:
             return End.UNDECIDED
-        n = self.hybrid.x0.size
-        for i, known in enumerate(self.orbits):
-            if self._is_on(run, known.arcs.event_sequence.guards, known.starts[1:, :n], known.scale[:n]):
-                return i
-        if any(self._is_on(run, *r.corners) for r in self.reached):
-            return End.UNCLOSED
+        if (known := self._listed(run)) is not None:
+            return known
         if period is None:
             return End.UNDECIDED
         orbit = orbit_of(self.hybrid, run, period)
         if orbit is not None:
             return self.add(orbit)
-        for i, known in enumerate(self.orbits):
-            if has_period_of(known, period):  # it only touches a guard, now and then
+        for i, other in enumerate(self.orbits):
+            if has_period_of(other, period):  # it only touches a guard, now and then
                 return i
         if _dwindles(start, run)[0]:
             return End.UNDECIDED
-        self._reach(start, float(run.stats[0]))
-        return End.UNCLOSED
+        return self._reach(start, float(run.stats[0]))
+
+    def _listed(self, run: Run) -> End | int | None:
+        """The outcome of a run on a cycle that is listed; None on another one."""
+        n = self.hybrid.x0.size
+        for i, known in enumerate(self.orbits):
+            if self._is_on(run, known.arcs.event_sequence.guards, known.starts[1:, :n], known.scale[:n]):
+                return i
+        for i, r in enumerate(self.reached):
+            if r.corners[0].size and self._is_on(run, *r.corners):
+                return _outcome_on(i, r)
+        return None
 
     def _is_on(self, run: Run, guards: IntArray, states: Array, scale: Array) -> bool:
         """Whether a run's last event is one of a cycle's: the same guard, in the same state."""
@@ -299,17 +327,31 @@ class Ends:
         away = np.abs(states[guards == run.guard[last]] - run.state[last])[:, compared]
         return bool(len(away)) and float(np.min(np.max(away / scale[compared], axis=1))) < 1e-3
 
-    def _reach(self, start: HybridSystem, t: float) -> None:
+    def _reach(self, start: HybridSystem, t: float) -> End | int:
         """List the cycle that a run is on at time t as the run has it, once it is on it to many digits."""
         for longer in 3.0 ** np.arange(_MOST_LONGER if len(self.reached) < MOST_REACHED else 0):
             run = self._run(start, longer * t)
             status, facts = judge(start, run, longer * t)
             if status is not Status.LIMIT_CYCLE:
-                return
+                break
             if facts[3] < _REACHED:
                 reached = Reached.of(self.system, start, run, facts)
-                self.reached += [] if reached is None else [reached]
-                return
+                return End.UNCLOSED if reached is None else self.keep(reached)
+        return End.UNCLOSED
+
+    def keep(self, reached: Reached) -> End | int:
+        """List a cycle as it is, or closed where that comes out; one that is listed already learns its corners."""
+        closed = None
+        if is_smooth_delayed(self.hybrid) and reached.cycle.method != EXACT_ORBIT:
+            closed, _ = closed_behind_delay(self.system, self.hybrid, reached.cycle, self.at)
+        cycle = closed or reached.cycle
+        for i, known in enumerate(self.reached):
+            if cycle.method == known.cycle.method == EXACT_ORBIT and _same(known.cycle, cycle):
+                if reached.corners[0].size:
+                    self.reached[i] = replace(known, corners=reached.corners)
+                return _outcome_on(i, known)
+        self.reached.append(replace(reached, cycle=cycle))
+        return _outcome_on(len(self.reached) - 1, self.reached[-1])
 
     def _run(self, start: HybridSystem, t: float) -> Run:
         """A run of the search, without samples."""
@@ -334,6 +376,20 @@ class Ends:
         if self.progress is not None:
             found = f"{self.n_boundaries} basin boundaries, {len(self.orbits)} cycles"
             self.progress(self.n_runs, None, f"{self.system.name}: {self.n_runs} runs, {found}")
+
+
+def _outcome_on(number: int, reached: Reached) -> End | int:
+    """The outcome of a run on a cycle without an orbit of arcs: below zero the number of a closed one."""
+    return -1 - number if reached.cycle.method == EXACT_ORBIT else End.UNCLOSED
+
+
+def _same(one: LimitCycle, other: LimitCycle) -> bool:
+    """Whether two closed cycles have the same period, sizes and means."""
+    size = one.peak_to_peak
+    apart = [abs(one.period / other.period - 1.0)]
+    apart += [abs(size[k] - other.peak_to_peak[k]) / size[k] for k in size if size[k] > 0]
+    apart += [abs(one.mean[k] - other.mean[k]) / size[k] for k in size if size[k] > 0]
+    return max(apart) < _SAME_CYCLE
 
 
 def _died_out(start: HybridSystem, run: Run) -> bool:

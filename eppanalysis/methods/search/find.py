@@ -20,14 +20,25 @@ from eppanalysis.methods.harmonic.states import OtherStates
 from eppanalysis.methods.orbits.apart import in_states_of_its_own
 from eppanalysis.methods.orbits.asked import Asked
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
+from eppanalysis.methods.orbits.delayed.smooth import closed_behind_delay, is_smooth_delayed
 from eppanalysis.methods.orbits.exact import Found, asked_for, orbits_of, steady_hybrid
 from eppanalysis.methods.orbits.guess import recurrences
-from eppanalysis.methods.orbits.locus import orbits_on_locus
+from eppanalysis.methods.orbits.locus import has_locus, orbits_on_locus
 from eppanalysis.methods.orbits.mirrored import mirror
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, middle
 from eppanalysis.methods.orbits.shooting import close_orbit, orbits_near
 from eppanalysis.methods.search.discrete import search_discrete
-from eppanalysis.methods.search.ends import FOR_ONE, MOST_EVENTS, MOST_REACHED, NO_SAMPLES, End, Ends, Ray
+from eppanalysis.methods.search.ends import (
+    FOR_ONE,
+    MOST_EVENTS,
+    MOST_REACHED,
+    NO_CORNERS,
+    NO_SAMPLES,
+    End,
+    Ends,
+    Ray,
+    Reached,
+)
 from eppanalysis.methods.search.locked import Enough, search_locked, search_near
 from eppanalysis.methods.search.rests import towards_rests
 from eppanalysis.methods.search.result import CycleSearch, exists, undecided
@@ -200,8 +211,10 @@ class _Search(Ends):
     n_cut: int = 0
     n_images: int = 0
     n_loci: int = 0
+    n_followed: int = 0
     n_towards: int = 0
     unclosed: list[LimitCycle] = field(default_factory=list)
+    why_unclosed: dict[int, str] = field(default_factory=dict)
 
     @property
     def complete(self) -> bool:
@@ -253,6 +266,9 @@ class _Search(Ends):
 
     def _close(self, cycle: LimitCycle) -> int | None:
         """Number of the orbit that a prediction asks for, None for none; all orbits that it leads to are kept."""
+        if is_smooth_delayed(self.hybrid):
+            self._close_behind_delay(cycle)
+            return None
         found: list[Found] = []
         try:
             with allotted(FOR_ONE * _MOST_WORK):
@@ -263,6 +279,19 @@ class _Search(Ends):
             self.n_cut += 1
         asked = asked_for(found)
         return None if asked is None else self.add(asked)
+
+    def _close_behind_delay(self, cycle: LimitCycle) -> None:
+        """Keep the cycle that a prediction asks for, or why it is not closed."""
+        try:
+            with allotted(FOR_ONE * _MOST_WORK):
+                closed, why = closed_behind_delay(self.system, self.hybrid, cycle, self.at)
+        except Spent:
+            self.n_cut += 1
+            return
+        if closed is None:
+            self.why_unclosed[id(cycle)] = why
+        else:
+            self.keep(Reached(closed, NO_CORNERS))
 
     def _not_among(self, led_to: Sequence[int | None]) -> list[LimitCycle]:
         """The predictions whose orbits are not among those found, by whatever way; an orbit answers the nearest."""
@@ -276,7 +305,7 @@ class _Search(Ends):
             if number is None or (number in answers and not self.orbits[number].one_of_many):
                 number = self._other_answer(cycle, answers)
             if number is None:
-                unclosed.append(cycle)
+                unclosed.append(replace(cycle, note=self.why_unclosed.get(id(cycle), cycle.note)))
             else:
                 answers[number] = cycle
         return unclosed
@@ -305,19 +334,31 @@ class _Search(Ends):
             f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
             f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
             f"({ends}); "
-            f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles; the mirror image "
-            "of each cycle tried, and its switches at other periods. Unstable cycles that no prediction is near and no "
-            "boundary leads to may be missed."
+            f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
+            "Unstable cycles that no prediction is near and no boundary leads to may be missed."
             f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
         )
+
+    def _tried(self) -> str:
+        """Of how many cycles mirror images and other periods were tried."""
+        listed = len(self.orbits) + len(self.reached)
+        if not listed:
+            return ""
+        images, loci = (n if n < listed else "each" for n in (len(self.orbits) - self.n_images, self.n_followed))
+        if images == loci == "each":
+            return "; the mirror image of each cycle tried, and its switches at other periods"
+        of = count(listed, "cycle")
+        return f"; of {of}, the mirror image of {images} tried, and the switches of {loci} at other periods"
 
     def _pasts(self) -> str:
         """From which pasts no run was begun, and which cycles were no seeds."""
         if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
             return ""
+        smooth = " From a basin boundary no unstable cycle is closed here, as a smooth element stands in the loop."
         return (
             " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed. "
             "Predictions leave out fast modes of a dead time (their own sentence says which), so these are no seeds."
+            f"{smooth * is_smooth_delayed(self.hybrid)}"
         )
 
     def _left(self) -> str:
@@ -363,6 +404,7 @@ class _Search(Ends):
             with allotted(FOR_ONE * _MOST_WORK):
                 for found in orbits_on_locus(orbit):
                     self.add(found)
+            self.n_followed += has_locus(orbit)
         except Spent:
             self.n_loci += 1
 

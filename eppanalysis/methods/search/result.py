@@ -74,7 +74,11 @@ class CycleSearch(Listing[LimitCycle]):
     @property
     def message(self) -> str:
         """How the search ended, in a sentence."""
-        missing = [f"no orbit was closed for the cycle predicted at {named(c)}" for c in self.unclosed if exists(c)]
+        missing = [
+            f"no orbit was closed for the cycle predicted at {named(c)}" + f" ({c.note})" * bool(c.note)
+            for c in self.unclosed
+            if exists(c)
+        ]
         open_ends = "; ".join([*missing, *self.left_open])
         told = [f"The search leaves something open: {open_ends}."] * bool(open_ends)
         doubtful = " and ".join(named(c) for c in self.unclosed if not exists(c))

@@ -371,3 +371,34 @@ def test_a_search_among_switches_that_pile_up_is_bounded_and_says_so(monkeypatch
     assert arcs and max(arcs) <= MOST_ARCS
     assert found.status is Status.UNDECIDED and not found.cycles
     assert "The search ended after 1e+06 steps" in found.search and "starts left when" in found.message
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_a_doubtful_slow_prediction_does_not_set_how_long_runs_are(unit: float):
+    """Beyond 4 the relay cannot hold an unstable plant; a prediction of 271 s, 13 times off, took all steps before."""
+    loop = epp.LureSystem.from_tf(
+        ([2.0 / unit], [1.0, -0.5 / unit]), epp.HysteresisRelay(-0.2, 0.2), delay=0.3 * unit, x0=[0.1]
+    )
+    found = epp.find_limit_cycles(loop)
+    assert (
+        found.diverges and "steps of the engine" not in found.search and not any("steps" in t for t in found.left_open)
+    )
+    assert len(found.stable) == 1 and found[0].period == pytest.approx(unit * 1.78862607, rel=1e-6)
+
+
+def test_a_start_on_an_unstable_state_of_rest_is_no_motion_that_settles():
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, -1.0]), epp.HysteresisRelay(-0.5, 0.5), x0=[1.0], memory=1.0)
+    assert loop.A @ [1.0] + loop.B @ [loop.elements[0].output(loop.C @ [1.0], 1.0)[0].item()] == 0.0
+    found = epp.find_limit_cycles(loop)
+    assert found.diverges and not found.settles and not found.rest_state.size
+
+
+def test_a_search_does_not_say_that_it_tried_what_it_left(monkeypatch: pytest.MonkeyPatch):
+    loop = epp.LureSystem.from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), epp.RelayDeadZone(1.0))
+    assert (
+        "the mirror image of each cycle tried, and its switches at other periods" in epp.find_limit_cycles(loop).search
+    )
+    monkeypatch.setattr("eppanalysis.methods.search.find._MOST_WORK", 8e4)
+    found = epp.find_limit_cycles(loop)
+    assert len(found) and not found.status.ok and any("mirror image" in text for text in found.left_open)
+    assert "mirror image of each" not in found.search and "at other periods" in found.search

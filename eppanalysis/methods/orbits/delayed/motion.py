@@ -11,6 +11,7 @@ disturbance makes at an event and at its echoes, carry the disturbances of one p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from eppanalysis.methods.orbits.arcs import Arcs, EventSequence
-from eppanalysis.methods.orbits.delayed_mesh import Mesh, basis, nodes
+from eppanalysis.methods.orbits.delayed.mesh import Mesh, basis, nodes
 from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 
 #: Echoes of each switch at which pieces end, and degree of the polynomials; the finer ones tell the error.
-_COARSE, _FINE = (6, 9), (9, 12)
+COARSE, FINE = (6, 9), (9, 12)
 _MOST_ITERATIONS = 10
 #: Step in the dwell times, of the period, for their derivative; largest step of Newton's method; and converged.
 _STEP, _LARGEST, _CONVERGED = 1e-6, 0.1, 1e-10
@@ -193,12 +194,12 @@ def delayed_motion(hybrid: HybridSystem, event_sequence: EventSequence, y: Array
     delays = np.unique(lines[1])
     # Two meshes, for collocation has no residual that says how far it is off (docs/theory/exact_orbits.md, Closing an
     # orbit): what they differ in is the error.
-    mesh = Mesh.of(tau, delays, *_COARSE)
+    mesh = Mesh.of(tau, delays, *COARSE)
     begun = _begun(mesh, arcs, y, lines)
     coarse = None if begun is None else _closed(mesh, arcs, begun, lines)
     if coarse is None:
         return None
-    mesh = Mesh.of(coarse.tau, delays, *_FINE)
+    mesh = Mesh.of(coarse.tau, delays, *FINE)
     fine = _closed(mesh, arcs, coarse.on(mesh), lines)
     if fine is None or _meets_others(undelayed, fine):
         return None
@@ -206,12 +207,15 @@ def delayed_motion(hybrid: HybridSystem, event_sequence: EventSequence, y: Array
     away = np.abs(fine.states(u * fine.mesh.period) - coarse.states(u * coarse.mesh.period)) / fine.scale
     error = max(float(np.max(away)), float(np.max(np.abs(fine.tau - coarse.tau))) / fine.mesh.period)
     rough, multipliers = _multipliers(coarse), _multipliers(fine)
-    if not error < _AGREE or rough is None or multipliers is None:
-        return None
-    first, second = (np.abs(m[:1]).max(initial=0.0) for m in (rough, multipliers))
-    if abs(first - second) > _AGREE_MULTIPLIERS * max(1.0, second):
+    if rough is None or multipliers is None or not agrees(error, rough, multipliers):
         return None
     return replace(fine, error=error, multipliers=multipliers)
+
+
+def agrees(error: float, rough: ComplexArray, fine: ComplexArray) -> bool:
+    """Whether two refinements of a motion, that differ by an error in its size, are one, and as stable."""
+    first, second = (np.abs(m[:1]).max(initial=0.0) for m in (rough, fine))
+    return bool(error < _AGREE and abs(first - second) <= _AGREE_MULTIPLIERS * max(1.0, second))
 
 
 def _closed(mesh: Mesh, arcs: Arcs, whole: Array, lines: tuple[IntArray, Array]) -> DelayedMotion | None:
@@ -425,13 +429,21 @@ class _Equations:
 
 def _multipliers(motion: DelayedMotion) -> ComplexArray | None:
     """The largest Floquet multipliers without that of a shift along the orbit; None where that one is not there."""
-    from scipy.sparse.linalg import splu
-
     if np.any(np.abs(motion.speed) <= 0):
         return None
     system = _Equations(motion.arcs, motion.mesh, motion.lines, motion)
     free = system.places(motion.arcs.free)
-    now, *earlier = (a[free][:, free] for a in system.matrices)
+    return multipliers_of([a[free][:, free] for a in system.matrices])
+
+
+def multipliers_of(matrices: Sequence[csc_array]) -> ComplexArray | None:
+    """The largest multipliers of ``sum of matrices[k] y(k periods ago) = 0``, less the 1 of a shift along the orbit.
+
+    None where that one is not there.
+    """
+    from scipy.sparse.linalg import splu
+
+    now, *earlier = matrices
     # Only what is still on its way at the end of a period is felt in later ones.
     felt = np.flatnonzero(np.sum([np.diff(a.indptr) for a in earlier], axis=0))
     try:

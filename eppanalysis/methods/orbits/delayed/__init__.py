@@ -1,0 +1,1 @@
+"""Orbits of loops whose delayed signals move."""
