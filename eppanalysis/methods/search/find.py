@@ -224,8 +224,9 @@ class _Search(Ends):
     def left_open(self) -> tuple[str, ...]:
         """What keeps the search from being complete, unclosed predictions aside."""
         aimless, unclosed, beneath = (self.outcomes[e] for e in (End.UNDECIDED, End.UNCLOSED, End.BENEATH_ROUNDING))
+        why = self.hybrid.chatters.rstrip(".")
         parts = {
-            undecided(aimless): aimless,
+            f"{undecided(aimless)}{f' ({why[0].lower()}{why[1:]})' if why else ''}": aimless,
             f"{count(unclosed, 'run')} ended on a cycle that could not be closed": unclosed,
             f"what the elements change is beneath rounding on {count(beneath, 'run')}": beneath,
             f"{count(self.n_left, 'basin boundary')} not bisected": self.n_left,

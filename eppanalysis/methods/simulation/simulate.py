@@ -151,7 +151,7 @@ def simulate(
         settled_at={k: float(v[-1]) for k, v in signals.items()} if settled and n_written else {},
         settled_since=_since(hybrid, run, found) if status.ok else float("nan"),
         n_events=run.count,
-        note=BENEATH_ROUNDING if lost else "",
+        note=BENEATH_ROUNDING if lost else hybrid.chatters if status is Status.EVENT_LIMIT else "",
         units=dict(zip(system.signals.names, system.signals.units or [""] * len(signals), strict=True)),
         provenance=facts,
     )

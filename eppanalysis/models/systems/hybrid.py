@@ -26,7 +26,8 @@ from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
 from eppanalysis.models.systems.linear import fastest_poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.own_states import diagonal
-from eppanalysis.models.systems.starts import admitted, starting_values
+from eppanalysis.models.systems.starts import admitted, not_held, starting_values
+from eppanalysis.readable import listed, words
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.engine.tables import Model
@@ -83,6 +84,14 @@ class HybridSystem:
         e = int(self.model.guard_element[guard])
         automaton, first = self.automata[e], self.model.guard_first[self.model.mode_first[e]]
         return name_of(automaton.guards, int(automaton.by_mode[guard - first]))
+
+    @property
+    def chatters(self) -> str:
+        """Sentence on elements whose sliding a run cannot follow; empty where there are none."""
+        names = [words(self.element_names[e]) for e in not_held(self)]
+        slides = "slides" if len(names) == 1 else "slide"
+        told = f"Where {listed(names)} {slides} a run switches without end, as another element acts straight on it."
+        return told if names else ""
 
     @property
     def held(self) -> HybridSystem:

@@ -112,6 +112,21 @@ def admitted(jump: Array, z: int, w: int, B: Array, C: Array, D: Array) -> NDArr
     return (pull * jump < 0) & bool(abs(pull) > 1e-12 * size and not np.any(D[z]))
 
 
+def not_held(hybrid: Hybrid) -> tuple[int, ...]:
+    """Numbers of the elements that the loop pulls back to a level, but on which another one acts straight.
+
+    They chatter where they would slide: what acts through D moves the level's input itself (docs/theory/engine.md,
+    Modes).
+    """
+    model, found = hybrid.model, []
+    for e, automaton in enumerate(hybrid.automata):
+        z, w = (int(k) for k in model.first[e, :2])
+        jumps = np.array([mode.jump for mode in automaton.modes if mode.sticking])
+        if np.any(model.D[z]) and np.any(admitted(jumps, z, w, model.B, model.C, np.zeros_like(model.D))):
+            found.append(e)
+    return tuple(found)
+
+
 def _turned_back(model: Model, e: int, memory: Any, x: Array, H: Array) -> bool:
     """Whether an input from the linear part has jumped back from what it had reached."""
     row = model.first[e, 0]

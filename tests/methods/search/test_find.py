@@ -402,3 +402,13 @@ def test_a_search_does_not_say_that_it_tried_what_it_left(monkeypatch: pytest.Mo
     found = epp.find_limit_cycles(loop)
     assert len(found) and not found.status.ok and any("mirror image" in text for text in found.left_open)
     assert "mirror image of each" not in found.search and "at other periods" in found.search
+
+
+@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
+def test_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
+    loop = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, epp.RateLimiter(1.0)])
+    run, found = epp.simulate(loop, t_end=30.0), epp.find_limit_cycles(loop)
+    why = "as another element acts straight on it"
+    assert run.status is epp.Status.EVENT_LIMIT and why in run.note and not found.status.ok and why in found.message
+    alone = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, ([5.0], [1.0, 5.0]), epp.RateLimiter(1.0)])
+    assert why not in epp.simulate(alone, t_end=30.0).note and why not in epp.find_limit_cycles(alone).message
