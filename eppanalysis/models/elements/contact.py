@@ -114,8 +114,8 @@ class LockPin(Nonlinearity, kind="lock_pin"):
         a, b, w = broadcast_with_frequency(amplitude, bias, omega)
         a = np.where(a == 0, SMALLEST_AMPLITUDE, a)
         mean, gain = np.empty(a.size), np.empty(a.size, complex)
-        points = (np.array(v, order="C").ravel() for v in (a, b, w))
-        lock_pin(*map(float, (self.gap, self.stiffness, self.damping)), self.model == "unilateral", *points, mean, gain)
+        fields = map(float, (self.gap, self.stiffness, self.damping))
+        lock_pin(*fields, self.model == "unilateral", *(v.flatten() for v in (a, b, w)), mean, gain)
         return mean.reshape(a.shape), gain.reshape(a.shape)
 
     def thresholds(self, bias: float = 0.0) -> Array:

@@ -112,6 +112,10 @@ class HysteresisRelay(_Levels, kind="hysteresis_relay"):
         """Distances of both thresholds from the bias; the loop closes at the greater one if they are on either side."""
         return distances(self.lower - bias, self.upper - bias)
 
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero on a level, infinite where it goes to the other one."""
+        return (-np.inf if self.high < self.low else 0.0), (np.inf if self.high > self.low else 0.0)
+
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x``: `low` up to the upper threshold, `high` from the lower one on."""
         return level_ratios((self.low, -np.inf, self.upper), (self.high, self.lower, np.inf))
@@ -174,6 +178,10 @@ class HysteresisRelayDeadZone(_Levels, kind="hysteresis_relay_dead_zone"):
     def thresholds(self, bias: float = 0.0) -> Array:
         """Distances of the four thresholds from the bias."""
         return distances(*(s * x - bias for s in (1, -1) for x in (self.on, self.off)))
+
+    def slope_bounds(self) -> tuple[float, float]:
+        """Zero on a level, infinite where it goes to another one."""
+        return 0.0, np.inf
 
     def sector(self) -> tuple[float, float]:
         """Least and greatest ``y/x``: zero, and the level where it goes off."""

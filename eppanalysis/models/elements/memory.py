@@ -433,7 +433,7 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
 
         a, b = amplitude_and_bias(amplitude, bias, omega)
         mean, gain = np.empty((a.size, 2)), np.empty((a.size, 2), complex)
-        points = (np.array(v, order="C").ravel() for v in (a, b))
+        points = (v.flatten() for v in (a, b))
         springs = float(self.forearm_stiffness), float(self.harness_stiffness)
         stiction_pulley(*springs, self._of_loop, *points, mean, gain)
         return mean.reshape(*a.shape, 2), gain.reshape(*a.shape, 2)

@@ -211,7 +211,7 @@ class AutomatonElement(Nonlinearity):
         a = np.where(a == 0, 1e-6 * (scale if np.isfinite(scale) else 1.0), a)
         shape, n_w = a.shape, self.n_outputs
         mean, gain = np.empty((a.size, n_w)), np.empty((a.size, n_w), complex)
-        points = (np.array(v, order="C").ravel() for v in (a, b, w))
+        points = (v.flatten() for v in (a, b, w))
         describe(self._rules, self._leaving(self.rules.start_mode), *points, mean, gain)
         if n_w == 1:
             return mean.reshape(shape), gain.reshape(shape)

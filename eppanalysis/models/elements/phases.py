@@ -24,6 +24,7 @@ SMALLEST_AMPLITUDE = 1e-150
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(14)
 #: Most panels on either side: the smallest is as short as the steepest place in double precision.
 _MOST_PANELS = 56
+_FLOAT = np.dtype(float)
 _ENDS = (slice(None, -1), slice(1, None))
 
 
@@ -67,6 +68,13 @@ def require_steps(quantiser: Any) -> None:
     require(quantiser, "levels", whole, expected)
 
 
+def _numbers(value: ArrayLike, name: str) -> Array:
+    # Balances ask a hundred thousand times, with what needs no conversion.
+    if type(value) is np.ndarray and value.dtype is _FLOAT:
+        return value
+    return floats(value, f"describing_function: {name}")
+
+
 def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[Array, Array, Array]:
     """Arguments of a describing function as float arrays of one shape.
 
@@ -75,8 +83,7 @@ def broadcast(amplitude: ArrayLike, bias: ArrayLike, omega: ArrayLike) -> tuple[
     ModelError
         If an amplitude is negative.
     """
-    given = {"amplitude": amplitude, "bias": bias, "omega": omega}
-    a, b, w = (floats(v, f"describing_function: {name}") for name, v in given.items())
+    a, b, w = _numbers(amplitude, "amplitude"), _numbers(bias, "bias"), _numbers(omega, "omega")
     if not a.shape == b.shape == w.shape:
         try:
             a, b, w = np.broadcast_arrays(a, b, w)

@@ -146,7 +146,7 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         a, b, _ = broadcast(amplitude, bias, omega)
         mean, gain = np.empty(a.size), np.empty(a.size)
         pieces = (self.breakpoints, self.slopes, self.intercepts, self.jumps)
-        biased_sinusoid(*pieces, np.array(a, order="C").ravel(), np.array(b, order="C").ravel(), mean, gain)
+        biased_sinusoid(*pieces, a.flatten(), b.flatten(), mean, gain)
         return mean.reshape(a.shape), gain.reshape(a.shape).astype(complex)
 
     def thresholds(self, bias: float = 0.0) -> Array:

@@ -56,7 +56,7 @@ class _Chasing(PiecewiseLinear):
         mean, _ = super().describing_function(amplitude, bias, omega)
         # The loop filters the input and not the error, so the sine is the one at the limiter's input that makes an
         # error of this size (docs/theory/rate_limit.md, What is taken for the element).
-        error, kappa = np.array(a * w / self.rate, order="C").ravel(), np.array(self.bandwidth / w, order="C").ravel()
+        error, kappa = (a * w / self.rate).flatten(), (self.bandwidth / w).flatten()
         gain = np.empty(error.size, complex)
         describe_inside(error, kappa, gain)
         return mean, np.asarray(w * gain.reshape(a.shape))
@@ -97,7 +97,7 @@ class _RateLimited(StateOutput):
         # Where squares would leave the range of numbers nothing of the sine is left.
         still = (alpha > _TOO_FAST) | (kappa < 1.0 / _TOO_FAST)
         alpha, kappa = np.where(still, 0.0, alpha), np.where(still, 1.0, kappa)
-        describe(np.array(alpha, order="C").ravel(), np.array(kappa, order="C").ravel(), gain)
+        describe(alpha.flatten(), kappa.flatten(), gain)
         undefined = np.isnan(a) | np.isnan(b)
         return np.where(undefined, np.nan, b), np.where(undefined, np.nan, np.where(still, 0.0, gain.reshape(a.shape)))
 
