@@ -33,6 +33,14 @@ def spread(count: int) -> Array:
     return np.concatenate([-steps[::-1], steps])
 
 
+def goes_one_way(balance: Balance) -> bool:
+    """Whether each slope of a loop's one element makes the static balance go the same way over the bias."""
+    on_bias, on_mean = float(balance.on_bias[0, 0]), float(balance.on_mean[0, 0])
+    slopes = balance.system.elements[0].slope_bounds()
+    turns = [on_bias + (on_mean * slope if on_mean else 0.0) for slope in slopes]
+    return (min(turns) >= 0 or max(turns) <= 0) and any(turns)
+
+
 @dataclass(frozen=True, eq=False)
 class SingleBias:
     """The only mean of the input at each amplitude.
@@ -54,10 +62,7 @@ class SingleBias:
         element = balance.system.elements[0]
         if not element.breakpoints.size:
             return None
-        on_bias, on_mean = float(balance.on_bias[0, 0]), float(balance.on_mean[0, 0])
-        turns = [on_bias + (on_mean * slope if on_mean else 0.0) for slope in element.slope_bounds()]
-        one_way = (min(turns) >= 0 or max(turns) <= 0) and any(turns)
-        return cls(balance, element.breakpoints) if one_way else None
+        return cls(balance, element.breakpoints) if goes_one_way(balance) else None
 
     def at(self, amplitude: Array) -> Array:
         """Means (n,) for amplitudes (n,); not-a-number where no mean balances (the element cannot give what is asked).
@@ -81,9 +86,9 @@ class SingleBias:
         if not self._excess(a, low) * end < 0:
             return 0.0
         # A level balance is solved by an interval of biases: its two ends are bisected, each from outside.
-        first = _edge(low, high, lambda b: self._excess(a, b) * end >= 0)
-        last = _edge(high, low, lambda b: self._excess(a, b) * end <= 0)
-        middle = float(0.5 * (first + last)[0])
+        ends, side, twice = np.append(low, high), np.append(end, -end), np.repeat(a, 2)
+        first, last = _edge(ends, ends[::-1], lambda b: self._excess(twice, b) * side >= 0)
+        middle = float(0.5 * (first + last))
         # A breakpoint that so small an oscillation reaches is where the loop stands: on the edge of a jump.
         nearest = float(self.edges[np.argmin(np.abs(self.edges - middle))])
         return nearest if abs(nearest - middle) <= a[0] else middle

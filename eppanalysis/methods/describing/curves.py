@@ -76,11 +76,17 @@ def contour_lines(x: Array, y: Array, values: Array) -> list[Array]:
     """Zero contours of `values` (nx, ny) as polylines (n, 2) in fractional indices; not-a-number is left out."""
     from contourpy import LineType, contour_generator
 
-    if min(values.shape) < 2:  # of a loop without gain there is one frequency, and no line in a plane
+    known = np.isfinite(values)
+    rows = np.flatnonzero(known.any(axis=1))
+    # Of a loop without gain there is one frequency, and no line in a plane.
+    if min(values.shape) < 2 or not rows.size or not np.any(values > 0) or np.all(values[known] > 0):
         return []
-    masked = np.ma.masked_invalid(values.T)
+    used = slice(int(rows[0]), int(rows[-1]) + 1)
+    inner = values[used] if known[used].all() else np.ma.masked_invalid(values[used])
+    if len(inner) < 2:
+        return []
     generator = contour_generator(
-        np.arange(len(x)), np.arange(len(y)), masked, line_type=LineType.Separate, corner_mask=True
+        np.arange(len(x))[used], np.arange(len(y)), inner.T, line_type=LineType.Separate, corner_mask=True
     )
     return [np.asarray(line) for line in generator.lines(0.0)]
 
@@ -129,7 +135,7 @@ def settle(balance: Balance, lines: list[Array], splits: int = 0) -> list[Array]
     # Each point in the plane across its chord: along the curve there is nothing to be solved for, and points stay in
     # order.
     normals = np.concatenate([_weigh(balance, line, np.gradient(line, axis=0)) for line in lines])
-    X, ok = newton(balance, start, normals)
+    X, ok = newton(balance, start, normals, tolerance=ON_THE_WAY)
     ok &= np.abs(X - start)[:, :2].max(-1) < 1.0
     ends = np.cumsum([len(line) for line in lines])[:-1]
     return [x[k] for x, k in zip(np.split(X, ends), np.split(ok, ends), strict=True)]
@@ -193,7 +199,20 @@ def _split_at_extrema(balance: Balance, left: Array, middle: Array, right: Array
 
 
 def _close(balance: Balance, start: Array, end: Array) -> Array:
-    """One limit cycle between each pair of points on either side of lambda = 1: false position, then Newton."""
+    """One limit cycle between each pair of points on either side of lambda = 1."""
+    chord = end - start
+    place = start[:, -1] / (start[:, -1] - end[:, -1])
+    X, ok = _at_one(balance, start + place[:, None] * chord)
+    # What Newton's method finds at once counts where it lies between the two: beyond them there may be another cycle.
+    across = _weigh(balance, start, chord)
+    place = ((X - start) * across).sum(-1) / (chord * across).sum(-1)
+    away = np.abs(X - start - place[:, None] * chord)[:, :2].max(-1)
+    ok &= (place >= 0.0) & (place <= 1.0) & (away <= np.abs(chord)[:, :2].max(-1))
+    return np.concatenate([X[ok], polish(balance, _false_position(balance, start[~ok], end[~ok]))])
+
+
+def _false_position(balance: Balance, start: Array, end: Array) -> Array:
+    """Points at lambda = 1 between pairs on either side of it."""
     chord = end - start
     low, high = np.zeros(len(start)), np.ones(len(start))
     f_low, f_high = start[:, -1].copy(), end[:, -1].copy()
@@ -213,19 +232,23 @@ def _close(balance: Balance, start: Array, end: Array) -> Array:
         f_low[k], f_high[k] = np.where(left, f, weight * f_low[k]), np.where(left, weight * f_high[k], f)
         before[k] = side
         done[k] = (np.abs(f) < 1e-7 * np.abs(chord[k, -1])) | (high[k] - low[k] < 1e-9)
-    return polish(balance, X)
+    return X
 
 
 def polish(balance: Balance, X: Array) -> Array:
     """Newton at lambda = 1; points that do not converge or run away are dropped."""
-    if not len(X):
-        return X
+    out, ok = _at_one(balance, X)
+    return out[ok]
+
+
+def _at_one(balance: Balance, X: Array) -> tuple[Array, NDArray]:
+    """Points (n, 3 m + 1) after Newton's method at lambda = 1, and which have converged nearby."""
     start = X.copy()
     start[:, -1] = 0.0
     normal = np.zeros_like(X)
     normal[:, -1] = 1.0
     out, ok = newton(balance, start, normal, 20)
-    return out[ok & (np.abs(out - start)[:, :2].max(-1) < 0.3)]
+    return out, ok & (np.abs(out - start)[:, :2].max(-1, initial=0.0) < 0.3)
 
 
 def distinct(balance: Balance, X: Array, tolerance: float = 1e-7) -> Array:

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.methods.describing.balance import Array, Balance, ComplexArray
-from eppanalysis.methods.describing.bias import SingleBias, spread
+from eppanalysis.methods.describing.bias import SingleBias, goes_one_way, spread
 from eppanalysis.methods.describing.curves import (
     at_index,
     contour_lines,
     crossings,
     distinct,
-    polish,
     roots_at_once,
     settle,
 )
@@ -55,6 +55,7 @@ class Found:
     complete: bool = True
 
 
+@lru_cache(maxsize=16)
 def frequency_scales(system: LureSystem) -> Array:
     """Positive frequencies [rad/s] at which the linear part changes its slope: poles, zeros, dead time.
 
@@ -258,21 +259,32 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
         return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True
     bias = _bias_nodes(balance, scales)
     bias = bias[bias > 0] if symmetric else bias
-    coarse = amplitude[:: max(1, len(amplitude) // 250)]
-    grid = _static(balance, *np.broadcast_arrays(coarse[:, None], bias[None, :]))
-    if symmetric:
-        # The line of no bias is known already; dividing by the bias leaves the others.
-        grid = grid / bias
-    branches = [
-        np.stack([np.exp(at_index(np.log(coarse), line[:, 0])), at_index(bias, line[:, 1])], -1)
-        for line in contour_lines(coarse, bias, grid)
-        if len(line) > 1
-    ]
+    # Where all slopes turn the balance the same way no bias beside none is expected: that is held against few
+    # amplitudes, and only what contradicts it asks for all.
+    few = (
+        symmetric
+        and goes_one_way(balance)
+        and not _branches(balance, amplitude[:: len(amplitude) // 25 + 1], bias, True)
+    )
+    branches = [] if few else _branches(balance, amplitude[:: max(1, len(amplitude) // 250)], bias, symmetric)
     branches.sort(key=lambda points: float(np.min(points[:, 0] + np.abs(points[:, 1]))))
     for branch in branches[:_MOST_BRANCHES]:
         points = _settle_bias(balance, branch)
         lines += [points, points * [1.0, -1.0]] if symmetric else [points]
     return lines, len(branches) <= _MOST_BRANCHES
+
+
+def _branches(balance: Balance, amplitude: Array, bias: Array, symmetric: bool) -> list[Array]:
+    """Contours (n, 2) on which the static balance holds, but for the line of no bias where that is one."""
+    grid = _static(balance, *np.broadcast_arrays(amplitude[:, None], bias[None, :]))
+    if symmetric:
+        # The line of no bias is known already; dividing by the bias leaves the others.
+        grid = grid / bias
+    return [
+        np.stack([np.exp(at_index(np.log(amplitude), line[:, 0])), at_index(bias, line[:, 1])], -1)
+        for line in contour_lines(amplitude, bias, grid)
+        if len(line) > 1
+    ]
 
 
 def _prescribed_alone(balance: Balance) -> bool:
@@ -399,12 +411,12 @@ def _on_phase_curves(balance: Balance, lines: list[Array], omega: Array, L: Comp
     for line in lines:
         N = balance.evaluate(line[:, :1], line[:, 1:], np.ones(len(line)))[1][:, 0]
         with np.errstate(all="ignore"):
-            g = N[:, None] * L[None, :]
-            sine = np.where(np.abs(g) > 0, g.imag / np.abs(g), np.nan)
+            n, g = N / np.abs(N), L / np.abs(L)
+        sine = np.outer(n.imag, g.real) + np.outer(n.real, g.imag)
         for path in contour_lines(line, omega, sine):
             pieces += _phase_pieces(line, N, omega, L, path)
     curves = settle(balance, pieces, 1)
-    return polish(balance, crossings(balance, curves)), curves
+    return crossings(balance, curves), curves
 
 
 def _phase_pieces(line: Array, N: ComplexArray, omega: Array, L: ComplexArray, path: Array) -> list[Array]:
