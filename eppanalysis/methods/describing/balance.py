@@ -26,7 +26,11 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
+_ALL = frozenset(range(4))  # an input as it is and its three shifts
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
+#: A point is lost after so many steps in a row that are so many times longer than one may be: none of them can have
+#: been towards a solution nearby, and what is far away is another point's.
+_LOST, _LONG = 3, 100.0
 #: Last step of Newton's method for points of a curve that are only steps on the way to a limit cycle.
 ON_THE_WAY = 1e-7
 
@@ -154,8 +158,9 @@ class Balance:
         for i, e in enumerate(self.system.elements):
             out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
             means, gains = describe(e, a[i, used], b[i, used], omega[used])
-            mean[:, :, out], gain[:, :, out] = means[0], gains[0]
             mean[used, :, out], gain[used, :, out] = means, gains
+            for k in sorted(_ALL.difference(range(4)[used])):
+                mean[k, :, out], gain[k, :, out] = means[0], gains[0]
         return Slopes(Z, omega[0], mean, gain, steps)
 
     def _shifts(self, element: int, free_pivot: bool) -> slice:
@@ -257,7 +262,7 @@ def newton_and_jacobian(
     """:func:`newton`, and the Jacobian (nb, 3 m, 3 m + 1) with which each point made its last step."""
     jacobian = np.zeros((len(X), 3 * balance.m, X.shape[1]))
     X, done = X.copy(), np.zeros(len(X), bool)
-    settled = np.zeros(len(X), bool)
+    settled, lost = np.zeros(len(X), bool), np.zeros(len(X), int)
     alive = np.all(np.isfinite(X), -1)
     with np.errstate(all="ignore"):
         for _ in range(iterations):
@@ -270,7 +275,8 @@ def newton_and_jacobian(
             step, regular = solved(J, R, normal[todo])
             largest, sound = moved(balance, x, step, _LARGEST_STEP)
             X[todo] = x
-            alive[todo] = regular & sound
+            lost[todo] = np.where(largest > _LONG, lost[todo] + 1, 0)
+            alive[todo] = regular & sound & (lost[todo] < _LOST)
             # Rounding may keep the last steps above the tolerance; two small ones in a row are as good.
             small = (largest < 1e-9) & regular
             done[todo] = ((largest < tolerance) & regular) | (small & settled[todo])

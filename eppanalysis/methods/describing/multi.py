@@ -322,8 +322,9 @@ def _solve_grid(
     grid = np.stack(np.broadcast_arrays(np.log(amplitude)[:, None], np.log(omega)[None, :]), -1).reshape(-1, 2)
     Lg = np.tile(L, (na, 1, 1))
     X, loop, ok = inner_newton(balance, start_points(balance, grid, Lg, *start), Lg)
+    lent = np.full(len(X), -1)
     for _ in range(rounds):
-        X, loop, ok = _lend(balance, X, loop, ok, Lg, (na, nw))
+        X, loop, ok, lent = _lend(balance, X, loop, ok, Lg, (na, nw), lent)
     return X.reshape(na, nw, -1), loop.reshape(na, nw), ok.reshape(na, nw)
 
 
@@ -444,9 +445,21 @@ def inner_newton(balance: Balance, X: Array, L: ComplexArray) -> tuple[Array, Co
 
 
 def _lend(
-    balance: Balance, X: Array, loop: ComplexArray, ok: NDArray, L: ComplexArray, shape: tuple[int, int]
-) -> tuple[Array, ComplexArray, NDArray]:
-    """Try points without a solution again, from the solution of a neighbour on the grid."""
+    balance: Balance,
+    X: Array,
+    loop: ComplexArray,
+    ok: NDArray,
+    L: ComplexArray,
+    shape: tuple[int, int],
+    before: NDArray[np.intp],
+) -> tuple[Array, ComplexArray, NDArray, NDArray[np.intp]]:
+    """Try points without a solution again, from the solution of a neighbour on the grid; not twice from the same.
+
+    Returns
+    -------
+    X, loop, ok, lender
+        The last is the number of the neighbour that each was tried from, -1 for none.
+    """
     index = np.arange(len(X)).reshape(shape)
     good = ok.reshape(shape)
     lender = np.full(shape, -1)
@@ -457,13 +470,14 @@ def _lend(
         valid = valid.copy()
         valid[tuple(edge)] = False
         lender = np.where(~good & valid & (lender < 0), rolled, lender)
-    todo = np.flatnonzero(lender.ravel() >= 0)
+    lent = lender.ravel()
+    todo = np.flatnonzero((lent >= 0) & (lent != before))
     if not todo.size:
-        return X, loop, ok
-    trial = X[lender.ravel()[todo]].copy()
+        return X, loop, ok, lent
+    trial = X[lent[todo]].copy()
     trial[:, :2] = X[todo, :2]
     trial, new_loop, solved = inner_newton(balance, trial, L[todo])
     X, loop, ok = X.copy(), loop.copy(), ok.copy()
     took = todo[solved]
     X[took], loop[took], ok[took] = trial[solved], new_loop[solved], True
-    return X, loop, ok
+    return X, loop, ok, lent
