@@ -22,6 +22,7 @@ from eppanalysis.methods.orbits.shooting import orbits_near, same_orbit
 from eppanalysis.methods.simulation.stability import is_stable
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.readable import quantity
+from eppanalysis.results import LimitCycle
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,9 @@ Array = NDArray[np.float64]
 _MOST_CYCLES, _APART = 6, 0.2
 #: Share of the next singular value below which that of a shift along the cycle is zero.
 _SHIFT = 1e-6
+#: Phase [rad] that is rounding after a pass; residual of a response, relative to the phase by which the sine moves it,
+#: from which on it says nothing of that phase; distance of a multiplier from one that may be that of such a response.
+_ROUNDING, _DECIDES, _MARGINAL = 1e-12, 1e-3, 1e-6
 #: Change of the phase over a pass [rad] up to which first order is believed, and a run's distance from the cycle.
 _WEAK, _ON_IT = 0.2, 0.02
 
@@ -60,6 +64,26 @@ class Entrainment:
     def is_weak(self, omega: float) -> bool:
         """Whether the phase moves so little over a pass that first order says how it goes on."""
         return omega * self.width < _WEAK
+
+    def is_told(self, omega: float) -> bool:
+        """Whether rounding leaves it to be told if the two keep step."""
+        return omega * max(self.width, abs(self.late)) > _ROUNDING
+
+    def closes(self, omega: float, orbit: Orbit) -> bool:
+        """Whether the sine decides at which phase a response is, and not the rounding with which it closes.
+
+        Newton's method is content with any phase of a cycle that the sine moves by less than is left of its equations.
+        """
+        decided = self.is_told(omega) and orbit.residual < _DECIDES * omega * self.width
+        return decided or _from_one(orbit.multipliers) >= _MARGINAL
+
+    def holds(self, omega: float, cycle: LimitCycle) -> bool:
+        """Whether a response is the cycle held at a phase, which so weak a sine all but leaves free.
+
+        By its size alone it would be one of a continuum; the multiplier tells the stable phase from the other.
+        """
+        values = np.zeros(0, complex) if cycle.multipliers is None else cycle.multipliers
+        return 10.0 * _DECIDES * omega * self.width < _from_one(values) < _MARGINAL
 
     def tongue(self, frequency: float) -> tuple[float, float]:
         """Frequencies of the input between which the loop is entrained [Hz], from the one that it has."""
@@ -96,6 +120,11 @@ class Entrainment:
         met = self.cycle.arcs.event_sequence.guards == run.guard[first]
         away = np.abs(self.cycle.starts[1:, :n][met] - run.state[first])[:, compared] / self.cycle.scale[:n][compared]
         return bool(len(away)) and float(np.min(np.max(away, axis=1))) < _ON_IT
+
+
+def _from_one(multipliers: NDArray[np.complex128]) -> float:
+    """How near the nearest multiplier is to the unit circle."""
+    return float(np.min(np.abs(np.abs(multipliers) - 1.0), initial=1.0))
 
 
 def entrainments(drive: Drive, end: HybridSystem, most_periods: int) -> Iterator[Entrainment]:

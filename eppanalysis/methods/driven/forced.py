@@ -18,7 +18,7 @@ from eppanalysis.methods.driven.result import ForcedResponse, Motion, PeriodicRe
 from eppanalysis.methods.driven.runs import METHOD as RUN, REPEATS, by_runs, steady_of_run
 from eppanalysis.methods.orbits.cycle import to_limit_cycle
 from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
-from eppanalysis.methods.simulation.stability import is_stable, return_map
+from eppanalysis.methods.simulation.stability import describe, is_stable, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.subject import CaseLike, PointLike, facts_of
@@ -52,6 +52,12 @@ _PARTS = {
     ),
     Motion.UNDECIDED: "has not come to repeat itself within {1} periods of the input",
 }
+
+
+_UNTOLD = (
+    "Of that so weak a sine moves the phase by less than rounding: whether the two keep step, and at which phases, "
+    "cannot be told at this size."
+)
 
 
 def forced_response(
@@ -129,6 +135,7 @@ def forced_response(
     own = search.from_own_cycles() if motion is not Motion.IRREGULAR else None
     motion = search.by_adlers_law(motion, own)
     responses = search.responses()
+    told = own if own is not None and own.is_told(drive.omega) else None
     names = drive.system.signals.names
     return ForcedResponse(
         input=drive.input,
@@ -141,8 +148,8 @@ def forced_response(
         status=Status.CONVERGED if responses else Status.NOT_CONVERGED,
         message=_sentence(drive, responses, motion, exponent, search, own),
         first_order={name: np.array([one.response(name) for one in first]) for name in names} if first else {},
-        beat=float("nan") if own is None else own.beat(drive.period),
-        tongue=(float("nan"), float("nan")) if own is None else own.tongue(drive.frequency),
+        beat=float("nan") if told is None else told.beat(drive.period),
+        tongue=(float("nan"), float("nan")) if told is None else told.tongue(drive.frequency),
         provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
         operating_point=drive.at,
     )
@@ -195,6 +202,7 @@ class Search:
     repeats: int = 0
     settled: bool = False
     end: HybridSystem | None = None
+    own: list[Entrainment] = field(default_factory=list)
 
     def from_first_order(self, first: tuple[Sinusoid, ...]) -> None:
         """Responses near those of first order, and those to which runs from there lead."""
@@ -217,21 +225,34 @@ class Search:
             return None
         on = None
         for own in entrainments(self.drive, end, self.most_periods):
+            self.own.append(own)
+            self._drop_undecided(own)
             for start in own.phases:
                 self.closed(start, own.multiple)
+            self._drop_undecided(own)
             if on is None and own.is_weak(self.drive.omega) and own.on_it(undriven(self.drive, end)):
                 on = own
         return on
 
+    def _drop_undecided(self, own: Entrainment) -> None:
+        """Leave out what closes at any phase of a cycle that the sine moves by less than rounding."""
+        kept = [(n, orbit) for n, orbit in self.found if own.closes(self.drive.omega, orbit)]
+        # The run may have been taken to follow the input on one of these.
+        self.settled &= len(kept) == len(self.found)
+        self.found = kept
+
     def by_adlers_law(self, motion: Motion, own: Entrainment | None) -> Motion:
         """How a run goes on that has come to the loop's own oscillation, of which no length of it tells the end."""
-        if own is None or motion is Motion.PERIODIC:
+        if motion is Motion.PERIODIC and self.settled:
             return motion
+        open_end = Motion.UNDECIDED if motion is Motion.PERIODIC else motion
+        if own is None or not own.is_told(self.drive.omega):
+            return open_end
         entrained = any(n == own.multiple and is_stable(orbit.multipliers) for n, orbit in self.found)
         if own.phases and entrained:
             self.repeats = own.multiple
             return Motion.PERIODIC
-        return motion if own.phases else Motion.QUASI_PERIODIC
+        return open_end if own.phases else Motion.QUASI_PERIODIC
 
     def closed(self, start: HybridSystem, multiple: int) -> tuple[int, Orbit] | None:
         """The response of so many periods near a start, in the shortest form; None where there is none."""
@@ -349,8 +370,18 @@ class Search:
 
     def responses(self) -> tuple[PeriodicResponse, ...]:
         """What was found, as its users see it: by multiple, then by size."""
-        made = [periodic_response(self.drive, n, orbit) for n, orbit in self.found]
+        made = [self._held(periodic_response(self.drive, n, orbit)) for n, orbit in self.found]
         return tuple(sorted(made, key=lambda r: (r.multiple, *sorted(r.cycle.peak_to_peak.values(), reverse=True)[:1])))
+
+    def _held(self, response: PeriodicResponse) -> PeriodicResponse:
+        """A response with its own stability where a weak sine holds the loop's oscillation at a phase."""
+        cycle, values = response.cycle, response.cycle.multipliers
+        if values is None or not any(own.holds(self.drive.omega, cycle) for own in self.own):
+            return response
+        stable = is_stable(values)
+        return replace(
+            response, one_of_many=False, cycle=replace(cycle, stable=stable, stability_criterion=describe(values))
+        )
 
 
 def periodic_response(drive: Drive, multiple: int, orbit: Orbit) -> PeriodicResponse:
@@ -386,11 +417,16 @@ def _sentence(
     by_law = own is not None and not search.settled
     if own is not None and by_law and motion is Motion.QUASI_PERIODIC:
         goes_on = f"does not repeat itself: quasi-periodic, {own.in_words(drive.frequency)}"
+    elif own is not None and by_law and not own.is_told(drive.omega):
+        goes_on = f"is on its own oscillation. {_UNTOLD}"
     elif motion is not Motion.PERIODIC:
         goes_on = _PARTS[motion].format(float(np.exp(exponent)), search.reached)
     elif own is not None and by_law:
         goes_on = f"{goes_on}, {own.in_words(drive.frequency)}"
-    return f"Periodic responses to a sine of {_sine(drive)}: {what}{sub}. The run from the loop's own start {goes_on}."
+    return (
+        f"Periodic responses to a sine of {_sine(drive)}: {what}{sub}. The run from the loop's own start "
+        f"{goes_on.removesuffix('.')}."
+    )
 
 
 def some_responses(drive: Drive, most: int = 8) -> list[Orbit]:
