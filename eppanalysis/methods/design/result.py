@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _NAN = float("nan")
+#: Share of a range that is rounding.
+_ROUNDING = 1e-9
 #: What is said where neither a cycle nor what is kept limits the objective.
 INSIDE = "The objective is best inside what is free of cycles"
 
@@ -208,6 +210,7 @@ class Design(Result):
         told = f"The {self.goal} {words(self.objective)} with {rule}{kept} is {value}{where}. {self._limits(best)}"
         if best.at_end:
             told += f" {best.at_end}."
+        told += self._outside(best)
         if len(self.tune) > 2:
             told += " It was found by going uphill from what first order proposes; a better one is not excluded."
         return f"{told} {self._tests(best)}"
@@ -215,6 +218,16 @@ class Design(Result):
     def value_of(self, found: Optimum) -> float:
         """The objective of an optimum [SI]."""
         return found.at.get(self.objective, found.objective)
+
+    def _outside(self, best: Optimum) -> str:
+        """That the margin takes the design out of a range in which it was to be, in a sentence."""
+        for name, (low, high) in self.tune.items():
+            value, slack = best.values.get(name, low), _ROUNDING * (high - low)
+            if not low - slack <= value <= high + slack:
+                design, *ends = (self.text(name, v) for v in (value, low, high))
+                margin = f"{100 * self.margin:g} %"
+                return f" A margin of {margin} takes {name} to {design}, out of its range of {ends[0]} to {ends[1]}."
+        return ""
 
     def _limits(self, best: Optimum) -> str:
         if best.kind is Turn.END:

@@ -121,6 +121,20 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
+def test_a_margin_that_leaves_the_range_is_said(found: epp.Design) -> None:
+    """The lead's best gain is 7.518, its design 1 % inside at 7.443."""
+    assert "out of its range" not in found.sentence
+    narrow = replace(found, tune={**found.tune, "k": (7.5, 8.5)})
+    assert "A margin of 1 % takes k to 7.443, out of its range of 7.5 to 8.5." in narrow.sentence
+
+
+def test_what_is_tunable_stays_so_in_the_design_file(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
+    marked = epp.case_from_text(SERVO.replace("k = 2.5", 'k = { value = 2.5, mark = "tunable" }'))
+    _write(marked, found, tmp_path / "best.toml")
+    kept = tomllib.loads((tmp_path / "best.toml").read_text(encoding="utf-8"))["parameters"]["k"]
+    assert kept["mark"] == "tunable" and float(kept["value"]) == pytest.approx(7.443, rel=1e-3)
+
+
 def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
     design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
     assert not design.optimum.feasible and design.values == {}
