@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -157,12 +158,23 @@ def _factor(name: str, text: str) -> float:
 
 def _show(result: Guide) -> None:
     """The strictest limit, all limits as a grid, what they are in words, and what made them."""
-    from eppanalysis.guides.manual import limit_grid, source
+    from eppanalysis.guides.manual import source
+
+    typer.echo(str(result))
+    if any(math.isfinite(row.allowed) for row in result.rows):
+        _show_grid(result)
+        for sentence in result.sentences():
+            typer.echo(sentence)
+    typer.echo(source(result))
+
+
+def _show_grid(result: Guide) -> None:
+    """The limits by design."""
+    from eppanalysis.guides.manual import limit_grid
     from eppanalysis.guides.result import in_words
     from eppanalysis.readable import with_unit
     from eppanalysis.tables.cells import table_of
 
-    typer.echo(str(result))
     cells, heads, texts, step = limit_grid(result)
     unit = result.case.readable(result.limit)[0]
     what = with_unit(f"{in_words(result.limit)} at {'most' if result.side == 'below' else 'least'}", unit)
@@ -172,10 +184,7 @@ def _show(result: Guide) -> None:
     table = table_of(in_words(result.over), *beside)
     for row, shown in zip(cells, texts, strict=True):
         first = next(cell for cell in row if cell is not None)
-        more = [first.region, first.cell.known] if len(heads) == 1 else []
+        more = [result.says(first.region), first.cell.known] if len(heads) == 1 else []
         table.add_row(result.case.text(result.over, first.values[result.over], 4), *shown, *more)
     table.caption = f"{what.capitalize()}, where tests took place on the safe side of the limit, in steps of {step}."
     print_table(table)
-    for sentence in result.sentences():
-        typer.echo(sentence)
-    typer.echo(source(result))
