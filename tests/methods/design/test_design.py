@@ -120,7 +120,6 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"eppanalysis.methods.design.{module}.N_SCAN", 4, raising=False)
 
 
-@pytest.mark.slow
 def test_a_margin_that_leaves_the_range_is_said(found: epp.Design) -> None:
     """The lead's best gain is 7.518, its design 1 % inside at 7.443."""
     assert "out of its range" not in found.sentence
@@ -135,6 +134,7 @@ def test_what_is_tunable_stays_so_in_the_design_file(servo: epp.Case, found: epp
     assert kept["mark"] == "tunable" and float(kept["value"]) == pytest.approx(7.443, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
     design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
     assert not design.optimum.feasible and design.values == {}
