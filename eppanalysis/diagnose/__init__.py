@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eppanalysis.diagnose.candidates import Candidates, Family, candidates_of, size_exponents
-from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits
+from eppanalysis.diagnose.fit import Fit, Yardstick, all_fits, of_family
 from eppanalysis.diagnose.record import Oscillation, Record, oscillation_of, record_of
 from eppanalysis.diagnose.result import LINEAR, Diagnosis, Explanation, Verdict
 from eppanalysis.errors import EppError
@@ -120,10 +120,15 @@ def explained(
     made.sort(key=lambda e: (-e.probability, np.nan_to_num(e.misfit, nan=np.inf)))
     system = candidates.system
     units = dict(zip(system.signals.names, system.signals.units or [""] * len(system.signals.names), strict=True))
-    verdict = _verdict(made)
+    verdict, elsewhere = _verdict(made), ""
+    doubtful = verdict is Verdict.UNEXPLAINED or (verdict is Verdict.NAMED and made[0].name == LINEAR)
+    if doubtful and len(found.names) == 1:
+        elsewhere = _elsewhere(yard, candidates, float(weights.max()), units)
+        verdict = Verdict.CANNOT_BE_TOLD if elsewhere and verdict is Verdict.NAMED else verdict
     return Diagnosis(
         explanations=tuple(made),
         verdict=verdict,
+        elsewhere=elsewhere,
         threshold=_NAMED,
         oscillation=found,
         model_error=model_error,
@@ -157,6 +162,30 @@ def _verdict(made: list[Explanation]) -> Verdict:
     if not fitting or not any(chi2.sf(e.misfit, e.freedom) > _NO_CHANCE for e in fitting if e.probability > 0.01):
         return Verdict.UNEXPLAINED
     return Verdict.NAMED if made[0].probability >= _NAMED else Verdict.CANNOT_BE_TOLD
+
+
+def _elsewhere(yard: Yardstick, candidates: Candidates, evidence: float, units: Mapping[str, str]) -> str:
+    """The signal as a record of which an element explains the oscillation far better; empty where there is none.
+
+    A gain on its limit has any sinusoid of its frequency, in whatever signal: what a record attached to the wrong one
+    shows, too.
+    """
+    from scipy.stats import chi2
+
+    (own,) = yard.found.names
+    others = [name for name, unit in units.items() if name != own and unit == units[own]]
+    best = (evidence + np.log(_NAMED / (1.0 - _NAMED)) + np.log(max(len(others), 1)), "")
+    for name in others:
+        as_other = Yardstick(replace(yard.found, names=(name,)), yard.model_error)
+        # The cycles of these are known; others would have to be sought anew for every signal.
+        for family in (f for f in candidates.families if f.in_proportion):
+            fits: list[Fit] = []
+            with suppress(EppError):  # what cannot be sought explains nothing
+                fits = of_family(as_other, family)
+            good = [fit for fit in fits if chi2.sf(fit.misfit, fit.freedom) > _NO_CHANCE]
+            if good and _evidence(fits) > best[0]:
+                best = _evidence(fits), f"as a record of {name} it is explained by {family.name}"
+    return best[1]
 
 
 def _untried(made: list[Explanation]) -> bool:

@@ -126,6 +126,9 @@ class Diagnosis(Listing[Explanation]):
     units : dict of str to str
         Of the recorded signals.
     status : Status
+    elsewhere : str
+        Where a linear instability fits best, or nothing does, the other signal as a record of which an element explains
+        the oscillation far better, in words; empty where there is none.
     """
 
     explanations: tuple[Explanation, ...]
@@ -138,11 +141,12 @@ class Diagnosis(Listing[Explanation]):
     case: str
     units: dict[str, str]
     status: Status
+    elsewhere: str = ""
 
     parts = "explanations"
     in_json = (
-        "status message=status.value verdict threshold named=names explanations period growth model_error left_out "
-        "operating_point provenance"
+        "status message=status.value verdict elsewhere threshold named=names explanations period growth model_error "
+        "left_out operating_point provenance"
     )
 
     @property
@@ -174,24 +178,26 @@ class Diagnosis(Listing[Explanation]):
             return "None of the candidates explains it"
         if self.verdict is Verdict.NAMED:
             return f"Explained by {self.named[0].called}"
-        return f"Cannot be told: {listed([e.called for e in self.named])}"
+        another = [f"another signal than {self.oscillation.names[0]}"] if self.elsewhere else []
+        return f"Cannot be told: {listed([*(e.called for e in self.named), *another])}"
 
     def __str__(self) -> str:
         """The verdict with its numbers: period of the record and of the candidate, size, what comes next."""
         begin = f"{self.headline()}: the record has a period of {number(self.period)} s"
+        another = f" But {self.elsewhere}: is it attached to the right signal?" if self.elsewhere else ""
         if self.verdict is Verdict.UNEXPLAINED:
             near = next((e for e in self.explanations if np.isfinite(e.misfit)), None)
             best = "" if near is None else (
                 f", and the nearest, {near.called} with {number(near.period)} s, differs by a sum of squares of "
                 f"{number(near.misfit)} where {near.freedom} is usual"
             )  # fmt: skip
-            return f"{begin}{best}."
+            return f"{begin}{best}.{another}"
         parts = [f"{e.called} has {number(e.period)} s{f', {e.sizes()}' * bool(e.fields)}" for e in self.named]
         others = [e for e in self.explanations[len(self.named) :] if e.probability > 0.0]
         rest = ""
         if others:
             rest = f" Next is {others[0].called}, {_odds(self.named[0], others[0])}."
-        return f"{begin}; {'; '.join(parts)}.{rest}{self._remedy()}"
+        return f"{begin}; {'; '.join(parts)}.{rest}{another}{self._remedy()}"
 
     def _remedy(self) -> str:
         """What becomes of the oscillation with the size of what is named."""

@@ -12,7 +12,7 @@ from eppanalysis.diagnose import explained
 from eppanalysis.diagnose.candidates import Candidates, candidates_of
 from eppanalysis.diagnose.record import oscillation_of, record_of
 from eppanalysis.errors import EppError
-from studies.diagnose import ALIKE, MECHANISMS, diagnosed, judged
+from studies.diagnose import ALIKE, MECHANISMS, candidates, diagnosed, judged
 
 PLANT = ([5.0], [1.0, 1.0, 0.0])
 
@@ -55,6 +55,32 @@ def test_the_element_that_made_a_record_is_named(mechanism):
     for number in range(3):
         found, size = diagnosed(mechanism, number)
         assert judged(mechanism, found, size)[0] == "right", str(found)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "label", "recorded", "verdict"),
+    [
+        ("saturation", "amplifier", "flow", "cannot be told"),
+        ("saturation", "drive_in", "command", "cannot be told"),
+        ("rate limit", "drive", "flow", "unexplained"),
+        ("linear instability", "angle", "angle", "named"),
+    ],
+)
+def test_a_record_of_another_signal_is_no_linear_instability(mechanism, label, recorded, verdict):
+    """A flow that saturation swings is a sinusoid, which as the output of the limit only a gain on its limit makes."""
+    element, loop, run, _ = MECHANISMS[mechanism]
+    given, _ = run(np.random.default_rng([20261123, 1]))
+    known, system = candidates(loop)
+    record = record_of({"time": given["time"], label: given[recorded]}, dict.fromkeys(system.signals.names, ""))
+    found = explained(known, system, record, oscillation_of(record))
+    assert found.verdict == verdict and found.to_dict()["elsewhere"] == found.elsewhere
+    if verdict == "named":
+        assert found.names == (element,) and not found.elsewhere
+        return
+    assert found.elsewhere.startswith("as a record of ") and found.elsewhere.endswith(f"it is explained by {element}")
+    assert "is it attached to the right signal?" in str(found)
+    if verdict == "cannot be told":
+        assert str(found).startswith(f"Cannot be told: linear instability and another signal than {label}:")
 
 
 @pytest.mark.parametrize("mechanism", ALIKE)
