@@ -123,6 +123,8 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
         rows = np.array([known[k / degree] for k in range(degree + 1)])
         # An entry that is resolved stays as it is: of a higher degree its rounding counts more in the derivative.
         places = np.flatnonzero(is_open & np.any(rows != rows[0], axis=0))
+        if not np.all(np.isfinite(rows[:, places])):
+            return None
         c, tail, rough = _coefficients(rows[:, places], left[places])
         if np.any(tail[rough] > _FALLS * before[places[rough]]):
             noise = _noise(function, known, middle, half) if noise is None else noise

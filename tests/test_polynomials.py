@@ -36,3 +36,9 @@ def test_a_step_at_the_value_is_not_taken_for_rounding(jump):
 def test_what_is_rough_everywhere_has_no_polynomial():
     assert polynomial_at(lambda v: np.array([np.sin(1e5 * v) + np.sin(1e7 * v)]), 2.0, 2.0) is None
     assert polynomial_at(lambda v: np.array([np.round(1e7 * v)]), 2.0, 2.0) is None
+
+
+def test_what_is_infinite_at_some_places_has_no_polynomial_and_what_is_at_all_has_no_slope():
+    assert polynomial_at(lambda v: np.array([v if round(1e9 * v) % 3 else np.inf]), 2.0, 2.0) is None
+    found = polynomial_at(lambda v: np.array([np.inf, v * v]), 2.0, 2.0)
+    np.testing.assert_allclose(found.slope(2.0), [0.0, 4.0], rtol=1e-13)

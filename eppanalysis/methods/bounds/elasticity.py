@@ -8,7 +8,8 @@ elasticity ``(q/p) dp/dq`` says by how many per cent the bound moves when the pa
 At an exact fold the equations of the orbit, r(u, p) = 0, are singular; with the row psi that annihilates their
 derivative by u, ``dp/dq = -(psi @ dr/dq) / (psi @ dr/dp)``, where both derivatives are taken along the exact arcs.
 
-Where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)`` along orbits that are closed at moved values.
+Where the orbit reaches an allowed size S, ``dp/dq = -(dS/dq) / (dS/dp)``: the size S of orbits that are closed about
+the bound is a polynomial to rounding, too.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ from eppanalysis.models.systems.hybrid import HybridSystem
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.polynomials import polynomial_at
 
-_STEP = 1e-4
 #: Parameters that say where the motion begins or how it is recorded, not what the loop is.
 _LEFT_OUT = ("run.", "expected.")
 
@@ -197,19 +197,16 @@ def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dic
 
 
 def _growth(case: CaseLike, name: str, value: float, point: Point, allowed: Allowed) -> float | None:
-    """Relative growth of the size of an orbit for a relative growth of a parameter; None where it cannot be closed."""
-    sizes = []
-    for factor in (1.0 + _STEP, 1.0 - _STEP):
-        try:
-            changed = case.with_values({name: factor * value})
-            hybrid = steady_case(changed)
-            y = point.orbit.y.copy()
-            # Behind the states of the loop stand its inputs, which the changed parameter may have moved.
-            y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
-            orbit = solve(hybrid, replace(point.orbit.guess, y=y))
-        except (EppError, IndexError, ValueError):
-            return None
-        if not orbit.residual < CONVERGED:
-            return None
-        sizes.append(allowed.of_orbit(changed.to_system(), orbit))
-    return float(np.log(sizes[0] / sizes[1]) / (2.0 * _STEP))
+    """Relative growth of the size of an orbit for a relative growth of a parameter; None where it has none."""
+
+    def size(v: float) -> np.ndarray | None:
+        changed = case.with_values({name: v})
+        hybrid = steady_case(changed)
+        y = point.orbit.y.copy()
+        # Behind the states of the loop stand its inputs, which the changed parameter may have moved.
+        y[hybrid.n_plant : hybrid.x0.size] = hybrid.x0[hybrid.n_plant :]
+        orbit = solve(hybrid, replace(point.orbit.guess, y=y))
+        return np.array([allowed.of_orbit(changed.to_system(), orbit)]) if orbit.residual < CONVERGED else None
+
+    found = polynomial_at(size, value, abs(value))
+    return None if found is None else float(value * found.slope(value)[0] / found.at(value)[0])

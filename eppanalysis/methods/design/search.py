@@ -10,7 +10,7 @@ best place lies, the programme of harmonic balance goes uphill from there, and e
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from eppanalysis.methods.design.climb import Slope, climb
 from eppanalysis.methods.design.frontier import FLAT, Frontier
 from eppanalysis.methods.design.goal import Goal, Judged, Kept
 from eppanalysis.methods.design.programme import N_SCAN, Place
+from eppanalysis.polynomials import polynomial_at
 
 Array = NDArray[np.float64]
 
@@ -34,8 +35,8 @@ _LEVELS, _SAMPLE = {1: 7, 2: 5, 3: 3}, 32
 #: most; those of the programme.
 _REACH_NEAR, _REACH, _CLOSE, _MOST = 0.02, 0.1, 2e-4, 40
 _CLOSE_PROPOSED, _MOST_PROPOSED = 1e-2, 25
-#: Share of a parameter by which slopes of measures are taken; halvings of an interval whose one end keeps all.
-_STEP, _HALVINGS = 1e-4, 40
+#: Halvings of an interval whose one end keeps all.
+_HALVINGS = 40
 #: Step to a neighbour, of the range, where cycles are born in no fold.
 _STEP_ASIDE = 1e-3
 #: Share of an interval by which it is asked whether the goal is higher inside it.
@@ -244,24 +245,23 @@ class Search:
             return {name: self.goal.sign * moves.get(name, 0.0) for name in names}
         case = here.case_at(pick.value)
 
-        def slope(name: str, size: float, of: Callable[[Judged], float]) -> float:
-            value, h = case.value(name), _STEP * size
-            up, down = (of(self.goal.judge(case.with_values({name: v}))) for v in (value + h, value - h))
-            return (up - down) / (2.0 * h)
+        def slope(name: str, size: float) -> Array:
+            """Of worth and slack; nan where they have none."""
 
-        def worth(judged: Judged) -> float:
-            return judged.worth
+            def judged(value: float) -> Array | None:
+                found = self.goal.judge(case.with_values({name: value}))
+                return np.array([found.worth, found.slack] if self.goal.kept else [found.worth, 0.0])
 
-        def slack(judged: Judged) -> float:
-            return judged.slack
+            found = polynomial_at(judged, case.value(name), size)
+            return np.full(2, np.nan) if found is None else found.slope(case.value(name))
 
-        by_limit = slope(limit, size, worth)
-        give = slope(limit, size, slack) if pick.kept is not None else np.nan
+        by_limit = slope(limit, size)
         out = {}
         for name, large in names.items():
+            own = slope(name, large)
             # On the border the slack stays zero: d limit/dq = -(d slack/dq)/(d slack/d limit).
-            moved = moves.get(name, 0.0) if pick.kept is None else -slope(name, large, slack) / give
-            out[name] = slope(name, large, worth) + by_limit * moved
+            moved = moves.get(name, 0.0) if pick.kept is None else -own[1] / by_limit[1]
+            out[name] = float(own[0] + by_limit[0] * moved)
         return out
 
     def of_bound(self, pick: Pick, names: Mapping[str, float]) -> dict[str, float]:
