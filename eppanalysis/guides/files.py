@@ -15,6 +15,7 @@ from eppanalysis.guides.result import Side, in_words
 from eppanalysis.plotting import figure_of
 from eppanalysis.shown import png
 from eppanalysis.tables.files import PICTURES, atomic, check_target, csv_cell, write_figure
+from eppanalysis.tables.manual import size_rows
 
 if TYPE_CHECKING:
     import pandas
@@ -156,7 +157,7 @@ def _excel(guide: Guide, path: Path) -> None:
                 column[0].font = Font(bold=True)
                 for cell in column:
                     cell.alignment = Alignment(wrap_text=True, vertical="top")
-            cells.row_dimensions[1].height = 15.0 * max(len(name) // 14 + 1 for name in sheet)  # bold, in 16 letters
+            size_rows(cells)
 
 
 def _one_line(text: str) -> str:

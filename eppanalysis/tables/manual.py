@@ -31,7 +31,7 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
 }
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; color: #222; }
-table { border-collapse: collapse; margin: 1rem 0; }
+table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
 caption { text-align: left; font-weight: 600; margin-bottom: .5rem; }
 th, td { border: 1px solid #999; padding: .3rem .6rem; vertical-align: top; text-align: left; }
 th { background: #f0f0f0; } td.number { text-align: right; white-space: nowrap; }
@@ -256,14 +256,14 @@ def _word(table: ManualTable, path: Path) -> None:
     document.save(str(path))
 
 
-def _size_cells(sheet: Any, table: ManualTable) -> None:
-    """Columns of one width, and rows as high as their texts: not every program looks for that itself."""
-    from openpyxl.utils import get_column_letter
-
-    for i in range(1, len(table.columns) + 1):
-        sheet.column_dimensions[get_column_letter(i)].width = _LETTERS
-    for number, row in enumerate((table.columns, *table.rows), start=2):  # bold letters and margins take a tenth
-        sheet.row_dimensions[number].height = 15.0 * max(math.ceil(1.1 * len(str(cell)) / _LETTERS) for cell in row)
+def size_rows(sheet: Any, first: int = 1) -> None:
+    """Make rows as high as their wrapped texts: not every program looks for that itself."""
+    for row in sheet.iter_rows(min_row=first):
+        widths = (sheet.column_dimensions[cell.column_letter].width for cell in row)
+        texts = (str(cell.value or "") for cell in row)
+        # Bold letters and margins take a tenth.
+        lines = (math.ceil(1.1 * len(text) / width) for text, width in zip(texts, widths, strict=True))
+        sheet.row_dimensions[row[0].row].height = 15.0 * max(1, *lines)
 
 
 def _excel(table: ManualTable, path: Path) -> None:
@@ -292,7 +292,8 @@ def _excel(table: ManualTable, path: Path) -> None:
             cell.alignment, cell.border = wrapped, Border(line, line, line, line)
     for cell in sheet[2]:
         cell.font, cell.fill = Font(bold=True), PatternFill("solid", start_color="F0F0F0")
-    _size_cells(sheet, table)
+        sheet.column_dimensions[cell.column_letter].width = _LETTERS
+    size_rows(sheet, first=2)
     for note in table.notes:
         sheet.append([csv_cell(note)])
         sheet.merge_cells(start_row=sheet.max_row, end_row=sheet.max_row, start_column=1, end_column=len(table.columns))

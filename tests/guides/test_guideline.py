@@ -143,6 +143,10 @@ def test_excel_is_read_back_and_runs_no_formula(guide: Guide, tmp_path: Path) ->
     assert all(cell.data_type != "f" for sheet in book for row in sheet.iter_rows() for cell in row)
     frame = pandas.read_excel(tmp_path / "g.xlsx")
     assert frame["largest backlash [deg]"].tolist() == pytest.approx([0.6, 0.98])
+    for sheet in book:  # a program that does not fit rows itself would write wrapped lines over the next row
+        for row in sheet.iter_rows():
+            room = sheet.row_dimensions[row[0].row].height / 15.0
+            assert all(len(str(c.value)) <= room * sheet.column_dimensions[c.column_letter].width for c in row)
 
 
 def test_word_has_the_table_for_a_manual(guide: Guide, tmp_path: Path) -> None:
