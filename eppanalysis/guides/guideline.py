@@ -21,7 +21,7 @@ from eppanalysis.methods.bounds.harmonic import HarmonicSweep, Question, value_o
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.regions import OwnRuns, own_runs, smallest_trigger
 from eppanalysis.methods.bounds.result import BoundCell
-from eppanalysis.methods.bounds.searched import is_by_search
+from eppanalysis.methods.bounds.searched import why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.tolerances.bound import check_tolerances, tolerance_bound
 from eppanalysis.methods.bounds.tolerances.result import ToleranceBound
@@ -373,9 +373,9 @@ def _beyond(
 
     Both of cycles that are larger than allowed, where a size is.
 
-    Neither is asked of sampled loops: their bound is that of a search, and what it does not cover is said with it.
+    Neither is asked where the bound is that of a search, and what it does not cover is said with it.
     """
-    if is_by_search(case.to_system()):
+    if why_by_search(case.to_system()):
         return OwnRuns(), None
     low, high = within
     if math.isfinite(own):

@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from eppanalysis.cases import variation_of
-from eppanalysis.methods.bounds.searched import is_by_search
+from eppanalysis.methods.bounds.searched import in_samples
 
 if TYPE_CHECKING:
     from eppanalysis.cases import Case
@@ -208,7 +208,7 @@ def _shown(case: Case) -> list[str]:
 
 def _first(case: Case) -> str:
     """All that the first page needs, but of a sampled loop what takes minutes."""
-    return _first_of(case, _followed(case), search="" if is_by_search(case.to_system()) else _SEARCH)
+    return _first_of(case, _followed(case), search="" if in_samples(case.to_system()) else _SEARCH)
 
 
 def _full_first(case: Case) -> str:
@@ -235,7 +235,7 @@ def _branch(case: Case, *, full: bool = False) -> str:
 def _followed(case: Case, *, full: bool = False) -> str:
     """The parameter over which a cycle is followed; none in discrete time, and in short reports of sampled loops."""
     names, system = variation_of(case).over(), case.to_system()
-    followed = not system.time_step if full else not is_by_search(system)
+    followed = not system.time_step if full else not in_samples(system)
     return names[0] if names and followed else ""
 
 

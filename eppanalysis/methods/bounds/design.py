@@ -26,7 +26,7 @@ from eppanalysis.methods.bounds.fold import Cycle
 from eppanalysis.methods.bounds.harmonic import HarmonicBound, HarmonicSweep, Question, value_of
 from eppanalysis.methods.bounds.proved import with_proofs
 from eppanalysis.methods.bounds.result import UNTESTED, BoundCell, DesignBounds, Finding, Turn
-from eppanalysis.methods.bounds.searched import Asking, is_by_search, searched_cell
+from eppanalysis.methods.bounds.searched import Asking, searched_cell, why_by_search
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import bound_of_size, farthest_passage, first_order_bound, scan
 from eppanalysis.methods.bounds.verify import Verification, check_verification, verify
@@ -87,8 +87,9 @@ def design_bounds(
     Parameters
     ----------
     case : Case or LureSystem
-        With sampled controllers, and in discrete time, a bound is where the answer of the search for limit cycles
-        changes; what that does not cover is said (`DesignBounds.not_covered`).
+        With sampled controllers, in discrete time, and where harmonic balance does not cover an element, a bound is
+        where the answer of the search for limit cycles changes; what that does not cover is said
+        (`DesignBounds.not_covered`).
     over, limit : str
         Dotted names: the parameter that runs ("bands.range"), and the one that is bounded ("lock_pin.backlash").
     start, stop : str or number, optional
@@ -103,8 +104,8 @@ def design_bounds(
         A limit cycle that is allowed: a signal and its size peak to peak, "theta 0.3 deg", or "theta 0.1 deg rms"
         (about the mean; plain numbers are SI). The bound is then where the largest stable cycle becomes larger.
     own_run : bool
-        Of a sampled loop, ask the case's own run alone, from its own start and with its own input: which is the last
-        value from which that comes to rest?
+        Where the search is asked, ask the case's own run alone, from its own start and with its own input: which is the
+        last value from which that comes to rest?
     exact : bool
         Correct every bound to the exact fold; a sampled loop has nothing else.
     verify : bool
@@ -171,10 +172,11 @@ def design_bounds(
     _check_pair(case, over, values[0], limit, high)
     question = Question(case, limit, low, high, over)
     settings = Settings(exact, verify and exact, margin, starts, seed, allowed)
-    asking = Asking(allowed, margin, own_run) if is_by_search(case.to_system()) else None
+    why = why_by_search(case.to_system())
+    asking = Asking(allowed, margin, own_run, why) if why else None
     if (asking is None and own_run) or (asking is not None and not exact):
-        wanted = "own_run is True for a loop that is not" if own_run else "exact is False for one that is"
-        raise EppError(f"design_bounds: {wanted} sampled; expected own_run for sampled loops alone, exact for others.")
+        wanted = "own_run is True for a loop with" if asking is None else "exact is False for a loop without"
+        raise EppError(f"design_bounds: {wanted} a fold; expected own_run where the search is asked, exact elsewhere.")
     if prove and (asking is not None or allowed is not None or not (exact and verify)):
         raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
     if asking is not None:

@@ -1,10 +1,11 @@
-"""Bounds of loops that are sampled: where the answer of the search for limit cycles changes, by halving.
+"""Bounds of loops without a fold to solve for: where the answer of the search for limit cycles changes, by halving.
 
-The cycles of such a loop stand in whole numbers of samples or in none, so no branch of them runs through a fold that
-could be solved for. The search is asked at some values over the range, and between two that it answers differently
-again and again, until both lie within the margin; from the cycles that are known on one side it starts on the other.
-Beside it the case's own run is asked, or that alone. What only other starts lead to, and what comes and goes between
-the values that were asked, is not covered, and the result says so.
+The cycles of a sampled loop stand in whole numbers of samples or in none, so no branch of them runs through a fold; and
+an element that reads a state of the loop has no balance of harmonics, with which folds are sought. The search is asked
+at some values over the range, and between two that it answers differently again and again, until both lie within the
+margin; from the cycles that are known on one side it starts on the other. Beside it the case's own run is asked, or
+that alone. What only other starts lead to, and what comes and goes between the values that were asked, is not covered,
+and the result says so.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.harmonic import Question, idle
 from eppanalysis.methods.bounds.result import BoundCell, Finding, Turn
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.bounds.sizes.bound import tried_values, without_bound
+from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
@@ -55,9 +57,20 @@ class Answer:
         return not (self.cycles or self.open_ends)
 
 
-def is_by_search(system: LureSystem) -> bool:
-    """Whether the bounds of a loop are those of the search: it has sampled controllers, or is one of discrete time."""
+def in_samples(system: LureSystem) -> bool:
+    """Whether a loop has sampled controllers, or is one of discrete time."""
     return bool(system.time_step) or is_sampled(system.elements)
+
+
+def why_by_search(system: LureSystem) -> str:
+    """Why the bounds of a loop are those of the search, in a sentence; empty where they are folds."""
+    if in_samples(system):
+        return "The loop is sampled"
+    try:
+        Loop.of(system, system.v0)
+    except ModelError:
+        return "The loop has no balance of harmonics"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -72,11 +85,14 @@ class Asking:
         How near the two sides of a bound come, relative to it.
     own_run : bool
         Whether the case's own run alone is asked, from its own start and with its own input.
+    why : str
+        Why the search is asked at all.
     """
 
     allowed: Allowed | None = None
     margin: float = 0.01
     own_run: bool = False
+    why: str = ""
 
     def answer(self, question: Question, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
         """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
@@ -102,7 +118,7 @@ class Asking:
         if self.own_run:
             how, others = "the case's own run ceases to come to rest", "other starts and inputs"
         return (
-            f"The loop is sampled: bounds are where {how}, asked at {numbers} values of the range and to "
+            f"{self.why}: bounds are where {how}, asked at {numbers} values of the range and to "
             f"{100.0 * self.margin:g} %; {others}, and what comes and goes between these values, are not covered."
         )
 

@@ -63,7 +63,7 @@ def test_what_the_search_does_not_cover_is_said_everywhere(case: epp.Case, bound
 
 
 def test_a_bound_by_harmonic_balance_alone_is_refused(case: epp.Case) -> None:
-    with pytest.raises(epp.EppError, match="exact is False for one that is sampled"):
+    with pytest.raises(epp.EppError, match="exact is False for a loop without a fold"):
         epp.design_bounds(case, "T", "dead", at=["0.5 s"], exact=False)
 
 
@@ -132,8 +132,19 @@ def test_the_own_run_of_a_virtual_spring_is_bounded_where_closed_forms_are() -> 
 
 
 def test_the_own_run_is_for_sampled_loops() -> None:
-    with pytest.raises(epp.EppError, match="own_run is True for a loop that is not sampled"):
+    with pytest.raises(epp.EppError, match="own_run is True for a loop with a fold"):
         epp.design_bounds(epp.case("wheelchair"), "play.gap", "loop.gain", at=[0.012], within=(0.5, 1.0), own_run=True)
+
+
+def test_a_controller_that_holds_its_integrator_is_bounded_by_the_search() -> None:
+    """(kp + ki/s)/(s + 1)^3 is unstable from ``(8 - kp)(1 + kp) = 9 ki`` on, by Routh; a limit makes cycles of it."""
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 3.0, 1.0]), epp.ClampedPID(kp=4.0, ki=0.8), x0=[1.0, 0.0, 0.0])
+    case = epp.Case.from_system(loop, name="clamped", t_end=100.0)
+    found = epp.design_bounds(case, "clampedpid.ki", "clampedpid.kp", at=[0.8], within=(4.0, 15.0), margin=0.02)
+    (cell,) = found
+    unstable = 3.5 + np.sqrt(3.5**2 + 8.0 - 9.0 * 0.8)
+    assert cell.searched <= unstable <= cell.other_value <= 1.02 * cell.searched and cell.verified
+    assert "no balance of harmonics: bounds are where the answer of the search" in str(found)
 
 
 def test_a_loop_in_discrete_time_is_bounded_by_the_search() -> None:
