@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eppanalysis.errors import ModelError
 from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, sampled
 from eppanalysis.models.elements.automaton import Automaton, Guard
-from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.base import Nonlinearity, automaton_of, is_hashable
 
 if TYPE_CHECKING:
     from eppanalysis.kernels.periodic import Table
@@ -128,11 +128,11 @@ class PeriodicElement:
 
         Loops are built by the hundred that differ in one element or in none.
         """
-        return _shared(element, roles) if _hashable(element) else cls(element, roles)
+        return _shared(element, roles) if is_hashable(element) else cls(element, roles)
 
     def __init__(self, element: Nonlinearity, roles: Sequence[str]) -> None:
         self.element, self.roles = element, tuple(roles)
-        self.automaton: Automaton = element.automaton()
+        self.automaton: Automaton = automaton_of(element)
         self.name = type(element).__name__
         self.n_free = self.roles.count("free")
         if self.automaton.has_impulses:
@@ -313,20 +313,14 @@ def _series_of(free: Array, rate: Array) -> tuple[Array, Array, IntArray, Array]
         same = np.all(np.isclose(series[-1], shape, rtol=1e-15, atol=0.0), axis=1)
         number[left & same] = len(series) - 1
     known = np.array(series).reshape(-1, 2)
-    return known[:, :1], known[:, 1:], number, factor
+    # Of one memory layout, so that the kernel is compiled once.
+    on_free, on_rate = (np.ascontiguousarray(column) for column in (known[:, :1], known[:, 1:]))
+    return on_free, on_rate, number, factor
 
 
 @lru_cache(maxsize=256)
 def _shared(element: Nonlinearity, roles: tuple[str, ...]) -> PeriodicElement:
     return PeriodicElement(element, roles)
-
-
-def _hashable(element: Nonlinearity) -> bool:
-    try:
-        hash(element)
-    except TypeError:
-        return False
-    return True
 
 
 def rest_value(element: Nonlinearity, Z: ComplexArray, omega: float) -> float | None:

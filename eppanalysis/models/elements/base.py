@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -435,3 +435,22 @@ def _gain_alone(element: Nonlinearity, amplitude: float) -> complex:
             expected="an element without one; predict_limit_cycles balances means",
         )
     return complex(gain)
+
+
+def automaton_of(element: Nonlinearity) -> Automaton:
+    """The automaton of an element; elements that are equal share one, as in cases that differ by one parameter."""
+    return _shared(element) if is_hashable(element) else element.automaton()
+
+
+@lru_cache(maxsize=64)
+def _shared(element: Nonlinearity) -> Automaton:
+    return element.automaton()
+
+
+def is_hashable(element: Nonlinearity) -> bool:
+    """Whether an element can be looked up: one that holds lists or arrays cannot."""
+    try:
+        hash(element)
+    except TypeError:
+        return False
+    return True

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.automaton import SMOOTH_KINDS, Automaton, AutomatonBuilder
-from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.base import Nonlinearity, automaton_of
 from eppanalysis.models.elements.columns import name_of
 from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.inputs import Constant, InputSignal, Sine
@@ -131,7 +131,7 @@ class HybridSystem:
 
     @classmethod
     def _packed(cls, system: LureSystem, input_signals: Mapping[str, InputSignal], observed: bool) -> HybridSystem:
-        automata = [e.automaton() for e in system.elements]
+        automata = [automaton_of(e) for e in system.elements]
         names = list(system.element_names)
         # A run is judged by its events (docs/theory/simulation.md, Verdict): where no element can switch, extrema stand
         # for them.
