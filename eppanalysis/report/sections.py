@@ -88,7 +88,9 @@ epp.table(case)"""
 _PREDICTION = """\
 prediction = None
 try:
-    prediction = epp.predict_limit_cycles(case)
+    prediction = ladder.prediction if ladder is not None else None
+    if prediction is None:
+        prediction = epp.predict_limit_cycles(case)
     display(epp.table(prediction, case.named_signals), prediction.plot().figure)
     print(prediction, prediction.search)
 {nyquist}except epp.EppError as reason:
