@@ -38,6 +38,10 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.sb": "yes",
     "print_time": False,
     "error_on_fail": False,
+    # Multipliers of the equations alone are asked for, and IPOPT has those.
+    "no_nlp_grad": True,
+    "calc_lam_p": False,
+    "calc_lam_x": False,
     "ipopt.max_iter": 35,
     "ipopt.tol": 1e-9,
     "ipopt.constr_viol_tol": 1e-9,
