@@ -94,6 +94,11 @@ def run(model, compiled, work, workspace, samples, buffer, now):
 @njit(**ENTRY)
 def lines_before(model, compiled, workspace, q):
     """What is on its way through dead times at the start of the next run: what mode combination q has put out."""
+    _lines_before(model, compiled, workspace, q)
+
+
+@njit(**HOT)
+def _lines_before(model, compiled, workspace, q):
     start_lines(
         model, compiled, q, workspace.x, workspace.H, workspace.line_t, workspace.line_h, workspace.line_c,
         workspace.line_n
@@ -121,7 +126,7 @@ def _begin(model, compiled, work, workspace, samples, now):
     if now.q < 0:
         return False
     if not now.past_known:
-        lines_before(model, compiled, workspace, now.q)
+        _lines_before(model, compiled, workspace, now.q)
     return True
 
 
@@ -266,7 +271,7 @@ def _happen(model, compiled, work, workspace, buffer, now):
     if workspace.line_h.shape[1] > 1 and now.t == 0.0 and now.i_breakpoint == 0:
         # No input has jumped at the start, so the given mode was wrong: the history of the delayed outputs starts in
         # the new one.
-        lines_before(model, compiled, workspace, now.q)
+        _lines_before(model, compiled, workspace, now.q)
     now.stepped = True
     return True
 
