@@ -129,7 +129,7 @@ def test_a_margin_that_leaves_the_range_is_said(found: epp.Design) -> None:
 
 def test_what_is_tunable_stays_so_in_the_design_file(servo: epp.Case, found: epp.Design, tmp_path: Path) -> None:
     marked = epp.case_from_text(SERVO.replace("k = 2.5", 'k = { value = 2.5, mark = "tunable" }'))
-    _write(marked, found, tmp_path / "best.toml")
+    write_design(marked, found, tmp_path / "best.toml")
     kept = tomllib.loads((tmp_path / "best.toml").read_text(encoding="utf-8"))["parameters"]["k"]
     assert kept["mark"] == "tunable" and float(kept["value"]) == pytest.approx(7.443, rel=1e-3)
 
