@@ -173,7 +173,8 @@ def sweep(
     found, over = load_case(case, settings), _axes(axes, design, n, seed)
     _check_boundaries(boundaries, over, picture)
     if estimate:
-        _print_cost(found, over, _one_or_more(run) or Run.SIMULATE, _one_or_more(signals), as_json, settings)
+        asked = {"run": _one_or_more(run) or Run.SIMULATE, "signals": _one_or_more(signals), "allow": allow}
+        _print_cost(found, over, asked, as_json, settings)
         return
     store = output if output is not None and output.suffix == ".zarr" else None
     try:
@@ -213,11 +214,11 @@ def sweep(
         raise typer.Exit(INCOMPLETE)
 
 
-def _print_cost(case: Case, axes: Axes, run: Any, signals: Any, as_json: bool, settings: Sequence[str]) -> None:
+def _print_cost(case: Case, axes: Axes, asked: dict[str, Any], as_json: bool, settings: Sequence[str]) -> None:
     """What a sweep will cost."""
     from eppanalysis.sweep import sweep_cost
 
-    cost = sweep_cost(case, axes, run, signals=signals)
+    cost = sweep_cost(case, axes, **asked)
     if as_json:
         print_json("sweep", [(case, {"estimate": cost.to_dict()})], settings)
     else:

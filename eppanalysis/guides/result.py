@@ -309,7 +309,7 @@ class Guide(Result):
             out += f" (no bound under tolerances: {row.missing})"
         # That the cycle grows to what is allowed is what anybody expects.
         begins = self.allowed is not None and row.cell.size > _BEYOND * self.allowed.size
-        return out + self._of_own(row) + f" {row.cell.active(self.allowed)}" * begins
+        return f"{out}{self._of_own(row)} {row.cell.active(self.allowed) if begins else ''}".rstrip()
 
     def _of_own(self, row: GuideRow) -> str:
         """What the sentence of a row says of the case's own value."""

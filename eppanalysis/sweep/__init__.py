@@ -155,12 +155,13 @@ def sweep_cost(
     run: str | Sequence[str] = "simulate",
     *,
     signals: str | Sequence[str] | None = None,
+    allow: str | None = None,
 ) -> Cost:
     """What a sweep will cost in processor time, from a sample of its cells; a few seconds.
 
     Parameters
     ----------
-    case, axes, run, signals
+    case, axes, run, signals, allow
         As :func:`sweep` takes them.
 
     Returns
@@ -171,7 +172,7 @@ def sweep_cost(
     Raises
     ------
     EppError
-        If an axis, analysis or signal is not valid.
+        If an axis, analysis or signal, or what is allowed, is not valid.
 
     Examples
     --------
@@ -184,7 +185,7 @@ def sweep_cost(
     require_packages("sweep", "sweep", "dask", "zarr")
     from eppanalysis.sweep.analyses import make_task
 
-    return _cost(make_task(case, axes, run, signals), make_design(case, axes).n_cells)
+    return _cost(make_task(case, axes, run, signals, allow), make_design(case, axes).n_cells)
 
 
 def _cost(task: Task, cells: int) -> Cost:

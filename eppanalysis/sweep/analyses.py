@@ -210,9 +210,7 @@ def make_task(
         If there is no such analysis or signal, what is allowed is not valid or asked of analyses without cycles, or
         what an analysis needs is not installed.
     """
-    from eppanalysis.methods.bounds.sizes.allowed import Allowed
-
-    allowed = None if allow is None else Allowed.read(case.to_system(), allow)
+    allowed = None if allow is None else _allowed(case, allow)
     of_all = tuple(analysis for analysis in Analysis if analysis is not Analysis.CERTIFY)
     named = of_all if run == ALL else (run,) if isinstance(run, str) else tuple(run)
     for analysis in named:
@@ -238,6 +236,13 @@ def make_task(
     if not chosen:
         raise EppError(f"sweep: there is no signal to report; expected one of {', '.join(known)}.")
     return Task(case, axes, tuple(dict.fromkeys(analyses)), tuple(dict.fromkeys(chosen)), allowed)
+
+
+def _allowed(case: Case, allow: str) -> Allowed:
+    """What is allowed; without it a sweep needs none of what bounds need."""
+    from eppanalysis.methods.bounds.sizes.allowed import Allowed
+
+    return Allowed.read(case.to_system(), allow)
 
 
 def _size_variables(analysis: Analysis, allowed: Allowed) -> dict[str, Variable]:

@@ -151,8 +151,8 @@ class ZarrStore:
     def _compare(self, held: Mapping[str, Any]) -> None:
         """Refuse a store of another sweep."""
         for key, what in _PARTS.items():
-            if held.get(key) != self.identity[key]:
-                changed = _difference(key, held.get(key), self.identity[key])
+            if held.get(key) != self.identity.get(key):
+                changed = _difference(key, held.get(key), self.identity.get(key))
                 raise EppError(
                     f"{self.path}: holds a sweep with {what}{changed}; expected the same sweep, or another name."
                 )
@@ -220,7 +220,7 @@ class ZarrStore:
             sheet = _read_sheet(other)
         if sheet is None:
             raise EppError(f"{other}: {integrity.SHEET} is damaged or missing; expected a share of {self.path}.")
-        stamp = _stamp(sheet["blocks"], {key: sheet.get(key) for key in _PARTS})
+        stamp = _stamp(sheet["blocks"], _identity_in(sheet))
         if stamp != self.stamp:
             raise EppError(f"{other}: holds another sweep, or blocks of another size; expected a share of {self.path}.")
         names = tuple(self.variables)
@@ -297,7 +297,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
         damaged = _damaged_file(path, sheet)
         if damaged:
             raise EppError(f"{path}: {damaged} is damaged; {integrity.REMEDY}.")
-        stamp = _stamp(sheet["blocks"], {key: sheet[key] for key in _PARTS})
+        stamp = _stamp(sheet["blocks"], _identity_in(sheet))
         store = integrity.CheckedStore(path, sheet["variables"], stamp)
         return xarray.open_zarr(store, chunks=None, consolidated=False)[sheet["variables"]]
 
@@ -385,10 +385,16 @@ def identity(task: Task, design: Design) -> dict[str, Any]:
         "analyses": list(task.analyses),
         "variables": list(task.variables()),
         "signals": list(task.signals),
-        "allowed": None if task.allowed is None else task.allowed.to_dict(),
+        # Only where there is one: stores made before sweeps knew it are what they were.
+        **({} if task.allowed is None else {"allowed": task.allowed.to_dict()}),
         # Another version may compute other numbers.
         "version": __version__,
     }
+
+
+def _identity_in(sheet: Mapping[str, Any]) -> dict[str, Any]:
+    """What makes the sweep of a sheet the same sweep."""
+    return {key: sheet[key] for key in _PARTS if key in sheet}
 
 
 def _difference(key: str, held: Any, wanted: Any) -> str:

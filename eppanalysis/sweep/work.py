@@ -213,11 +213,12 @@ class _Cell:
         stable = self._cycles(Analysis.CYCLES, found.cycles)
         where = Outcome.SETTLES if found.settles else Outcome.DIVERGES if found.diverges else Outcome.UNKNOWN
         self.put("exact_outcome", where if stable is None else Outcome.OSCILLATES)
+        otherwise = (
+            Allowance.WITHIN if stable is not None else Allowance.SETTLES if found.settles else Allowance.UNKNOWN
+        )
         # What the search left open may be larger.
-        within = Allowance.SETTLES if stable is None and found.settles else Allowance.WITHIN
-        within = Allowance.UNKNOWN if found.status is Status.UNDECIDED or not (len(found) or found.settles) else within
-        within = Allowance.DIVERGES if found.diverges else within
-        self.beside_allowed(Analysis.CYCLES, found.cycles, within)
+        otherwise = Allowance.UNKNOWN if found.status is Status.UNDECIDED else otherwise
+        self.beside_allowed(Analysis.CYCLES, found.cycles, Allowance.DIVERGES if found.diverges else otherwise)
         kind = Stability.UNSTABLE if stable is None else Stability.STABLE
         self.put("exact_stability", kind if len(found) else Stability.NO_CYCLE)
         if stable is not None and stable.multipliers is not None and stable.multipliers.size:

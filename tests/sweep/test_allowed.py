@@ -109,6 +109,15 @@ def test_other_units_are_the_same_sweep_and_another_size_is_not(tmp_path: Path) 
             epp.sweep(case, axes, signals="theta", allow=other, store=store, progress=False)
 
 
+def test_a_store_without_it_is_what_it_was_before(tmp_path: Path) -> None:
+    """Neither the sheet nor the marks of a sweep without an allowed cycle know of one."""
+    made = {"store": tmp_path / "map.zarr", "progress": False}
+    epp.sweep(SERVO, {"play.gap": ["1", "2"]}, **made)
+    assert "allowed" not in json.loads((tmp_path / "map.zarr/progress/sweep.json").read_text())["facts"]
+    with pytest.raises(epp.EppError, match="other variables|another limit cycle allowed"):
+        epp.sweep(SERVO, {"play.gap": ["1", "2"]}, allow="x 1", **made)
+
+
 def test_shares_joined_are_the_sweep_to_the_bit(grid: xarray.Dataset, tmp_path: Path) -> None:
     axes = {"loop.gain": "0.8:2:4", "play.gap": "0.1:0.4:6"}
     asked = {"run": ("simulate", "predict"), "allow": "x 0.5", "store": tmp_path / "map.zarr", "progress": False}
