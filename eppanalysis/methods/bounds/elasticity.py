@@ -14,7 +14,7 @@ the bound is a polynomial to rounding, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -166,8 +166,10 @@ def _changed(case: CaseLike, name: str) -> Callable[[float], HybridSystem]:
     return lambda value: steady_case(case.with_values({name: value}))
 
 
-def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dict[str, float]:
-    """Elasticity, by every parameter, of a bound at which an orbit reaches an allowed size, and by that size itself.
+def size_elasticities(
+    question: Question, point: Point, allowed: Allowed, names: Collection[str] | None = None
+) -> dict[str, float]:
+    """Elasticity, by parameters, of a bound at which an orbit reaches an allowed size, and by that size itself.
 
     Parameters
     ----------
@@ -176,6 +178,8 @@ def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dic
     point : Point
         The orbit there.
     allowed : Allowed
+    names : collection of str, optional
+        Those that are wanted; by default all parameters of the case.
 
     Returns
     -------
@@ -191,6 +195,8 @@ def size_elasticities(question: Question, point: Point, allowed: Allowed) -> dic
     larger = allowed.size_of_orbit(at_bound.to_system(), point.orbit) > (1.0 + _LARGER) * allowed.size
     out = {"allowed": 0.0 if larger else 1.0 / by_limit}
     for name in parameters_of(question):
+        if names is not None and name not in names:
+            continue
         grown = _growth(at_bound, name, question.case.value(name), point, allowed)
         out[name] = float("nan") if grown is None else -grown / by_limit
     return out

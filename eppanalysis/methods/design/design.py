@@ -315,7 +315,7 @@ def _prices(search: Search, case: CaseLike, best: Pick) -> dict[str, float]:
     prices = {name: slope * case.value(name) / best.worth for name, slope in slopes.items()}
     if best.bound.kind is Turn.SIZE and best.by_cycle and goal.name == limit and best.bound.point is not None:
         assert search.frontier.allowed is not None
-        elastic = size_elasticities(search.here(best.place, best.corner), best.bound.point, search.frontier.allowed)
+        elastic = size_elasticities(search.here(best.place, best.corner), best.bound.point, search.frontier.allowed, ())
         prices |= {"allowed": elastic["allowed"]} if "allowed" in elastic else {}
     return prices
 

@@ -272,7 +272,7 @@ class Search:
         full = self.full(pick.place, pick.corner)
         here = frontier.here(full)
         if pick.bound.kind is Turn.SIZE and frontier.allowed is not None:
-            elastic = size_elasticities(here, point, frontier.allowed)
+            elastic = size_elasticities(here, point, frontier.allowed, names)
             found = {n: e * point.value / here.case.value(n) for n, e in elastic.items() if n in names}
         elif point.arc is not None or (pick.bound.kind is Turn.FOLD and abs(point.turn) < FLAT):
             found = frontier.slopes(full, point, names)
