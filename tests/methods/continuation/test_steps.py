@@ -137,6 +137,29 @@ def test_the_slope_through_smooth_elements_is_that_of_the_residual_over_a_range(
         assert np.max(np.abs(found - exact)) < 1e-11 * np.max(np.abs(exact))
 
 
+@pytest.mark.parametrize(("shape", "varied"), [(1.0, "static"), (3.0, "velocity"), (1.5, "velocity"), (1.5, "shape")])
+def test_the_slope_through_powers_of_the_velocity(shape, varied):
+    numbers = {"coulomb": 0.4, "static": 1.0, "velocity": 0.3, "viscous": 0.02, "shape": shape}
+    belt, value = epp.case("belt_leine").to_system(), numbers[varied]
+
+    def build(v):
+        return steady_hybrid(replace(belt, elements=(epp.StribeckFriction(**{**numbers, varied: float(v)}),)))
+
+    (cycle,) = epp.find_limit_cycles(replace(belt, elements=(epp.StribeckFriction(**numbers),)))
+    orbit = next(iter(orbits_near(build(value), *start_of(build(value), cycle), cycle.period)))
+    family = Family(build, (0.98 * value, 1.02 * value), patience=1000)
+    # Beside rest a fractional power bends like its root: a difference comes near to the derivative as it shrinks.
+    u, width = np.cos(np.pi * np.arange(9) / 8), 1e-3 if shape == round(shape) else 1e-5
+    rows = [
+        evaluate_at(family, orbit.arcs.event_sequence, value * (1.0 + width * x), orbit.y, orbit.tau, orbit.arcs).r
+        for x in u
+    ]
+    fits = [np.polynomial.Chebyshev.fit(u, row, 8) for row in np.array(rows).T]
+    exact = np.array([fit.deriv()(0.0) for fit in fits]) / (width * value * orbit.row_scale)
+    found = slope_of(build, orbit, value, value) / orbit.row_scale
+    assert np.max(np.abs(found - exact)) < (1e-10 if shape == round(shape) else 1e-8) * np.max(np.abs(exact))
+
+
 def test_an_orbit_is_refused_by_a_system_that_has_other_modes_or_states():
     orbit, relay = _orbit(epp.case("fig8a_original")), steady_hybrid(RELAY)
     smaller = steady_case(epp.case("fig8a_original").with_values({"drive.coulomb_friction": 0.0}))
