@@ -121,7 +121,9 @@ def look_ahead(model, compiled, workspace, samples, now):
         if now.ahead < d and now.best > now.ahead / d:
             now.which, now.best = -1, 2.0
     now.forced = False
-    if last >= 0:
+    # Where a guard fires at once the state is not computed anew: judged by smaller sizes than its own the next guard
+    # would take what is left of the rounding for a rise, and the two would fire in turn.
+    if last >= 0 and now.best > 0.0:
         for i in range(n):
             workspace.recent[i] = abs(X[0, i]) + workspace.spread[i]
     if now.best > 0.0:

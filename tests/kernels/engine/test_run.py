@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from eppanalysis.models.systems.inputs import Ramp
+from eppanalysis.models.systems.inputs import Ramp, Sine
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.signals import SignalMap
 from eppanalysis.results import Status
@@ -112,6 +112,24 @@ def test_results_do_not_depend_on_the_step() -> None:
     a, b = (epp.simulate(case.to_system(), case.input, 3.0, times, step=h) for h in (1e-2, 7e-5))
     assert np.abs(a.signals["theta"] - b.signals["theta"]).max() < 1e-12
     assert [e.name for e in a.events] == [e.name for e in b.events]
+
+
+@pytest.mark.parametrize(("parts", "of_sixteen"), [(8, 2), (16, 1), (16, 2), (10, 3)])
+def test_play_under_a_sine_switches_four_times_a_period_where_its_switches_fall_on_ends_of_steps(
+    parts: int, of_sixteen: int
+) -> None:
+    """Steps end at every peak, where it lets go, and at the instant of its first contact."""
+    gap = 2.0 * math.sin(2.0 * math.pi * of_sixteen / 16)
+    # The plant is the integral of the play's output, which nothing feeds back.
+    loop = LureSystem.build(
+        [[0.0]], [[1.0]], [[0.0]], [epp.Play(gap)], D_input=[[1.0]], input_names=("u",), B_input=[[0.0]]
+    )
+    run = epp.simulate(loop, Sine(1.0, 1.0), 10.0, np.linspace(0.0, 10.0, 10 * parts + 1))
+    meets = 0.5 * math.asin(gap - 1.0) / math.pi  # after each peak the input comes back by the gap
+    up = np.arange(11.0)
+    times = np.sort([*(up + 0.25), *(up + 0.75), *(up + 0.5 + meets), *(up[1:] + meets), of_sixteen / 16])
+    expected = times[times < 10.0]
+    np.testing.assert_allclose([e.time for e in run.events], expected, rtol=0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
