@@ -180,6 +180,8 @@ def design_bounds(
     if prove and (asking is not None or allowed is not None or not (exact and verify)):
         raise EppError("design_bounds: prove is True; expected exact bounds on limit cycles of any size, with tests.")
     if asking is not None:
+        # What is done at each value only this process can tell.
+        asking = replace(asking, progress=progress if workers == 1 else None)
         cells = _each(partial(searched_cell, question, asking=asking), values, workers, progress)
     elif allowed is not None:
         cells = _each(partial(sized_cell, question, settings=settings), values, workers, progress)

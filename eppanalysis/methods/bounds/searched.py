@@ -11,7 +11,7 @@ and the result says so.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.harmonic import Question, idle
@@ -23,6 +23,7 @@ from eppanalysis.methods.search.find import search_from
 from eppanalysis.methods.simulation.simulate import simulate
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.progress import Progress
 from eppanalysis.readable import DIGITS, listed
 from eppanalysis.results import LimitCycle, Status
 
@@ -87,24 +88,37 @@ class Asking:
         Whether the case's own run alone is asked, from its own start and with its own input.
     why : str
         Why the search is asked at all.
+    progress : callable, optional
+    first : bool
+        Whether one cycle that is not allowed is answer enough; else all are looked for, as starts at other values.
     """
 
     allowed: Allowed | None = None
     margin: float = 0.01
     own_run: bool = False
     why: str = ""
+    progress: Progress | None = None
+    first: bool = False
+
+    def is_bad(self, cycle: LimitCycle) -> bool:
+        """Whether a cycle is not allowed."""
+        return self.allowed is None or self.allowed.exceeded_by(cycle)
 
     def answer(self, question: Question, value: float, known: Sequence[LimitCycle] = ()) -> Answer:
-        """Ask the search, which starts from the cycles `known` at another value, too, and the case's own run."""
+        """Ask the case's own run, and the search, which starts from the cycles `known` at another value, too."""
         case = question.case_at(value)
-        run, search = simulate(case), None if self.own_run else search_from(case, known)
-        cycles = [*(search or ()), *([] if run.limit_cycle is None else [run.limit_cycle])]
-        bad = tuple(c for c in cycles if self.allowed is None or self.allowed.exceeded_by(c))
+        if self.progress is not None:
+            self.progress(0, None, f"{case.name}: {question.limit} = {case.text(question.limit, value, DIGITS)}")
+        run = simulate(case)
+        own = [] if run.limit_cycle is None else [run.limit_cycle]
+        told = self.own_run or (self.first and any(map(self.is_bad, own)))
+        search = None if told else search_from(case, known, self.is_bad if self.first else None, self.progress)
+        bad = tuple(filter(self.is_bad, [*(search or ()), *own]))
         grows = run.status is Status.DIVERGED or (search is not None and search.diverges)
         left = ["runs grow without bound"] * grows
         if search is not None:
             left += search.left_open
-        elif not cycles and run.status not in (Status.SETTLED, Status.DIVERGED):
+        elif not own and run.status not in (Status.SETTLED, Status.DIVERGED):
             left.append("the case's own run neither settles nor repeats itself")
         return Answer(value, bad, tuple(left), 1 + (0 if search is None else search.n_runs))
 
@@ -138,14 +152,19 @@ def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
     # A loop in discrete time has no hybrid form to be compared.
     if not question.case_at(values[0]).to_system().time_step and idle(question, values):
         return BoundCell(value=value, finding=Finding.IDLE, message=Finding.IDLE.sentence)
-    asked = [asking.answer(question, v) for v in values]
+    asked: list[Answer] = []
+    at_once = replace(asking, first=True)
+    for v in values:
+        asked.append(at_once.answer(question, v, asked[-1].cycles if asked else ()))
     free = [a.free for a in asked]
     if all(free) or not (free[0] or free[-1]):
         return _without(question, value, asked, asking)
     sign = 1.0 if free[0] else -1.0
     ordered = asked if sign > 0 else asked[::-1]
     first = next(k for k, a in enumerate(ordered) if not a.free)
-    beyond, safer = ordered[first:], ordered[:first][::-1]
+    # From all cycles next to the safe side those are followed that reach farthest.
+    all_there = asking.answer(question, ordered[first].value, ordered[first].cycles)
+    beyond, safer = [all_there, *ordered[first + 1 :]], ordered[:first][::-1]
     # The last free value may be free only because no start led to the cycle: it is asked again from the cycles known
     # beyond, and gives way while that finds one.
     while safer and (known := _nearest(beyond).cycles) and not asking.own_run:

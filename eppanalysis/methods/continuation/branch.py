@@ -137,8 +137,9 @@ def continue_branch(
     walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is not None and origin.point is None:
         raise EppError("continue_branch: cycles of doubled period are not followed in a loop with sampled controllers.")
+    others = n_others if cycle is None and origin is None else 0
     if is_sampled(case.to_system().elements):
-        branch = sampled_branch(case, parameter, (first, last), cycle, (n_points, max_step), progress)
+        branch = sampled_branch(case, parameter, (first, last), cycle, (n_points, max_step, others), progress)
     elif origin is None or origin.point is None:
         value, orbit = _seed(case, parameter, family, (first, last), cycle)
         if orbit.motion is not None:
@@ -147,7 +148,7 @@ def continue_branch(
     else:
         branch = walk.run_off(doubled(family, origin.point, 0.25 * max_step))
     if not branch.not_covered:
-        branch = _with_others(walk, branch, n_others if cycle is None and origin is None else 0)
+        branch = _with_others(walk, branch, others)
     if n_simulated == 0:
         return branch
     return replace(branch, simulated=_simulated(case, parameter, np.linspace(*limits, n_simulated)))

@@ -10,7 +10,8 @@ period and the size of the run's last turn; only those that are kept are analyse
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -60,6 +61,9 @@ _SIZES = (1.0, 0.8, 1.25)
 _TURNS = (12.0, 24.0)
 #: Steps of the engine, and what is worth as many, after which a branch ends: a minute or two.
 _MOST_WORK = 6e7
+#: Values between the end of a branch and that of the range at which runs look for another one.
+_FARTHER = 8
+_CEASED = "ends where no cycle near it continues it"
 #: A multiplier as near to 1 as this at a border is that of a fold.
 _AT_FOLD = 0.02
 NOT_COVERED = (
@@ -98,7 +102,7 @@ class _Here:
         return found if found is not None and found.n == n else None
 
     def searched(self, near: LimitCycle, progress: Progress | None) -> _Point | None:
-        """The cycle that the search, which starts from one at another value, too, finds nearest to it."""
+        """The first cycle near one at another value that the search finds, which starts from that one."""
 
         def alike(cycle: LimitCycle) -> bool:
             return away(cycle, near) < np.log(2.0)
@@ -284,26 +288,38 @@ class _Walk:
     def run(self, begin: _Point, stop: float) -> str:
         """From a cycle to an end of the range; why the branch ends."""
         try:
-            with allotted(_MOST_WORK):
-                self._keep(begin)
-                return self._along(stop)
+            self._keep(begin)
+            return self._along(stop)
         except Spent:
+            if not self.rows:
+                raise
             return f"stops when runs had taken {_MOST_WORK:.0e} steps (a narrower range or fewer points go farther)"
 
     def _along(self, stop: float) -> str:
-        while len(self.rows) < self.n_points:
+        while True:
             last = self.last
             assert last is not None
             if last.value == stop:
                 return "leaves the range"
+            if len(self.rows) >= self.n_points:
+                return "stops at the number of points asked for"
             step = np.sign(stop - last.value) * min(self.max_step * self.width, abs(stop - last.value))
             here = self._asked(stop if abs(stop - last.value - step) < 1e-9 * self.width else last.value + step)
             new = last.next(here)
             if new is not None:
                 self._keep(new)
             elif not self._cross(last, here):
-                return "ends where no cycle near it continues it"
-        return "stops at the number of points asked for"
+                return _CEASED
+
+    def farther(self, stop: float) -> _Point | None:
+        """A cycle behind the end of the branch that runs from its last one end on."""
+        assert self.last is not None
+        cycle = self.last.cycle
+        for value in np.linspace(self.last.value, stop, _FARTHER + 1)[1:].tolist():
+            found = self._asked(value).by_run(cycle.state, cycle.memory, cycle.period)
+            if found is not None:
+                return found
+        return None
 
     def _asked(self, value: float) -> _Here:
         self.tell(len(self.rows), value)
@@ -362,10 +378,12 @@ def sampled_branch(
     parameter: str,
     ends: tuple[float, float],
     cycle: LimitCycle | None,
-    most: tuple[int, float],
+    most: tuple[int, float, int],
     progress: Progress | None,
 ) -> Branch:
-    """The branch of a loop with sampled controllers, of so many points and steps at `most`; see ``continue_branch``."""
+    """The branch of a loop with sampled controllers, with at `most` so many points, so long steps, so many others; see
+    ``continue_branch``.
+    """
 
     def at(value: float) -> _Here:
         changed = case.with_values({parameter: value})
@@ -381,10 +399,30 @@ def sampled_branch(
             progress(done, None, f"{case.name}: {count(done, 'point')}, {parameter} = {case.text(parameter, value)}")
 
     begin = _seed(case, parameter, at, ends, cycle, progress)
-    walk = _Walk(at, ends, *most, tell, progress)
     stop = ends[1] if begin.value == ends[0] else ends[0]
-    why = walk.run(begin, stop)
-    return _branch(case, parameter, walk, ("begins at the end of the range", why))
+    found: list[Branch] = []
+
+    def followed(begin: _Point, how: str) -> _Walk:
+        walk = _Walk(at, ends, *most[:2], tell, progress)
+        found.append(_branch(case, parameter, walk, (how, walk.run(begin, stop))))
+        return walk
+
+    with allotted(_MOST_WORK), suppress(Spent):
+        walk = followed(begin, "begins at the end of the range")
+        while found[-1].ends[1] == _CEASED and len(found) <= most[2]:
+            other = walk.farther(stop)
+            if other is None:
+                break
+            walk = followed(other, "begins where a run from the last cycle of another one ended on it")
+    return _joined(found, ends)
+
+
+def _joined(found: Sequence[Branch], ends: tuple[float, float]) -> Branch:
+    """The first branch, with the others behind it and what they all leave of the range."""
+    first, *others = found
+    left = gaps((min(ends), max(ends)), [(b.points["value"], b.ends) for b in found])
+    part = (" Together they cover" if others else " It covers") + " a part of the range asked for."
+    return replace(first, message=first.message + part * bool(left), missing=left, others=tuple(others))
 
 
 def _seed(
@@ -434,8 +472,6 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
     data = {name: np.array([row[name] for row in walk.rows]) for name in walk.rows[0]}
     data["stable"] = data["stable"] > 0.0
     special = tuple(SpecialPoint(kind, p.value, note, p.cycle, i) for kind, p, note, i in walk.special)
-    left = gaps((min(walk.ends), max(walk.ends)), [(data["value"], ends)])
-    missing = tuple(replace(gap, why=f"the branch {ends[1]}") for gap in left)
     return Branch(
         parameter=parameter,
         unit=case.unit(parameter)[0],
@@ -443,11 +479,10 @@ def _branch(case: CaseLike, parameter: str, walk: _Walk, ends: tuple[str, str]) 
         points=data,
         special=special,
         status=Status.NOT_CONVERGED if any(s.kind is Change.END for s in special) else Status.INCOMPLETE,
-        message=in_words(ends) + " It covers a part of the range asked for." * bool(missing),
+        message=in_words(ends),
         ends=ends,
         signals=tuple(names),
         units=dict(begun.cycle.units),
-        missing=missing,
         not_covered=NOT_COVERED,
         provenance=Provenance("branch of cycles of a sampled loop", {"limits": walk.ends}, case=facts_of(case)),
         operating_point=case.operating_point,

@@ -8,6 +8,7 @@ trend; its period and its size are then known to so much only as they differ fro
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -112,11 +113,10 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
     The rarest switches are tried first.
     """
     guards, time = run.guard[run.order], run.time[run.order]
-    numbers, counts = np.unique(guards[~strobe.of_samples[guards]], return_counts=True)
-    for guard in numbers[np.argsort(counts, kind="stable")][counts[np.argsort(counts, kind="stable")] > _TURNS]:
-        at = np.flatnonzero(guards == guard)
-        values = rows.values[at]
-        scale = np.ptp(rows.values[at[-_TURNS - 1] :], axis=0)
+    # How far all goes from each event to the end.
+    spans = _reach(rows.values, np.maximum) - _reach(rows.values, np.minimum)
+    for at in _rarest(guards, strobe.of_samples, time, t_end):
+        values, scale = rows.values[at], spans[at[-_TURNS - 1]]
         scale = np.where(scale > _REST * rows.size, scale, np.inf)
         back = np.max(np.abs(values - values[-1]) / scale, axis=1) <= _DIFFER
         places, values = at[back], values[back]
@@ -140,6 +140,27 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
         if differ <= 2.0 * _DIFFER:
             return places, differ
     return None
+
+
+def _reach(values: Array, of: np.ufunc) -> Array:
+    return of.accumulate(values[::-1])[::-1]
+
+
+def _rarest(
+    guards: NDArray[np.int64], of_samples: NDArray[np.bool_], time: Array, t_end: float
+) -> Iterator[NDArray[np.intp]]:
+    """Places of each switch that may have come back often enough until the end, the rarest switch first."""
+    order = np.argsort(guards, kind="stable")
+    first = np.flatnonzero(np.diff(guards[order], prepend=-1))
+    at = np.split(order, first[1:])
+    last, begin = time[order[np.append(first[1:], order.size) - 1]], time[order[first]]
+    counts = np.diff(np.append(first, order.size))
+    # Half of the turns that are compared at least are as long as the median: a switch that is longer past than these
+    # can be has belonged to a transient. (An encoder passes thousands of edges in one.)
+    recent = t_end - last <= (1.0 + _DIFFER) * 0.5 * (last - begin)
+    for k in np.argsort(counts, kind="stable"):
+        if counts[k] > _TURNS and recent[k] and not of_samples[guards[at[k][0]]]:
+            yield at[k]
 
 
 def _rests(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> bool:
