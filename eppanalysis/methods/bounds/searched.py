@@ -181,7 +181,8 @@ def _cell(question: Question, value: float, asking: Asking) -> BoundCell:
 def _without(question: Question, value: float, asked: Sequence[Answer], asking: Asking) -> BoundCell:
     """A cell without a bound, and why."""
     what = "limit cycle" if asking.allowed is None else asking.allowed.exceeded
-    found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what)
+    who = "The case's own run" if asking.own_run else "The search"
+    found = without_bound(question, [(a.value, a.cycles, not a.open_ends) for a in asked], what, who)
     opened = listed(list(dict.fromkeys(text for a in asked for text in a.open_ends)))
     note = found.note + (f" Left open: {opened}." if opened else "")
     return BoundCell(value=value, finding=found.finding, message=note, n_searched=len(asked))

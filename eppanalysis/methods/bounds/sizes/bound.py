@@ -102,7 +102,7 @@ def tried_values(question: Question) -> list[float]:
     return sorted({*values, own}) if own is not None and question.low < own < question.high else values
 
 
-def without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
+def without_bound(question: Question, seen: Sequence[_Seen], what: str, asked: str = "The exact search") -> Scan:
     """Why there is no place where such cycles begin."""
     some, free, unknown = (
         question.in_words(value for value, cycles, complete in seen if holds(bool(cycles), complete))
@@ -111,7 +111,7 @@ def without_bound(question: Question, seen: Sequence[_Seen], what: str) -> Scan:
     if not free:
         return Scan(Finding.ALWAYS, note=f"At all values tried in the range there is a {what}: none of them is safe.")
     if unknown:
-        return Scan(Finding.UNSURE, note=f"The exact search found no {what}, but left runs undecided at {unknown}.")
+        return Scan(Finding.UNSURE, note=f"{asked} found no {what}, but left runs undecided at {unknown}.")
     if not some:
         return Scan(Finding.NONE, note=f"At no value tried in the range there is a {what}: nothing bounds it there.")
     note = f"There is a {what} at {some} and none at {free}: ask for a narrower range, which ends among these."
