@@ -32,7 +32,7 @@ BROKEN = """
 #: Rows of a table that are shown as their source.
 TORN = """
 () => [...document.querySelectorAll('article p')].map((node) => node.textContent.trim())
-  .filter((text) => text.startsWith('|') && text.endsWith('|')).map((text) => text.slice(0, 60))
+  .filter((text) => /^\\|.*\\|.*\\|$/s.test(text)).map((text) => text.slice(0, 60))
 """
 
 #: What sticks out of the page, and is neither in a box that scrolls nor out of sight.
