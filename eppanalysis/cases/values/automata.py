@@ -148,6 +148,9 @@ class _Reader:
         sticking = table.get("sticking", False)
         if not isinstance(sticking, bool):
             raise self.raw.refused(f"{self.place}.{here}.sticking", "true or false")
+        for part in ("level", "jump"):
+            if part in table and not sticking:
+                raise self.raw.refused(f"{self.place}.{here}.{part}", "nothing, as the mode does not stick")
         if self.sizes["z"] == self.sizes["w"] == 1:
             roles = {"from_input": SLOPE, "constant": OUT, "level": IN, "jump": OUT}
             self.units.update({f"{here}.{part}": role for part, role in roles.items()})
