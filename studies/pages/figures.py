@@ -145,6 +145,15 @@ def drawings() -> dict[str, Drawing]:
             4.0,
             names=("velocity [m/s]", "force [N]"),
         ),
+        "powers": Drawing(
+            {
+                "sine": epp.Sine(1.0),
+                "cube / 6": epp.Cube(1.0 / 6.0),
+                "polynomial: the sine up to the fifth power": epp.Polynomial([0.0, 1.0, 0.0, -1.0 / 6, 0.0, 1.0 / 120]),
+            },
+            3.0,
+            3.5,
+        ),
         "smooth_curves": Drawing(
             {"tanh": epp.Tanh(level=1.0), "arctan": epp.Arctan(level=1.0), "drag": epp.Drag(scale=0.2)}, 3.0, 6.0
         ),
