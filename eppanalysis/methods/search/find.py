@@ -8,7 +8,7 @@ the orbit (docs/theory/exact_orbits.md, All of them).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,36 +31,30 @@ from eppanalysis.methods.search.discrete import search_discrete
 from eppanalysis.methods.search.ends import (
     FOR_ONE,
     MOST_EVENTS,
-    MOST_REACHED,
     NO_CORNERS,
     NO_SAMPLES,
     End,
-    Ends,
     Ray,
     Reached,
 )
 from eppanalysis.methods.search.locked import Enough, search_locked, search_near
 from eppanalysis.methods.search.rests import towards_rests
-from eppanalysis.methods.search.result import CycleSearch, exists, undecided
+from eppanalysis.methods.search.result import CycleSearch
+from eppanalysis.methods.search.told import N_RANDOM, SCALES, Told
 from eppanalysis.methods.simulation.effort import Spent, allotted
 from eppanalysis.methods.simulation.simulate import run_hybrid
 from eppanalysis.methods.simulation.stability import is_stable
-from eppanalysis.models.systems.hybrid import DELAY_LINE
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
 from eppanalysis.models.systems.sampled.strobe import Strobe, is_sampled
 from eppanalysis.models.systems.subject import CaseLike, PointLike, standing
 from eppanalysis.progress import Progress
-from eppanalysis.readable import count
 from eppanalysis.results import LimitCycle, Status
 from eppanalysis.results.provenance import Provenance
 
 Array = NDArray[np.float64]
 
-#: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
-SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
-N_RANDOM = 24
 _SEED = 20050901
 #: Most basin boundaries that are bisected. A fractal boundary has no last one.
 _MOST_BOUNDARIES = 150
@@ -203,41 +197,8 @@ def _size(system: LureSystem, cycle: LimitCycle) -> float:
 
 
 @dataclass
-class _Search(Ends):
+class _Search(Told):
     """State of one search; lives for one call."""
-
-    by_balance: bool = True
-    n_left: int = 0
-    n_cut: int = 0
-    n_images: int = 0
-    n_loci: int = 0
-    n_followed: int = 0
-    n_towards: int = 0
-    unclosed: list[LimitCycle] = field(default_factory=list)
-    why_unclosed: dict[int, str] = field(default_factory=dict)
-
-    @property
-    def complete(self) -> bool:
-        """Whether every cycle said to exist was closed, every run came to an end, every basin boundary was bisected."""
-        return not (any(map(exists, self.unclosed)) or self.left_open())
-
-    def left_open(self) -> tuple[str, ...]:
-        """What keeps the search from being complete, unclosed predictions aside."""
-        aimless, unclosed, beneath = (self.outcomes[e] for e in (End.UNDECIDED, End.UNCLOSED, End.BENEATH_ROUNDING))
-        why = self.hybrid.chatters.rstrip(".")
-        parts = {
-            f"{undecided(aimless)}{f' ({why[0].lower()}{why[1:]})' if why else ''}": aimless,
-            f"{count(unclosed, 'run')} ended on a cycle that could not be closed": unclosed,
-            f"what the elements change is beneath rounding on {count(beneath, 'run')}": beneath,
-            f"{count(self.n_left, 'basin boundary')} not bisected": self.n_left,
-            f"{count(self.n_ended, 'start')} left when the search had taken {_MOST_WORK:.0e} steps": self.n_ended,
-            f"{count(self.n_cut, 'prediction')} not followed to the end": self.n_cut,
-            f"the mirror {'image' if self.n_images == 1 else 'images'} of {count(self.n_images, 'cycle')} not tried": (
-                self.n_images
-            ),
-            f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
-        }
-        return tuple(text for text, number in parts.items() if number)
 
     def run_all(self) -> None:
         """Seeds, then runs along rays and from random starts, then the basin boundaries between outcomes."""
@@ -254,6 +215,7 @@ class _Search(Ends):
                 self.outcome(*start)
             for orbit in list(self.orbits):
                 self._scan(self._ray_to(orbit))
+            self._add_symmetric()
             for orbit in list(self.orbits):
                 self._add_on_locus(orbit)
             for orbit in list(self.orbits):
@@ -302,13 +264,13 @@ class _Search(Ends):
         # Greedily by period: an orbit that is asked for twice answers the prediction that lies nearest to it.
         # Two predictions may lead to one orbit: it answers the one that says of it what is true.
         nearest.sort(key=lambda pair: not self._as_stable(*pair))
-        for number, cycle in nearest:
-            if number is None or (number in answers and not self.orbits[number].one_of_many):
-                number = self._other_answer(cycle, answers)
-            if number is None:
+        for place, cycle in nearest:
+            if place is None or (place in answers and not self.orbits[place].one_of_many):
+                place = self._other_answer(cycle, answers)
+            if place is None:
                 unclosed.append(replace(cycle, note=self.why_unclosed.get(id(cycle), cycle.note)))
             else:
-                answers[number] = cycle
+                answers[place] = cycle
         return unclosed
 
     def _distance(self, number: int | None, cycle: LimitCycle) -> float:
@@ -326,78 +288,19 @@ class _Search(Ends):
                 return i
         return -1 if any(not asked.shape_difference(r.cycle) for r in self.reached) else None
 
-    def sentence(self) -> str:
-        """How completeness was sought."""
-        ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
-        balance = ", by harmonic balance where needed" * self.by_balance
-        rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
-        return (
-            f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
-            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
-            f"({ends}); "
-            f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
-            "Unstable cycles that no prediction is near and no boundary leads to may be missed."
-            f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
-        )
-
-    def _tried(self) -> str:
-        """Of how many cycles mirror images and other periods were tried."""
-        listed = len(self.orbits) + len(self.reached)
-        if not listed:
-            return ""
-        images, loci = (n if n < listed else "each" for n in (len(self.orbits) - self.n_images, self.n_followed))
-        if images == loci == "each":
-            return "; the mirror image of each cycle tried, and its switches at other periods"
-        of = count(listed, "cycle")
-        return f"; of {of}, the mirror image of {images} tried, and the switches of {loci} at other periods"
-
-    def _pasts(self) -> str:
-        """From which pasts no run was begun, and which cycles were no seeds."""
-        if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
-            return ""
-        smooth = " From a basin boundary no unstable cycle is closed here, as a smooth element stands in the loop."
-        return (
-            " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed. "
-            "Predictions leave out fast modes of a dead time (their own sentence says which), so these are no seeds."
-            f"{smooth * is_smooth_delayed(self.hybrid)}"
-        )
-
-    def _left(self) -> str:
-        """Sentence on the starts and basin boundaries that were left out."""
-        if not self.work.left:
-            return (
-                f" The search ended after {_MOST_WORK:.0e} steps of the engine; "
-                f"{self.n_ended} starts and {self.n_left} basin boundaries were left."
-            )
-        if not self.n_left:
-            return ""
-        return f" {self.n_left} more basin boundaries were left: the starts of different outcomes are interwoven."
-
-    def _continua(self) -> str:
-        """Sentence on cycles that stand for a continuum of cycles."""
-        many = sum(o.one_of_many for o in self.orbits)
-        if not many:
-            return ""
-        return (
-            f" {many} of the cycles listed {'stands' if many == 1 else 'stand'} for a continuum of cycles with the "
-            "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies "
-            "or how large it is."
-        )
-
-    def _unclosed(self) -> str:
-        """Why there are runs on cycles that are not among those found."""
-        if End.UNCLOSED not in self.outcomes:
-            return ""
-        if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
-            why = "from none of their events, with what was on its way through the dead time, was an orbit closed"
-        else:
-            why = "from none of their events did Newton's method close an orbit"
-        what = (
-            f"They are listed as runs have them, stable ones only and {MOST_REACHED} at most"
-            if self.reached
-            else "They are not listed; simulate from such a start to see one"
-        )
-        return f" Some runs are on cycles without a closed orbit: {why}. {what}."
+    def _add_symmetric(self) -> None:
+        """Add the symmetric cycles of a relay at all half periods."""
+        if self.pulses is None:
+            return
+        try:
+            with allotted(_FOR_PREDICTIONS * _MOST_WORK):
+                for guess in self.pulses.guesses():
+                    orbit = close_orbit(self.hybrid, guess)
+                    if orbit is not None:
+                        self.add(orbit)
+        except Spent:
+            self.pulses = None
+            self.n_pulses += 1
 
     def _add_on_locus(self, orbit: Orbit) -> None:
         """Add orbits with the switches of one at other periods; on a boundary a run finds the least unstable only."""

@@ -1,0 +1,231 @@
+"""Symmetric cycles of one relay, with a dead zone or without: every half period at which its switches close.
+
+With the relay at M for a time w and at zero for the rest of half a period h, the state behind each half is its image:
+``x(h) = -x(0)``. In the modes of the linear part, ``g(t) = (exp(s t) - 1)/s``,
+
+    x(0) = -M b (g(h) - g(h - w)) / (1 + exp(s h)),
+
+and the switches lie on their thresholds: one equation for h without a dead zone, where w = h (Tsypkin, Relay Control
+Systems, 1984), two for w and h with one. Their roots on a grid are starts for the exact orbits
+(docs/theory/exact_orbits.md, All of them).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eppanalysis.methods.describing.curves import roots_at_once
+from eppanalysis.methods.orbits.guess import Guess, make_guess
+from eppanalysis.methods.orbits.mirrored import mirror
+from eppanalysis.models.systems.hybrid import HybridSystem
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Half periods from this share of the fastest time constant to so many of the slowest; nodes of them on a logarithmic
+#: and, eight to half a turn of the fastest oscillation, an even grid; and nodes of the pulse in a half period.
+_SHORTEST, _LONGEST = 0.05, 30.0
+_LOGARITHMIC, _EVEN, _TO_A_TURN, _PULSES = 400, 1200, 8, 200
+#: Condition of the modes beyond which they are not used.
+_ILL = 1e8
+#: Newton's method in both times: iterations, step for derivatives, and what a root leaves, relative to the guards.
+_ITERATIONS, _STEP, _ROOT = 20, 1e-6, 1e-9
+#: Samples of a half period at which no other switch may lie, and what counts as beyond one.
+_SAMPLES, _BEYOND = 400, 1e-9
+#: Relative difference of half periods that are one.
+_SAME = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Pulses:
+    """The symmetric motions of one relay.
+
+    Attributes
+    ----------
+    hybrid : HybridSystem
+    centre : array, shape (n,)
+        The state about which the loop is odd.
+    poles, given, seen, vectors : arrays, shapes (n,), (n,), (n,), (n, n)
+        Modes of the linear part, what the relay's output gives to each, and the relay's input of each.
+    level : float
+        Largest output of the relay.
+    modes, guards : int arrays, shape (p,)
+        Of a whole turn, p is 2 without and 4 with a dead zone.
+    ends : array, shape (p / 2, 2)
+        Guard at the end of each part of a half: its factor on the input's distance from the centre, and constant.
+    """
+
+    hybrid: HybridSystem
+    centre: Array
+    poles: ComplexArray
+    given: ComplexArray
+    seen: ComplexArray
+    vectors: ComplexArray
+    level: float
+    modes: NDArray[np.int64]
+    guards: NDArray[np.int64]
+    ends: Array
+
+    @classmethod
+    def of(cls, hybrid: HybridSystem) -> Pulses | None:
+        """Of a loop with one relay, odd and without dead time and inputs; None for others."""
+        model, image = hybrid.model, mirror(hybrid)
+        single = len(hybrid.automata) == len(hybrid.elements) == 1 and hybrid.x0.size == hybrid.n_plant
+        if image is None or not single or model.smooth_kind.size or np.any(model.D) or model.C.shape[0] != 1:
+            return None
+        turn = _turn(hybrid)
+        if turn is None:
+            return None
+        n, (modes, guards, level) = hybrid.n_plant, turn
+        poles, vectors = (np.asarray(a, complex) for a in np.linalg.eig(model.A))
+        if np.linalg.cond(vectors) > _ILL:
+            return None
+        poles = np.where(np.abs(poles) < 1e-9 * np.abs(poles).max(initial=0.0), 0.0, poles)
+        if not np.any(poles):
+            return None
+        centre = image[:n, -1] / 2.0
+        middle = float(model.C[0] @ centre + model.Kz[0] @ hybrid.H0)
+        rows = guards[: guards.size // 2]
+        factor = model.guard_z[rows, 0]
+        ends = np.stack([factor, factor * middle + model.guard_0[rows]], axis=1)
+        given = np.asarray(np.linalg.solve(vectors, model.B[:, 0]), complex)
+        return cls(hybrid, centre, poles, given, model.C[0] @ vectors, vectors, level, modes, guards, ends)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Shortest and longest half period that is asked for [s]."""
+        times = 1.0 / np.abs(self.poles[self.poles != 0])
+        return float(_SHORTEST * times.min()), float(_LONGEST * times.max())
+
+    def guesses(self) -> Iterator[Guess]:
+        """A start for each symmetric cycle, as far as the grid tells them apart."""
+        for w, h in self._roots():
+            if self._is_motion(w, h):
+                guess = self._guess(w, h)
+                if guess is not None:
+                    yield guess
+
+    def _forced(self, t: Array) -> ComplexArray:
+        still = self.poles == 0
+        return np.asarray(np.where(still, t, np.expm1(self.poles * t) / np.where(still, 1.0, self.poles)), complex)
+
+    def _states(self, w: Array, h: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Modes at the begin of a pulse and at its end, shape (..., n)."""
+        w, h = w[..., None], h[..., None]
+        force = self.level * self.given
+        begin = -force * (self._forced(h) - self._forced(h - w)) / (1.0 + np.exp(self.poles * h))
+        return begin, np.exp(self.poles * w) * begin + force * self._forced(w)
+
+    def _off(self, w: Array, h: Array) -> Array:
+        """Values of the guards at the end of each part of a half, shape (parts, ...)."""
+        begin, end = self._states(w, h)
+        at = [-begin] if len(self.ends) == 1 else [end, -begin]
+        return np.stack([f * (x @ self.seen).real + c for x, (f, c) in zip(at, self.ends, strict=True)])
+
+    def _nodes(self) -> Array:
+        low, high = self.reach
+        fastest = float(np.abs(self.poles.imag).max())
+        nodes: list[Array] = [np.geomspace(low, high, _LOGARITHMIC)]
+        if fastest > 0:
+            nodes.append(low + np.arange(1.0, _EVEN) * (np.pi / fastest / _TO_A_TURN))
+        return np.unique(np.concatenate(nodes).clip(low, high))
+
+    def _roots(self) -> list[tuple[float, float]]:
+        h = self._nodes()
+        with np.errstate(all="ignore"):
+            if len(self.ends) == 1:
+                y = self._off(h, h)[0]
+                size = np.abs(self.ends[0, 1]) + np.nanmedian(np.abs(y))
+                found = roots_at_once(lambda t: self._off(t, t)[0], h, y, accept=1e-6 * size)
+                return [(t, t) for t in found.tolist()]
+            w = h[:, None] * (np.arange(1, _PULSES) / _PULSES) ** 2
+            off = self._off(w, np.broadcast_to(h[:, None], w.shape))
+            corners = np.stack([off[:, i : i - 1 or None, j : j - 1 or None] > 0 for i in (0, 1) for j in (0, 1)])
+            cells = np.argwhere(np.all(np.any(corners, axis=0) & ~np.all(corners, axis=0), axis=0))
+            return self._polished(w[tuple(cells.T)], h[cells[:, 0]])
+
+    def _polished(self, w: Array, h: Array) -> list[tuple[float, float]]:
+        """Newton's method from all cells at once; each root once."""
+        if not w.size:
+            return []
+        at = np.stack([w, h])
+        for _ in range(_ITERATIONS):
+            off = self._off(*at)
+            J = np.empty((at.shape[1], 2, 2))
+            for k, unit in enumerate(np.eye(2)):
+                step = _STEP * at[1] * unit[:, None]
+                J[:, :, k] = (self._off(*(at + step)) - self._off(*(at - step))).T / (2.0 * _STEP * at[1][:, None])
+            J[~np.all(np.isfinite(J), axis=(1, 2)) | (np.abs(np.linalg.det(J)) <= 0.0)] = np.eye(2)
+            move = np.linalg.solve(J, off.T[..., None])[..., 0].T
+            at = at - np.clip(move, -0.05 * at[1], 0.05 * at[1])
+        size = np.abs(self.ends[:, 1]).max()
+        inside = np.all(np.abs(self._off(*at)) < _ROOT * size, axis=0) & (at[0] > 0) & (at[0] < at[1])
+        found: list[tuple[float, float]] = []
+        for w_root, h_root in at.T[inside].tolist():
+            if all(abs(h_root / b - 1.0) + abs(w_root / a - 1.0) > _SAME for a, b in found):
+                found.append((w_root, h_root))
+        return found
+
+    def _is_motion(self, w: float, h: float) -> bool:
+        """Whether no other switch comes before those that end the parts of a half."""
+        begin, end = self._states(np.array(w), np.array(h))
+        share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1, None]
+        force = self.level * self.given
+        parts = [np.exp(self.poles * share * w) * begin + force * self._forced(share * w)]
+        parts += [np.exp(self.poles * share * (h - w)) * end] if len(self.ends) > 1 else []
+        model = self.hybrid.model
+        for mode, x in zip(self.modes, parts, strict=False):
+            z = (x @ self.seen).real + float(model.C[0] @ self.centre + model.Kz[0] @ self.hybrid.H0)
+            for g in range(*model.guard_first[mode : mode + 2]):
+                value = model.guard_z[g, 0] * z + model.guard_0[g]
+                if np.any(value > _BEYOND * (np.abs(z).max() + abs(model.guard_0[g]))):
+                    return False
+        return True
+
+    def _guess(self, w: float, h: float) -> Guess | None:
+        begin, end = ((self.vectors @ x).real for x in self._states(np.array(w), np.array(h)))
+        parts = [begin] if len(self.ends) == 1 else [begin, end]
+        states = [self.centre + side * x for side in (1.0, -1.0) for x in parts]
+        starts = np.array([np.concatenate([x, self.hybrid.H0]) for x in states])
+        tau = np.tile([h] if len(self.ends) == 1 else [w, h - w], 2)
+        return make_guess(self.hybrid, self.modes[:, None], self.guards, starts, tau)
+
+
+def _turn(hybrid: HybridSystem) -> tuple[NDArray[np.int64], NDArray[np.int64], float] | None:
+    """Modes and guards of a whole turn from the mode of the largest output on, and that output; None for no relay."""
+    model, columns = hybrid.model, hybrid.automata[0].mode_columns
+    value, sticks = columns["constant"][:, 0], columns["sticking"]
+    own = ~np.repeat(sticks, np.diff(model.guard_first))  # guards of modes that do not slide
+    constant = not (columns["from_input"].any() or columns["from_memory"].any())
+    if not constant or model.guard_rate.any() or model.guard_w[own].any():
+        return None
+    level = float(value[~sticks].max(initial=0.0))
+    mode = int(np.argmax(np.where(sticks, -np.inf, value)))
+    modes, guards = [mode], []
+    for _ in range(4):
+        downward = value[modes[-1]] > 0 or (value[modes[-1]] == 0 and len(modes) == 2)
+        ways = [
+            g
+            for g in range(*model.guard_first[modes[-1] : modes[-1] + 2])
+            if (value[model.guard_target[g]] < value[modes[-1]]) == downward and not sticks[model.guard_target[g]]
+        ]
+        if len(ways) != 1:
+            return None
+        guards.append(ways[0])
+        if model.guard_target[ways[0]] == mode:
+            turn = np.array(modes), np.array(guards)
+            return (*turn, level) if len(modes) in (2, 4) and _is_odd(hybrid, value[modes], *turn) else None
+        modes.append(int(model.guard_target[ways[0]]))
+    return None
+
+
+def _is_odd(hybrid: HybridSystem, value: Array, modes: NDArray[np.int64], guards: NDArray[np.int64]) -> bool:
+    """Whether the second half of a turn is the image of the first."""
+    model, half = hybrid.model, modes.size // 2
+    factor, constant = model.guard_z[guards, 0], model.guard_0[guards]
+    same = np.array_equal(value[:half], -value[half:]) and np.array_equal(factor[:half], -factor[half:])
+    return bool(value[0] > 0 and same and np.array_equal(constant[:half], constant[half:]))

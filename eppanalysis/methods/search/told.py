@@ -1,0 +1,145 @@
+"""What a search for limit cycles counts while it goes on, and says of itself at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from eppanalysis.methods.orbits.delayed.smooth import is_smooth_delayed
+from eppanalysis.methods.orbits.tsypkin import Pulses
+from eppanalysis.methods.search.ends import MOST_REACHED, End, Ends
+from eppanalysis.methods.search.result import exists, undecided
+from eppanalysis.models.systems.hybrid import DELAY_LINE
+from eppanalysis.readable import count, number
+from eppanalysis.results import LimitCycle
+
+#: Factors on the predicted oscillation (or on the start's distance from rest) at which runs are started.
+SCALES = (0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0, 3.0, 6.0)
+N_RANDOM = 24
+
+
+@dataclass
+class Told(Ends):
+    """The runs of a search, and what was done with them."""
+
+    by_balance: bool = True
+    n_left: int = 0
+    n_cut: int = 0
+    n_images: int = 0
+    n_loci: int = 0
+    n_followed: int = 0
+    n_pulses: int = 0
+    n_towards: int = 0
+    unclosed: list[LimitCycle] = field(default_factory=list)
+    why_unclosed: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every cycle said to exist was closed, every run came to an end, every basin boundary was bisected."""
+        return not (any(map(exists, self.unclosed)) or self.left_open())
+
+    def left_open(self) -> tuple[str, ...]:
+        """What keeps the search from being complete, unclosed predictions aside."""
+        aimless, unclosed, beneath = (self.outcomes[e] for e in (End.UNDECIDED, End.UNCLOSED, End.BENEATH_ROUNDING))
+        why = self.hybrid.chatters.rstrip(".")
+        parts = {
+            f"{undecided(aimless)}{f' ({why[0].lower()}{why[1:]})' if why else ''}": aimless,
+            f"{count(unclosed, 'run')} ended on a cycle that could not be closed": unclosed,
+            f"what the elements change is beneath rounding on {count(beneath, 'run')}": beneath,
+            f"{count(self.n_left, 'basin boundary')} not bisected": self.n_left,
+            f"{count(self.n_ended, 'start')} left when the search had taken {self.work.most:.0e} steps": self.n_ended,
+            f"{count(self.n_cut, 'prediction')} not followed to the end": self.n_cut,
+            f"the mirror {'image' if self.n_images == 1 else 'images'} of {count(self.n_images, 'cycle')} not tried": (
+                self.n_images
+            ),
+            f"other periods of {count(self.n_loci, 'cycle')} not tried": self.n_loci,
+            "symmetric cycles of the relay not sought to the end": self.n_pulses,
+        }
+        return tuple(text for text, number in parts.items() if number)
+
+    @cached_property
+    def pulses(self) -> Pulses | None:
+        """The symmetric motions of the relay, where the loop has one alone."""
+        return Pulses.of(self.hybrid)
+
+    def sentence(self) -> str:
+        """How completeness was sought."""
+        ends = ", ".join(f"{n} {what}" for what, n in sorted(self.outcomes.items()))
+        balance = ", by harmonic balance where needed" * self.by_balance
+        rests = f", and {self.n_towards} towards states of rest of single modes" if self.n_towards else ""
+        return (
+            f"{count(len(self.predicted), 'predicted cycle')} as seeds{balance}; {count(self.n_runs, 'run')} "
+            f"along {len(SCALES)} scales of each predicted and found cycle and from {N_RANDOM} random starts{rests} "
+            f"({ends}); "
+            f"{count(self.n_boundaries, 'basin boundary')} bisected for unstable cycles{self._tried()}. "
+            "Unstable cycles that no prediction is near and no boundary leads to may be missed."
+            f"{self._pasts()}{self._continua()}{self._unclosed()}{self._left()}"
+        )
+
+    def _tried(self) -> str:
+        """Which symmetric cycles were sought, and of how many cycles mirror images and other periods were tried."""
+        if self.pulses is None:
+            return self._others_tried()
+        low, high = map(number, self.pulses.reach)
+        sought = f"symmetric cycles with one pulse to each side sought at half periods from {low} s to {high} s"
+        return f"; {sought}{self._others_tried()}"
+
+    def _others_tried(self) -> str:
+        listed = len(self.orbits) + len(self.reached)
+        if not listed:
+            return ""
+        images, loci = (n if n < listed else "each" for n in (len(self.orbits) - self.n_images, self.n_followed))
+        if images == loci == "each":
+            return "; the mirror image of each cycle tried, and its switches at other periods"
+        of = count(listed, "cycle")
+        return f"; of {of}, the mirror image of {images} tried, and the switches of {loci} at other periods"
+
+    def _pasts(self) -> str:
+        """From which pasts no run was begun, and which cycles were no seeds."""
+        if not np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
+            return ""
+        smooth = " From a basin boundary no unstable cycle is closed here, as a smooth element stands in the loop."
+        return (
+            " Before a run its delayed signals are at rest; a cycle that only other pasts lead to may be missed. "
+            "Predictions leave out fast modes of a dead time (their own sentence says which), so these are no seeds."
+            f"{smooth * is_smooth_delayed(self.hybrid)}"
+        )
+
+    def _left(self) -> str:
+        """Sentence on the starts and basin boundaries that were left out."""
+        if not self.work.left:
+            return (
+                f" The search ended after {self.work.most:.0e} steps of the engine; "
+                f"{self.n_ended} starts and {self.n_left} basin boundaries were left."
+            )
+        if not self.n_left:
+            return ""
+        return f" {self.n_left} more basin boundaries were left: the starts of different outcomes are interwoven."
+
+    def _continua(self) -> str:
+        """Sentence on cycles that stand for a continuum of cycles."""
+        many = sum(o.one_of_many for o in self.orbits)
+        if not many:
+            return ""
+        return (
+            f" {many} of the cycles listed {'stands' if many == 1 else 'stand'} for a continuum of cycles with the "
+            "same switches: an element holds a value that none of them renews, or nothing fixes where the motion lies "
+            "or how large it is."
+        )
+
+    def _unclosed(self) -> str:
+        """Why there are runs on cycles that are not among those found."""
+        if End.UNCLOSED not in self.outcomes:
+            return ""
+        if np.any(self.hybrid.model.smooth_kind == DELAY_LINE):
+            why = "from none of their events, with what was on its way through the dead time, was an orbit closed"
+        else:
+            why = "from none of their events did Newton's method close an orbit"
+        what = (
+            f"They are listed as runs have them, stable ones only and {MOST_REACHED} at most"
+            if self.reached
+            else "They are not listed; simulate from such a start to see one"
+        )
+        return f" Some runs are on cycles without a closed orbit: {why}. {what}."
