@@ -116,12 +116,13 @@ def exact_orbit(
     found: list[Found] = []
     if is_smooth_delayed(hybrid):
         return replace(_behind_delay(system, hybrid, start, at), operating_point=at)
-    with suppress(Spent), allotted(_MOST_WORK):
+    with suppress(Spent), allotted(_MOST_WORK) as work:
         found.extend(orbits_of(system, hybrid, start, at))
     orbit = asked_for(found)
     if orbit is not None:
         return replace(to_limit_cycle(system, orbit), operating_point=at)
-    note = f"the orbit that was found {found[-1].difference}" if found else start.note
+    note = start.note if work.left else "the steps allowed ended before an orbit was closed"
+    note = f"the orbit that was found {found[-1].difference}" if found else note
     return replace(_unclosed(start, note), operating_point=at)
 
 

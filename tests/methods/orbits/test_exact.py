@@ -186,3 +186,12 @@ def test_a_prediction_that_was_not_closed_is_named():
     assert sure.status is Status.UNDECIDED and len(sure.unclosed) == 1 and not sure.left_open
     for text in (found.message, found.to_dict()["message"]):
         assert "0.05063 Hz" in text and "unstable" in text
+
+
+def test_an_orbit_that_was_not_closed_for_want_of_steps_says_so(monkeypatch: pytest.MonkeyPatch):
+    loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Relay())
+    (predicted,) = epp.predict_limit_cycles(loop)
+    assert epp.exact_orbit(loop, predicted).status.ok
+    monkeypatch.setattr("eppanalysis.methods.orbits.exact._MOST_WORK", 1.0)
+    cycle = epp.exact_orbit(loop, predicted)
+    assert not cycle.status.ok and "steps allowed ended" in cycle.note
