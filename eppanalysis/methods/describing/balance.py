@@ -147,6 +147,7 @@ class Balance:
             gains.append(gain)
         return np.concatenate(means, -1), np.concatenate(gains, -1)
 
+    @np.errstate(all="ignore")
     def slopes(self, X: Array, free_pivot: bool = True) -> Slopes:
         """What the elements do at nb points; without `free_pivot` amplitude of pivot and omega stand still."""
         from eppanalysis.kernels.balances import shift
@@ -157,7 +158,7 @@ class Balance:
         shift(X, self.places, self.pivot, self.owner, _STEP, Z, a, b, omega, steps)
         for i, e in enumerate(self.system.elements):
             out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
-            means, gains = describe(e, a[i, used], b[i, used], omega[used])
+            means, gains = _described(e, a[i, used], b[i, used], omega[used])
             mean[used, :, out], gain[used, :, out] = means, gains
             for k in sorted(_ALL.difference(range(4)[used])):
                 mean[k, :, out], gain[k, :, out] = means[0], gains[0]
@@ -226,7 +227,11 @@ class Balance:
 def describe(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
     """Mean outputs and gains of one element, shapes (..., n_outputs)."""
     with np.errstate(all="ignore"):
-        mean, gain = element.describing_function(a, b, omega)
+        return _described(element, a, b, omega)
+
+
+def _described(element: Nonlinearity, a: Array, b: Array, omega: Array) -> tuple[Array, ComplexArray]:
+    mean, gain = element.describing_function(a, b, omega)
     mean, gain = np.asarray(mean, float), np.asarray(gain, complex)
     if element.n_outputs > 1:
         return mean, gain

@@ -69,7 +69,7 @@ class Responses(ABC):
         if np.any(self.delays):
             late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
             x, dx = x * late, (dx - 1j * self.delays * x) * late
-        C = self.C @ T
+        C = self.C if T is None else self.C @ T
         return np.asarray(C @ x + self.D, complex), np.asarray(C @ dx, complex)
 
     def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
@@ -84,15 +84,15 @@ class Responses(ABC):
         x = solved(resolvent, apart.B + 0j)
         if np.any(self.delays):
             x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-        return np.asarray(C @ T @ x + D, complex)
+        return np.asarray((C if T is None else C @ T) @ x + D, complex)
 
     @property
-    def _for_responses(self) -> tuple[Responses, Array]:
-        """The loop in coordinates that suit a linear solution next to its poles.
+    def _for_responses(self) -> tuple[Responses, Array | None]:
+        """The loop in coordinates that suit a linear solution next to its poles; None where they are its own.
 
         In discrete time all slow poles are next to one: a companion form of theirs is singular there to rounding.
         """
-        return self.with_integrators_apart if self.time_step else (self, np.eye(self.A.shape[0]))
+        return self.with_integrators_apart if self.time_step else (self, None)
 
     def _resolvent(self, omega: ArrayLike) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
         """Frequencies, ``ds/d omega`` (dz/d omega in discrete time) and the matrices ``s - A`` (``z - A``) there."""
