@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import eppanalysis as epp
+from eppanalysis.methods.describing import error
 from eppanalysis.methods.describing.balance import Balance
 from eppanalysis.methods.describing.error import BalancedOscillation
 from eppanalysis.methods.describing.predict import predict_limit_cycles
@@ -154,3 +158,15 @@ def test_the_error_covers_a_schmitt_trigger_on_an_unstable_plant(gain):
     assert abs(predicted.omega / omega - 1.0) > 0.19
     error = max(abs(predicted.omega / omega - 1.0), abs(predicted.peak_to_peak["x"] / 2.0 - 1.0))
     assert error < predicted.error_estimate < 1.6 * error
+
+
+def test_the_error_is_estimated_once_and_when_it_is_first_asked_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr(error, "_estimated", lambda *given: asked.append(given) or (0.25, ()))
+    cycle = predict_limit_cycles(from_tf(([5.0], [1.0, 2.0, 1.0, 0.0]), RelayDeadZone(1.0)))[1]
+    assert not asked
+    assert [cycle.error_estimate, cycle.error_estimate, cycle.may_not_exist] == [0.25, 0.25, False]
+    assert len(asked) == 1
+    assert pickle.loads(pickle.dumps(cycle)).error_estimate == 0.25
+    assert replace(cycle, note="a note").error_estimate == 0.25
+    assert len(asked) == 1
