@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Generator
 
 # As the command line has it; numpy asks when it is imported. Threads of several test processes get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -59,6 +61,17 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         session.config.stash[COMPILING] = [runs, orbits]
         for process in (runs, orbits):
             session.config.add_cleanup(process.kill)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What modules hold stays to the end: it is no garbage, and is not looked through again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)
