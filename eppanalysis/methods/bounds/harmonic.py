@@ -21,13 +21,12 @@ from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.bounds.fold import Cycle, Fold, Programmes, balanced, extreme
 from eppanalysis.methods.bounds.numbers import Numbers, loop_of
 from eppanalysis.methods.bounds.result import Finding
-from eppanalysis.methods.describing.predict import predicted_cycles
 from eppanalysis.methods.harmonic.balance import settled
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of
 from eppanalysis.methods.harmonic.series import Array
 from eppanalysis.methods.orbits.exact import steady_hybrid
-from eppanalysis.methods.search.find import find_limit_cycles
+from eppanalysis.methods.search.find import find_limit_cycles, seeds_of
 from eppanalysis.models.systems.subject import CaseLike
 from eppanalysis.results import LimitCycle
 
@@ -244,10 +243,7 @@ def _seen_at(question: Question, value: float) -> _Seen:
     """The cycles at a value; nothing is known where the loop cannot be searched there."""
     case = question.case_at(value)
     loop = steady_loop(case)
-    try:
-        predicted = predicted_cycles(case)
-    except ModelError:  # an element without a describing function
-        predicted = ()
+    predicted = seeds_of(case)
     try:
         search = find_limit_cycles(case, predicted=predicted)
     except ModelError:

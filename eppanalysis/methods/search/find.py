@@ -126,9 +126,9 @@ def _found(
         wanted = None if enough is None else lambda cycle: enough(apart.told(cycle))
         return _told(_found(apart.system, at, by_balance, given, progress, wanted), apart)
     if system.time_step:
-        return search_discrete(system, at, _predictions(system, at) if predicted is None else predicted, progress)
+        return search_discrete(system, at, seeds_of(system, at) if predicted is None else predicted, progress)
     hybrid = steady_hybrid(system, at)
-    seeds = _predictions(system, at) if predicted is None else predicted
+    seeds = seeds_of(system, at) if predicted is None else predicted
     for cycle in seeds:
         cycle.require_state(hybrid.n_plant)
     if (strobe := Strobe.of(hybrid)) is not None:
@@ -178,14 +178,15 @@ def search_from(
         near = search_near(loop, steady_hybrid(loop, at), at, known, enough)
         if near is not None:
             return near
-    return _found(loop, at, predicted=[*_predictions(loop, at), *known], progress=progress, enough=enough)
+    return _found(loop, at, predicted=[*seeds_of(loop, at), *known], progress=progress, enough=enough)
 
 
 def _made_by(system: LureSystem, counts: dict[str, float]) -> Provenance:
     return Provenance("search for limit cycles", {"system": system.name}, {"residual": CONVERGED}, counts)
 
 
-def _predictions(system: LureSystem, at: OperatingPoint) -> Sequence[LimitCycle]:
+def seeds_of(system: LureSystem | CaseLike, at: OperatingPoint | None = None) -> Sequence[LimitCycle]:
+    """The predicted cycles of a loop; none where an element has no describing function."""
     try:
         return predicted_cycles(system, at)
     except ModelError:
