@@ -39,7 +39,6 @@ from eppanalysis.workers import workers as worker_processes
 
 __all__ = ["BoundCell", "DesignBounds", "Finding", "bound_of_branch", "design_bounds"]
 
-
 #: Where a bound is sought, relative to the case's own value; how far the other parameter runs.
 _WITHIN, _RUN = (0.05, 2.0), (0.4, 2.0)
 _SEED = 20050901
