@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _PLACE, _WEIGHT = np.polynomial.legendre.leggauss(28)
 #: Roots whose imaginary part is below this share of their size are real but for rounding.
 _REAL = 1e-9
+#: Row m, column n: n over m.
+_BINOMIAL = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 class MonotoneTable(Tabulated, kind="monotone_table"):
@@ -61,9 +63,9 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
             raise ModelError("MonotoneTable", x.tolist(), "ascending numbers", field="inputs")
         x.flags.writeable = y.flags.writeable = False
         self.inputs, self.outputs, self.beyond = x, y, beyond
-        #: Powers are taken of distances from the middle of the table.
-        self._centre = float(0.5 * (x[0] + x[-1]))
-        self._cubics = _cubics(x, y, beyond == "hold", self._centre)
+        #: Where each piece begins, and its cubic in powers of the distance from there.
+        self._begin = np.concatenate([x[:1], x])
+        self._cubics = _cubics(x, y, beyond == "hold")
 
     def _key(self) -> tuple[Any, ...]:
         return tuple(self.inputs.tolist()), tuple(self.outputs.tolist()), self.beyond
@@ -79,8 +81,8 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
 
     def _value(self, x: Array, derivative: int = 0) -> Array:
         """The curve, or its slope."""
-        c = self._cubics[np.searchsorted(self.inputs, x, side="right")]
-        u = x - self._centre
+        piece = np.searchsorted(self.inputs, x, side="right")
+        c, u = self._cubics[piece], x - self._begin[piece]
         if derivative:
             return np.asarray(c[..., 1] + u * (2 * c[..., 2] + 3 * u * c[..., 3]))
         return np.asarray(c[..., 0] + u * (c[..., 1] + u * (c[..., 2] + u * c[..., 3])))
@@ -130,8 +132,8 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
         with np.errstate(divide="ignore", invalid="ignore"):
             # The slope of a cubic is a parabola: extreme at its vertex, or at the ends of the piece.
             turns = np.nan_to_num(-c[1:-1, 2] / (3.0 * c[1:-1, 3]))
-        ends = self.inputs[:-1] - self._centre, self.inputs[1:] - self._centre
-        u = np.array([*ends, np.clip(turns, *ends)])
+        width = np.diff(self.inputs)
+        u = np.array([np.zeros_like(width), width, np.clip(turns, 0.0, width)])
         slopes = c[1:-1, 1] + u * (2 * c[1:-1, 2] + 3 * u * c[1:-1, 3])
         return float(min(slopes.min(), *c[[0, -1], 1])), float(max(slopes.max(), *c[[0, -1], 1]))
 
@@ -153,9 +155,10 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
     def _tangent(self, piece: int) -> Array:
         """Inputs within a piece at which a line through the origin touches the curve: ``x y' = y``."""
         poly = np.polynomial.polynomial
-        c, x = self._cubics[piece], [self._centre, 1.0]
+        begin = self._begin[piece]
+        c, x = self._cubics[piece], [begin, 1.0]
         touches = np.trim_zeros(poly.polysub(poly.polymul(x, poly.polyder(c)), c), "b")
-        roots = poly.polyroots(touches) + self._centre if touches.size else np.zeros(0)
+        roots = poly.polyroots(touches) + begin if touches.size else np.zeros(0)
         roots = roots.real[np.abs(roots.imag) <= _REAL * np.abs(roots)]
         return np.asarray(roots[(roots > self.inputs[piece - 1]) & (roots < self.inputs[piece])])
 
@@ -165,17 +168,20 @@ class MonotoneTable(Tabulated, kind="monotone_table"):
 
     def automaton(self) -> Automaton:
         """One mode a piece, with the square and the cube of the distance from the middle of the table."""
-        u = [Smooth(kind, np.ones(1), -self._centre, 1.0) for kind in ("square", "cube")]
-        build = AutomatonBuilder(smooth=tuple(u))
-        for i, c in enumerate(self._cubics.tolist()):
-            build.mode(f"piece {i}", from_input=c[1], constant=c[0] - c[1] * self._centre, from_smooth=np.array(c[2:]))
+        # About one centre by the binomial formula, so that one square and one cube of the input serve all modes.
+        centre = float(0.5 * (self.inputs[0] + self.inputs[-1]))
+        powers = np.maximum(np.arange(4) - np.arange(4)[:, None], 0)
+        cubics = np.einsum("pn,mn,pmn->pm", self._cubics, _BINOMIAL, (centre - self._begin)[:, None, None] ** powers)
+        build = AutomatonBuilder(smooth=tuple(Smooth(kind, np.ones(1), -centre, 1.0) for kind in ("square", "cube")))
+        for i, c in enumerate(cubics.tolist()):
+            build.mode(f"piece {i}", from_input=c[1], constant=c[0] - c[1] * centre, from_smooth=np.array(c[2:]))
         for i, edge in enumerate(self.inputs.tolist()):
             build.guard(f"up past {edge:.6g}", i, i + 1, on_input=1.0, constant=-edge)
             build.guard(f"down past {edge:.6g}", i + 1, i, on_input=-1.0, constant=edge)
         return build.build(int(np.searchsorted(self.inputs, 0.0, side="right")))
 
 
-def _cubics(x: Array, y: Array, hold: bool, centre: float) -> Array:
+def _cubics(x: Array, y: Array, hold: bool) -> Array:
     """Coefficients of each piece from the constant on, shape (k + 1, 4), first and last those beyond the table."""
     from scipy.interpolate import PchipInterpolator
 
@@ -188,10 +194,4 @@ def _cubics(x: Array, y: Array, hold: bool, centre: float) -> Array:
     if not hold:
         h, last = x[-1] - x[-2], between[-1]
         ends[:, 1] = between[0, 1], last[1] + h * (2 * last[2] + 3 * h * last[3])
-    # Powers about one centre for all pieces, by the binomial formula: so one square and one cube of the input serve all
-    # modes of the automaton as its smooth functions.
-    local = np.concatenate([ends[:1], between, ends[1:]])
-    begin = centre - np.concatenate([x[:1], x])
-    shift = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
-    powers = np.maximum(np.arange(4) - np.arange(4)[:, None], 0)
-    return np.einsum("pn,mn,pmn->pm", local, shift, begin[:, None, None] ** powers)
+    return np.concatenate([ends[:1], between, ends[1:]])

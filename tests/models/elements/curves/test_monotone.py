@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
@@ -25,6 +25,7 @@ def tables(draw: st.DrawFn) -> epp.MonotoneTable:
 
 
 @given(tables())
+@example(epp.MonotoneTable([0.0, 0.05, 1.55, 3.55, 6.55], [1.0, 0.0, 0.0, 0.0, 0.0]))
 def test_the_curve_is_that_of_scipy_and_has_no_overshoot(table: epp.MonotoneTable) -> None:
     x = np.linspace(table.inputs[0], table.inputs[-1], 301)
     y, _ = table.output(x)
