@@ -419,10 +419,12 @@ def test_first_order_answers_close_the_loop(name: str) -> None:
     for answer in answers:
         element, mean = system.elements[0], answer.mean or 0.0
         out, gain = element.describing_function(answer.amplitude, mean, answer.omega)
-        assert complex(system.frequency_response(answer.omega)[0, 0] * gain) == pytest.approx(1.0, abs=1e-9)
+        # From the element's outputs to its first input; another input is the rate of that one.
+        around = system.frequency_response(answer.omega)[0] @ np.atleast_1d(gain)
+        assert complex(around) == pytest.approx(1.0, abs=1e-9)
         if answer.mean is not None:
             static = system.D - system.C @ np.linalg.solve(system.A, system.B)
-            assert float(static[0, 0] * out) == pytest.approx(mean, rel=1e-9)
+            assert float(static[0] @ np.atleast_1d(out)) == pytest.approx(mean, rel=1e-9)
 
 
 def test_nominal_values_of_the_elbow() -> None:
