@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eppanalysis.cases.files import Missing, RawCase, read_raw
+from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
-from eppanalysis.errors import AlgebraicLoop, CaseError, EppError, IdleInput, OpenInput, UnknownName
+from eppanalysis.errors import AlgebraicLoop, CaseError, EppError, IdleInput, OpenInput, UnknownName, did_you_mean
 from eppanalysis.models.diagrams.wiring import NAME, NOTHING
 from eppanalysis.readable import listed
 
@@ -27,7 +27,7 @@ _STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_e
 
 
 class Mistakes(NamedTuple):
-    """Mistakes of a file, each in one sentence, and the names that are wrong and used elsewhere, which was not seen."""
+    """Mistakes of a file, each in one sentence, and the wrong names, the rest or use of which was not seen."""
 
     found: tuple[CaseError, ...]
     not_seen: tuple[str, ...]
@@ -67,7 +67,8 @@ def sentences_of(text: str, first: EppError) -> list[str]:
     if str(first) not in sentences:
         sentences.append(str(first))
     if not_seen:
-        sentences.append(f"{text}: what uses {listed(not_seen)} was not looked at; check again when that is mended.")
+        unseen = f"the rest of {listed(not_seen)}, and what uses it,"
+        sentences.append(f"{text}: {unseen} was not looked at; check again when that is mended.")
     return sentences
 
 
@@ -83,7 +84,7 @@ class _Reading:
     gone : set of str
         Names, and fields, that have been taken out.
     missed : dict of str to None
-        Names among them that were used elsewhere.
+        Names among them that were used elsewhere, or of parts that were not read to their end.
     cut : list of int
         Places of the connections that have been.
     fed : set of str
@@ -107,7 +108,22 @@ class _Reading:
                 return True
             case IdleInput(name) if name in self.fed:
                 return True
-        return error.field in self.gone or (isinstance(error.value, Missing) and _part(error.field) in self.gone)
+            case None if error.field == "connect" and isinstance(error.value, Connections) and self.gone:
+                # What is left of a drawing need not make a loop.
+                return True
+        if isinstance(error.value, Missing) and _part(error.field) in self.gone:
+            return self._was_meant(error.field)
+        return error.field in self.gone
+
+    def _was_meant(self, missing: str) -> bool:
+        """Whether a missing field, or what was meant to be it, has been taken out; the rest of its part is unseen."""
+        part, _, name = missing.rpartition(".")
+        if part not in self.gone:
+            return True
+        taken = [at.rpartition(".")[2] for at in self.gone if at.rpartition(".")[0] == part]
+        if part.partition(".")[0] in ("blocks", "elements"):
+            self.missed[part.partition(".")[2]] = None
+        return name in taken or any(did_you_mean(other, [name]).startswith("did you mean") for other in taken)
 
     def as_written(self, error: CaseError) -> CaseError:
         """The same with the connection's number in the file."""

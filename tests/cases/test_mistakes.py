@@ -69,7 +69,8 @@ def test_every_seeded_mistake_is_named_and_nothing_else() -> None:
     algebraic = [error for error in found if "algebraic" in str(error)]
     assert len(algebraic) == 1 and "the algebraic loop through six, seven has no unique answer" in str(algebraic[0])
     assert len(found) == len(SEEDS) + 1
-    assert set(not_seen) == {"d", "sensor", "pid1", "notchy", "mass", "limit", "six"}
+    used_elsewhere = {"d", "sensor", "pid1", "notchy", "mass", "limit", "six"}
+    assert set(not_seen) == used_elsewhere | {"tf1", "tf2", "clip", "steps", "play"}  # what these need is wrong
 
 
 def test_check_prints_them_all_and_says_what_it_has_not_seen() -> None:
@@ -78,6 +79,21 @@ def test_check_prints_them_all_and_says_what_it_has_not_seen() -> None:
     lines = result.stderr.splitlines()
     assert len(lines) == len(SEEDS) + 2
     assert lines[-1].endswith("was not looked at; check again when that is mended.")
+
+
+def test_what_is_missing_beside_a_mistake_is_named_and_what_is_not_read_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(
+        'kind = "diagram"\ntitle = "t"\nconnect = ["demand - lag -> lag", "motor.angle -> lamp"]\n'
+        "inputs = { demand = 0 }\n[blocks]\n"
+        'lag = { kind = "low_pass", bandwidth = "2 V" }\n'
+        'motor = { kind = "motor", resistance = "2 ohm", torque_constant = 1, damping = "2 V" }\n'
+        'lamp = { kind = "lead_lag", zero_time = 1, pole_time = "0 s", discretisation = "zoh" }\n[run]\nt_end = "5 s"\n'
+    )
+    found, not_seen = mistakes_in(file)
+    fields = {"blocks.lag.bandwidth", "blocks.motor.damping", "blocks.motor.inertia", "blocks.lamp.pole_time"}
+    # No word that what is left makes no loop: it would, were it not for these.
+    assert {error.field for error in found} == fields and set(not_seen) == {"lag", "motor", "lamp"}
 
 
 @pytest.mark.parametrize("name", ["azimuth_servo", "sat_am165", "fig8a_original"])
