@@ -10,6 +10,7 @@ from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
 
+from eppanalysis.cases.values.expressions import is_expression
 from eppanalysis.errors import CaseError, ModelError
 from eppanalysis.models.devices.elbow.parameters import Bands
 
@@ -359,6 +360,11 @@ def put(data: dict[str, Any], path: list[str | int], value: Any, source: str, na
     if not isinstance(here, dict) or not isinstance(last, str) or not last:
         raise CaseError(source, name, value, "the dotted name of a field")
     old = here.get(last)
-    # What is free to choose stays so with another value: a source or a tolerance was the old one's.
-    free = isinstance(old, dict) and old.get("mark") == "tunable" and not isinstance(value, dict)
-    here[last] = {"value": value, "mark": "tunable"} if free else value
+    if isinstance(value, dict) or not isinstance(old, dict):
+        here[last] = value
+        return
+    # A source was the old value's: what is free to choose, and how far a part may be off, is so with another one, too.
+    kept = {"mark": "tunable"} if old.get("mark") == "tunable" else {}
+    if "tolerance" in old and not is_expression(value):
+        kept["tolerance"] = old["tolerance"]
+    here[last] = {"value": value, **kept} if kept else value

@@ -29,7 +29,7 @@ from eppanalysis.models.diagrams import Diagram
 from eppanalysis.models.systems.inputs import InputSignal
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
-from eppanalysis.units import QuantityError, format_si, parse_quantity, write_si
+from eppanalysis.units import QuantityError, format_si, parse_any, parse_quantity, typed_unit, write_si
 
 #: Fields whose change leaves the case's expected answers true.
 _NO_CHANGE_OF_SYSTEM = ("title", "run.t_end")
@@ -352,7 +352,7 @@ class Case:
         for name, value in values.items():
             if not isinstance(name, str) or not name or len(name) > 200:
                 raise CaseError(source, "", name, "the dotted name of a field")
-            plain = _plain(value)
+            plain = self._with_unit(name, _plain(value))
             self._check_settable(name, plain, source)
             path = self._path(name)
             put(data, path, plain, source, name)
@@ -409,6 +409,17 @@ class Case:
             return
         if not KINDS[self.kind].takes(name, self._raw.data):
             self._check_known(name, source, value)
+
+    def _with_unit(self, name: str, plain: Any) -> Any:
+        """A plain number with the unit that its field has from the file alone; else what is given."""
+        old = self.parameters.get(name)
+        if old is None or not old.unit or find_quantity(KINDS[self.kind].file, name.split(".")) is not None:
+            return plain
+        try:
+            number, _ = parse_any(plain)
+        except QuantityError:
+            return plain
+        return plain if typed_unit(plain) else write_si(number, old.unit, old.friendly)
 
     def _path(self, name: str) -> list[str | int]:
         return KINDS[self.kind].path(name, self._raw.data)

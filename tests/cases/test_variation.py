@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
+
+import numpy as np
 import pytest
 
 import eppanalysis as epp
@@ -42,3 +45,22 @@ def test_what_is_tunable_stays_so_with_another_value():
     again = servo.with_values({"Kp": "50 V/rad", "backlash": "0.5 deg"})
     assert servo.parameters["Kp"].mark == again.parameters["Kp"].mark == "tunable"
     assert again.parameters["backlash"].mark == "assumed" and again.value("Kp") == 50.0
+
+
+@pytest.mark.parametrize(("given", "unit"), [("50 V/rad", "V/rad"), (50.0, "V/rad"), ("50", "V/rad"), (50, "V/rad")])
+def test_another_value_keeps_its_tolerance_and_its_unit(given: object, unit: str) -> None:
+    changed = epp.case("azimuth_servo").with_values({"Kp": given})
+    found = changed.parameters["Kp"]
+    assert (found.value, found.unit, found.mark, str(found)) == (50.0, unit, "tunable", "50 V/rad")
+    assert found.tolerance == pytest.approx(5.0)  # 10 % of what it is now
+    # What it is written as is read back, and an expression has the tolerances of its parameters.
+    assert epp.Case.from_tables(tomllib.loads(changed.to_toml()), name="again").parameters["Kp"] == found
+    assert changed.with_values({"Kp": "16*pi"}).parameters["Kp"].tolerance is None
+
+
+def test_a_plain_number_is_exact_in_the_unit_that_it_is_shown_in() -> None:
+    case = epp.case("azimuth_servo")
+    for value in np.random.default_rng(3).uniform(1e-4, 1.0, 200):
+        for name in ("gap", "motor_friction.coulomb", "J_load", "gear.stiffness"):
+            assert case.si(name, case.with_values({name: value}).value(name)) == value
+    assert str(case.with_values({"gap": np.radians(0.2)}).parameters["gap"]) == "0.2 deg"
