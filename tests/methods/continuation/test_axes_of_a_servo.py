@@ -36,7 +36,8 @@ def test_a_branch_has_the_cycle_that_a_run_from_it_keeps(name: str) -> None:
     )
     assert said and len(branch) >= 2 and "The loop is sampled" in str(branch)
     last = branch.points["value"][-1]
-    again = epp.simulate(SERVO.with_values({name: last}), t_end=400.0)
+    # Where a branch ends runs take long to come to a cycle.
+    again = epp.simulate(SERVO.with_values({name: last}), t_end=800.0)
     assert again.limit_cycle is not None
     # One of the cycles side by side: of one, two or three turns.
     ratio = again.limit_cycle.period / branch.points["period"][-1]
