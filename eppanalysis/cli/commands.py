@@ -184,7 +184,7 @@ def check(cases: Cases, settings: Settings = NOTHING, as_json: Json = False) -> 
         print_json("check", rows, settings)
     else:
         for case in valid:
-            heading(f"{case.name}: valid ({case.kind}): {case.title}", settings)
+            heading(f"{case.name}: valid ({case.kind}): {case.title}", settings, case)
             if len(texts) == 1:
                 print_table(parameters_table(case))
                 for found in _own_elements(case):
@@ -334,7 +334,7 @@ def _carry_out(
             results.append(analysis.run(case))
         if not as_json and together is None:
             typer.echo()
-            heading(f"{case.name}: {case.title}", settings)
+            heading(f"{case.name}: {case.title}", settings, case)
             analysis.show(case, results[-1])
     if not as_json and together is not None:
         if settings:

@@ -187,7 +187,7 @@ def _out_of_range(error: ArithmeticError | ValueError) -> bool:
     return isinstance(error, ArithmeticError | LinAlgError)
 
 
-def heading(text: str, settings: Sequence[str]) -> None:
+def heading(text: str, settings: Sequence[str], case: Case | None = None) -> None:
     """What a table is about; below it what ``--set`` has changed, as the case's own title still names the old values.
 
     Parameters
@@ -195,10 +195,19 @@ def heading(text: str, settings: Sequence[str]) -> None:
     text : str
     settings : sequence of str
         As ``--set`` takes them.
+    case : Case, optional
+        What they made: plain numbers are shown in the units that they have there.
     """
     typer.secho(text, bold=True)
     if settings:
-        typer.echo(f"with {', '.join(' = '.join(split_pair(s, '--set', 'FIELD=VALUE')) for s in settings)}")
+        typer.echo(f"with {', '.join(_as_taken(*split_pair(s, '--set', 'FIELD=VALUE'), case) for s in settings)}")
+
+
+def _as_taken(name: str, value: str, case: Case | None) -> str:
+    """A setting as it was typed, with the unit that a plain number is taken in."""
+    unit = case.parameters[name].unit if case is not None and name in case.parameters else ""
+    plain = re.fullmatch(r"[-+.eE\d\s]*\d[.\s]*", value)
+    return f"{name} = {value.strip()} {unit}" if unit and plain else f"{name} = {value}"
 
 
 def check_output(path: Path, suffixes: Sequence[str] | None = None, stands_for: Sequence[str] = ()) -> None:
@@ -261,7 +270,7 @@ def answer(
     if as_json:
         print_json(command, [(case, data())], settings)
         return
-    heading(title or f"{case.name}: {case.title}", settings)
+    heading(title or f"{case.name}: {case.title}", settings, case)
     show()
 
 

@@ -328,6 +328,12 @@ def test_a_heading_names_what_is_overridden(command):
     assert "with saturation" not in plain.stdout
 
 
+def test_a_plain_number_that_is_set_is_shown_in_the_unit_that_it_is_taken_in():
+    settings = ["--set", "gap=0.003", "--set", "Kp=5e1", "--set", "Ti=0.3 s", "--set", "run.t_end=1"]
+    lines = runner.invoke(app, ["check", "azimuth_servo", *settings]).stdout.splitlines()
+    assert lines[1] == "with gap = 0.003 rad, Kp = 5e1 V/rad, Ti = 0.3 s, run.t_end = 1"
+
+
 def test_two_cases_of_one_name_are_not_written_over_each_other(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "eppanalysis.methods.describing.predict.predict_limit_cycles", lambda *_: pytest.fail("computed")
