@@ -35,6 +35,8 @@ _SHIFT = 1e-6
 _ROUNDING, _DECIDES, _MARGINAL = 1e-12, 1e-3, 1e-6
 #: Change of the phase over a pass [rad] up to which first order is believed, and a run's distance from the cycle.
 _WEAK, _ON_IT = 0.2, 0.02
+#: How often the order of magnitude of what first order leaves out, for more to decide it.
+_SECOND = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +45,8 @@ class Entrainment:
 
     Attributes
     ----------
-    multiple : int
-        Periods of the input.
+    multiple, cycles : int
+        Periods of the input, and cycles of the loop, that last nearly the same.
     late : float
         How much longer they last than the loop's own cycles [s].
     width : float
@@ -53,21 +55,29 @@ class Entrainment:
         Starts at which the two keep step: none, or two.
     cycle : Orbit
         The undriven one.
+    unseen : float
+        How much longer or shorter they last, at the very most, by what first order leaves out [s].
     """
 
     multiple: int
+    cycles: int
     late: float
     width: float
     phases: tuple[HybridSystem, ...]
     cycle: Orbit
+    unseen: float
 
     def is_weak(self, omega: float) -> bool:
         """Whether the phase moves so little over a pass that first order says how it goes on."""
-        return omega * self.width < _WEAK
+        return omega * max(self.width, self.unseen) < _WEAK
 
     def is_told(self, omega: float) -> bool:
-        """Whether rounding leaves it to be told if the two keep step."""
-        return omega * max(self.width, abs(self.late)) > _ROUNDING
+        """Whether rounding, and the second order where the first is none, leave it to be told if the two keep step."""
+        return omega * max(self.width, abs(self.late)) > _ROUNDING and not self.is_of_second_order(omega)
+
+    def is_of_second_order(self, omega: float) -> bool:
+        """Whether what first order leaves out decides if the two keep step."""
+        return self.width == 0.0 and self.unseen > max(abs(self.late), _ROUNDING / omega)
 
     def closes(self, omega: float, orbit: Orbit) -> bool:
         """Whether the sine decides at which phase a response is, and not the rounding with which it closes.
@@ -75,7 +85,7 @@ class Entrainment:
         Newton's method is content with any phase of a cycle that the sine moves by less than is left of its equations.
         """
         decided = self.is_told(omega) and orbit.residual < _DECIDES * omega * self.width
-        return decided or _from_one(orbit.multipliers) >= _MARGINAL
+        return decided or _from_one(orbit.multipliers) >= _MARGINAL or not self.passes(begun(orbit))
 
     def holds(self, omega: float, cycle: LimitCycle) -> bool:
         """Whether a response is the cycle held at a phase, which so weak a sine all but leaves free.
@@ -83,10 +93,12 @@ class Entrainment:
         By its size alone it would be one of a continuum; the multiplier tells the stable phase from the other.
         """
         values = np.zeros(0, complex) if cycle.multipliers is None else cycle.multipliers
-        return 10.0 * _DECIDES * omega * self.width < _from_one(values) < _MARGINAL
+        return self.width > 0.0 and 10.0 * _DECIDES * omega * self.width < _from_one(values) < _MARGINAL
 
     def tongue(self, frequency: float) -> tuple[float, float]:
         """Frequencies of the input between which the loop is entrained [Hz], from the one that it has."""
+        if self.width == 0.0:
+            return float("nan"), float("nan")
         time = self.multiple / frequency
         own = time - self.late
         return frequency * time / (own + self.width), frequency * time / (own - self.width)
@@ -95,6 +107,11 @@ class Entrainment:
         """How the phase goes on by Adler's law, and the frequencies between which the loop is entrained."""
         low, high = self.tongue(frequency)
         tongue = f"by Adler's law within {low:.9g} to {high:.9g} Hz"
+        if self.is_of_second_order(2.0 * np.pi * frequency):
+            return (
+                f"on its own oscillation, {self.cycles} of which last about {self.multiple} periods of the input. "
+                "There a sine moves the phase in second order only: whether the two keep step was not found"
+            )
         if not self.phases:
             beat = f"with a beat of {quantity(self.beat(1.0 / frequency), 's', 4)}"
             return f"{beat}; the loop is entrained {tongue}" if self.width > 0 else beat
@@ -103,18 +120,24 @@ class Entrainment:
         return f"{tongue}: slowly, its phase comes nearer by a factor e in {slow} periods"
 
     def beat(self, period: float) -> float:
-        """Time in which the loop's own oscillation gains or loses a period of the input [s]; nan where it keeps step.
+        """Time after which the two meet again as they did [s]; nan where they keep step.
 
-        Its phase obeys d(phase)/dt = detuning - K sin(phase), which takes 2 pi / sqrt(detuning^2 - K^2) for a turn.
+        The phase of m cycles beside n periods obeys d(phase)/dt = detuning - K sin(phase), which takes
+        2 pi / sqrt(detuning^2 - K^2) for a turn: without a tongue 1 / abs(m / period - n / (period of the cycle)).
         """
         if abs(self.late) <= self.width:
             return float("nan")
-        return period * (self.multiple * period - self.late) / float(np.sqrt(self.late**2 - self.width**2))
+        own = (self.multiple * period - self.late) / self.cycles
+        return period * own / float(np.sqrt(self.late**2 - self.width**2))
 
     def on_it(self, start: HybridSystem) -> bool:
         """Whether a motion is on the cycle, which is stable, but for what a weak sine moves it by."""
+        return is_stable(self.cycle.multipliers, self.cycle.one_of_many) and self.passes(start)
+
+    def passes(self, start: HybridSystem) -> bool:
+        """Whether a motion goes along the cycle; where its elements hold it does not."""
         run = run_over(start, 1.5 * self.cycle.period)
-        if run is None or not run.count or not is_stable(self.cycle.multipliers, self.cycle.one_of_many):
+        if run is None or not run.count:
             return False
         first, n, compared = run.order[0], start.x0.size, start.compared
         met = self.cycle.arcs.event_sequence.guards == run.guard[first]
@@ -191,19 +214,26 @@ def _beside(drive: Drive, cycle: Orbit, most_periods: int) -> Entrainment | None
     longer[-1] = duration - own
     g = np.array([psi @ by_sine, psi @ by_cosine])
     size = float(np.hypot(*g))
-    # Of a symmetric loop even harmonics do nothing, to rounding.
-    if size <= _SHIFT * float(np.abs(psi) @ (np.abs(by_sine) + np.abs(by_cosine))):
-        return Entrainment(n, duration - own, 0.0, (), cycle)
+
+    def moved(missing: Array) -> Array:
+        """How the rest of the equations moves the orbit, in its own scale, with the phase held."""
+        return right[:-1].T @ ((left[:, :-1].T @ (missing / orbit.row_scale)) / sizes[:-1])
+
+    # Second order is that of the square of what the sine moves the orbit by.
+    away = max(float(np.max(np.abs(moved(by)))) for by in (by_sine, by_cosine))
+    unseen = _SECOND * away**2 * own / (2.0 * np.pi)
+    # Of m cycles, and of a symmetric loop's even harmonics, first order does nothing, to rounding.
+    if m > 1 or size <= _SHIFT * float(np.abs(psi) @ (np.abs(by_sine) + np.abs(by_cosine))):
+        return Entrainment(n, m, duration - own, 0.0, (), cycle, unseen)
     phases, ratio = [], float(psi @ longer) / size
     for turn in (-1.0, 1.0) if abs(ratio) <= 1.0 else ():
         phase = float(np.arctan2(g[0], g[1]) + turn * np.arccos(ratio))
         # The state moves by what the rest of the equations says.
-        missing = (np.sin(phase) * by_sine + np.cos(phase) * by_cosine - longer) / orbit.row_scale
-        step = -(right[:-1].T @ ((left[:, :-1].T @ missing) / sizes[:-1])) * orbit.column_scale
+        step = -moved(np.sin(phase) * by_sine + np.cos(phase) * by_cosine - longer) * orbit.column_scale
         x = orbit.moved(step)[0][: placed.x0.size].copy()
         x[drive.sine] = np.sin(phase), np.cos(phase)
         phases.append(replace(drive.hybrid, x0=x, H0=placed.H0, modes0=placed.modes0))
-    return Entrainment(n, duration - own, size / abs(float(psi[-1])), tuple(phases), cycle)
+    return Entrainment(n, m, duration - own, size / abs(float(psi[-1])), tuple(phases), cycle, unseen)
 
 
 def _by_state(orbit: Orbit, i: int) -> Array:

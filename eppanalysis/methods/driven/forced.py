@@ -148,7 +148,7 @@ def forced_response(
         status=Status.CONVERGED if responses else Status.NOT_CONVERGED,
         message=_sentence(drive, responses, motion, exponent, search, own),
         first_order={name: np.array([one.response(name) for one in first]) for name in names} if first else {},
-        beat=float("nan") if told is None else told.beat(drive.period),
+        beat=float("nan") if told is None or motion is Motion.PERIODIC else told.beat(drive.period),
         tongue=(float("nan"), float("nan")) if told is None else told.tongue(drive.frequency),
         provenance=Provenance(METHOD, settings, {"residual": CONVERGED}, case=facts),
         operating_point=drive.at,
@@ -246,6 +246,8 @@ class Search:
         if motion is Motion.PERIODIC and self.settled:
             return motion
         open_end = Motion.UNDECIDED if motion is Motion.PERIODIC else motion
+        if own is not None and own.is_of_second_order(self.drive.omega):
+            return Motion.UNDECIDED
         if own is None or not own.is_told(self.drive.omega):
             return open_end
         entrained = any(n == own.multiple and is_stable(orbit.multipliers) for n, orbit in self.found)
@@ -413,9 +415,13 @@ def _sentence(
     multiples = sorted({r.multiple for r in responses} - {1})
     what = f"{len(responses)} found, {stable} stable" if responses else "none found"
     sub = f", some of them of {' and '.join(map(str, multiples))} periods of the input" if multiples else ""
+    if held := sum(r.one_of_many for r in responses):
+        sub += f", {'each' if held == len(responses) else f'{held} of them'} one of a continuum"
     goes_on = _FOLLOWS if search.repeats == 1 else _EVERY.format(search.repeats)
     by_law = own is not None and not search.settled
-    if own is not None and by_law and motion is Motion.QUASI_PERIODIC:
+    if own is not None and by_law and own.is_of_second_order(drive.omega):
+        goes_on = f"is {own.in_words(drive.frequency)}"
+    elif own is not None and by_law and motion is Motion.QUASI_PERIODIC:
         goes_on = f"does not repeat itself: quasi-periodic, {own.in_words(drive.frequency)}"
     elif own is not None and by_law and not own.is_told(drive.omega):
         goes_on = f"is on its own oscillation. {_UNTOLD}"

@@ -133,10 +133,11 @@ class ForcedResponse(Listing[PeriodicResponse]):
         Complex gains that describing functions say, by signal, one for each of their solutions; empty where they have
         none.
     beat : float
-        Time in which the loop's own oscillation gains or loses a period of a weak sine, by Adler's law [s]; nan where
-        the run has come to no such oscillation, or keeps step.
+        Time after which a weak sine and the loop's own oscillation meet again as they did, by Adler's law [s]: of n
+        periods of the one beside m of the other. nan where the run has come to no such oscillation, or keeps step.
     tongue : (float, float)
-        Frequencies between which a weak sine entrains the oscillation that the run has come to, by Adler's law [Hz].
+        Frequencies between which a weak sine entrains the oscillation that the run has come to, by Adler's law [Hz];
+        nan where that law, of first order in the sine, knows none.
     """
 
     input: str

@@ -105,3 +105,43 @@ def test_the_tongue_and_the_beat_are_those_of_an_independent_integration() -> No
             turns = np.abs(phase - phase[100]) / (2.0 * np.pi)
             beat = 0.5 * (np.interp(3.0, turns[100:], times[100:]) - np.interp(1.0, turns[100:], times[100:]))
             assert found.motion is Motion.QUASI_PERIODIC and found.beat == pytest.approx(beat, rel=0.03)
+
+
+def biased() -> epp.Diagram:
+    return driven("relay", epp.Relay(-0.6, 1.0), [1.0], [1.0, 3.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize("loop", [LOOPS["relay"], biased])
+def test_beside_several_cycles_the_beat_is_that_of_the_ratio(loop: Callable[[], epp.Diagram]) -> None:
+    (own,) = epp.find_limit_cycles(loop()).stable
+    for ratio, (n, m) in ((1.3, (4, 3)), (1.48, (3, 2))):
+        found = epp.forced_response(loop(), amplitude=1e-4, frequency=ratio * own.frequency)
+        assert found.motion is Motion.QUASI_PERIODIC
+        assert found.beat == pytest.approx(1.0 / (abs(m * ratio - n) * own.frequency), rel=1e-9)
+        assert np.all(np.isnan(found.tongue)) and "Adler" not in found.message
+
+
+def test_what_second_order_decides_is_not_told_by_first_order() -> None:
+    loop = biased()
+    (own,) = epp.find_limit_cycles(loop).stable
+    # Three periods of this sine and two cycles keep step over a share of 1e-3 of the frequency, in second order.
+    strong = epp.forced_response(loop, amplitude=0.01, frequency=1.5 * (1 + 1e-4) * own.frequency)
+    assert strong.motion is Motion.PERIODIC and strong.repeats == 3 and np.isnan(strong.beat)
+    for amplitude, away in ((1e-3, 1e-6), (1e-6, 0.0)):
+        weak = epp.forced_response(loop, amplitude=amplitude, frequency=1.5 * (1 + away) * own.frequency)
+        assert weak.motion is Motion.UNDECIDED and np.isnan(weak.beat)
+        assert "2 of which last about 3 periods of the input" in weak.message and "second order" in weak.message
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.3, 1.46])
+def test_a_play_that_stays_within_its_gap_answers_at_any_frequency(ratio: float) -> None:
+    plant, amplitude = 4.0, 1e-3
+    parts = {"play": epp.Play(1.0), "plant": epp.blocks.TransferFunction(num=[plant], den=[0.2, 1.2, 1.0, 0.0])}
+    loop = epp.Diagram(parts=parts, connect=["force - play -> plant", "plant -> play"], inputs=["force"])
+    (own,) = epp.find_limit_cycles(loop).stable
+    found = epp.forced_response(loop, amplitude=amplitude, frequency=ratio * own.frequency)
+    s = 2j * np.pi * ratio * own.frequency
+    held = 2.0 * amplitude * abs(plant / (s * (s + 1.0) * (0.2 * s + 1.0)))
+    sizes = [r.cycle.peak_to_peak["plant"] for r in found if r.one_of_many]
+    assert sizes and sizes == pytest.approx([held] * len(sizes), rel=1e-6)
+    assert found.motion is Motion.PERIODIC and "one of a continuum" in found.message
