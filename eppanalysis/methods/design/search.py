@@ -46,6 +46,9 @@ _MOST_CORNERS, _FLIPPED = 6, 3
 #: Ranges as wide as this are run through by ratios.
 _DECADE = 10.0
 
+#: Places at most at which exact bounds are asked where that which first order proposes is not feasible.
+_MOST_ALL = 7
+
 
 @dataclass(frozen=True, eq=False)
 class Pick:
@@ -301,6 +304,10 @@ class Search:
         A corner at which a bound is worse than at those that count so far is added, and the best place sought again.
         """
         best = self.best(near[-1:], self._reach(near)) if near else self.best(self.proposed())
+        if not best.feasible:
+            # First order may be wrong of it: it takes a range of cycles alone, without a bound in it, for a free one.
+            places = self.grid()
+            best = self.best(places[:: -(-len(places) // _MOST_ALL)])
         for _ in range(_MOST_CORNERS if self.shares else 0):
             corner = self._worse_corner(best)
             if corner is None:

@@ -135,6 +135,14 @@ def test_what_is_tunable_stays_so_in_the_design_file(servo: epp.Case, found: epp
 
 
 @pytest.mark.slow
+def test_places_that_first_order_does_not_rank_are_asked_before_nothing_is_said_to_be_free(servo: epp.Case) -> None:
+    # At T = 0 all of this range cycles, which first order takes for a free one; at T = 1 it is free to 7.518.
+    design = epp.design(servo, {"k": (5.0, 20.0), "T": (0.0, 2.0)}, maximise="k", verify=False)
+    assert design.optimum.feasible
+    assert design.optimum.at == pytest.approx({"k": 7.518205, "T": 1.0005}, rel=1e-3)
+
+
+@pytest.mark.slow
 def test_where_nothing_is_free_the_range_that_would_have_to_give_is_named() -> None:
     design = epp.design(made_bounds.wheelchair(), {GAIN: (0.9, 1.0)}, maximise=GAIN)
     assert not design.optimum.feasible and design.values == {}
