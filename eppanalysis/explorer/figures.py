@@ -27,6 +27,11 @@ _CODES = {1: "settles", 2: "oscillates", 3: "diverges", 0: "not decided"}
 #: What stands behind the design in the map's legend.
 DRAGGED = " (drag or tap)"
 _NOTHING: dict[str, list[Any]] = {"x": [], "y": []}
+#: Room round what the Nyquist picture must show; from its square on the window shrinks.
+_ROOM = 1.2
+
+#: Left, right, bottom, top.
+Window = tuple[float, float, float, float]
 
 
 def _figure(title: str, x: str, y: str, **options: Any) -> Any:
@@ -85,18 +90,29 @@ class StepPicture:
         behind: dict[str, Any] = {"color": GREY, "line_width": 1.2, "alpha": 0.6, "level": "underlay"}
         made.line("x", "y", source=self.ghost, legend_label="before", **behind)
         self.now, self.before = made.legend[0].items
+        self.kept, self.text = False, ""
+        self.old: tuple[dict[str, Any], str] | None = None
         _legend(made)
         made.legend[0].ncols = 1
 
     def show(self, quick: Quick, text: str) -> None:
         """New data, and in words of what."""
+        if self.kept:
+            self.kept, self.old = False, (dict(self.source.data), self.text)
         self.source.data = {"x": quick.time.astype(np.float32), "y": quick.values.astype(np.float32)}
-        self.now.label = {"value": f"now: {text}"}
+        self.text = text
 
-    def keep(self, text: str) -> None:
-        """The run of now stays as a ghost behind those that come."""
-        self.ghost.data = dict(self.source.data)
-        self.before.label = {"value": f"before: {text}"}
+    def keep(self) -> None:
+        """The run of now will be the ghost behind the next."""
+        self.kept = True
+
+    def name(self) -> None:
+        """The ghost and the names in the legend, which cost a second drawing."""
+        self.now.label = {"value": f"now: {self.text}"}
+        if self.old is not None:
+            self.ghost.data, text = self.old
+            self.before.label = {"value": f"before: {text}"}
+            self.old = None
 
 
 class NyquistPicture:
@@ -105,6 +121,7 @@ class NyquistPicture:
     def __init__(self) -> None:
         self.response, self.locus, self.first, self.run = (ColumnDataSource(data=_NOTHING) for _ in range(4))
         ranges = {"x_range": Range1d(start=-2.0, end=1.0), "y_range": Range1d(start=-1.5, end=1.5)}
+        self.window: Window | None = None
         made = self.figure = _figure("Nyquist", "real part", "imaginary part", name="nyquist", **ranges)
         for dimension in ("width", "height"):
             made.add_layout(Span(location=0, dimension=dimension, line_color=GREY, line_width=0.7))
@@ -122,21 +139,44 @@ class NyquistPicture:
             self.response.data = self.locus.data = self.first.data = self.run.data = _NOTHING
             self.figure.title.text = "Nyquist: an element has no gain to draw"
             return
-        box = nyquist_window(loop.response, loop.locus, [] if loop.point is None else [loop.point])
+        box = self._frame(nyquist_window(loop.response, loop.locus, [] if loop.point is None else [loop.point]))
         self.response.data = _curve(loop.response, box)
         self.locus.data = _curve(loop.locus, box)
-        self.first.data = _mark(loop.point if quick.first_order else None)
-        self.run.data = _mark(quick.of_run)
-        self.figure.x_range.update(start=box[0], end=box[1])
-        self.figure.y_range.update(start=box[2], end=box[3])
+        _put(self.first, _mark(loop.point if quick.first_order else None))
+        _put(self.run, _mark(quick.of_run))
         self.figure.title.text = f"Nyquist, cut at {words(loop.element)}"
+
+    def _frame(self, wanted: Window) -> Window:
+        """The window stays while it holds what is wanted and not much more: curves move, axes do not."""
+        now = self.window
+        if now is None or not _holds(now, wanted) or _holds(now, _grown(wanted, _ROOM**2)):
+            now = self.window = _grown(wanted, _ROOM)
+            self.figure.x_range.update(start=now[0], end=now[1])
+            self.figure.y_range.update(start=now[2], end=now[3])
+        return now
+
+
+def _holds(outer: Window, inner: Window) -> bool:
+    return all(outer[i] <= inner[i] and inner[i + 1] <= outer[i + 1] for i in (0, 2))
+
+
+def _grown(box: Window, factor: float) -> Window:
+    """The same middle, wider and higher."""
+    (x, dx), (y, dy) = (((box[i] + box[i + 1]) / 2, factor * (box[i + 1] - box[i]) / 2) for i in (0, 2))
+    return x - dx, x + dx, y - dy, y + dy
+
+
+def _put(source: ColumnDataSource, data: dict[str, list[float]]) -> None:
+    """New marks, unless they are the old ones: what did not change is not drawn again."""
+    if dict(source.data) != data:
+        source.data = data
 
 
 def _mark(point: complex | None) -> dict[str, list[float]]:
     return {"x": [], "y": []} if point is None else {"x": [point.real], "y": [point.imag]}
 
 
-def _curve(values: Any, box: tuple[float, float, float, float]) -> dict[str, Any]:
+def _curve(values: Any, box: Window) -> dict[str, Any]:
     """The part of a curve that may be seen; far away from the window it is cut."""
     cut = np.where(np.abs(values) < 6.0 * max(map(abs, box)), values, complex(math.nan, math.nan))
     return {"x": cut.real.astype(np.float32), "y": cut.imag.astype(np.float32)}
@@ -168,7 +208,7 @@ class BranchPicture:
     def show_run(self, place: float, size: float) -> None:
         """Where the case stands on the axis, and what its run does."""
         self.here.location = place
-        self.run.data = {"x": [place], "y": [0.0 if math.isnan(size) else size]}
+        _put(self.run, {"x": [place], "y": [0.0 if math.isnan(size) else size]})
 
     def show_branch(self, facts: dict[str, Any], label: str, x_factor: float, y_factor: float) -> None:
         """The branch."""
@@ -193,7 +233,7 @@ class BranchPicture:
                 if facts is None
                 else [s for s, stable in zip(facts["size"], facts["stable"], strict=True) if stable is kind]
             )
-            source.data = {"x": [place] * len(sizes), "y": [factor * s for s in sizes]}
+            _put(source, {"x": [place] * len(sizes), "y": [factor * s for s in sizes]})
 
 
 def _runs_of(
@@ -235,7 +275,7 @@ class MapPicture:
 
     def show_place(self, x: float, y: float) -> None:
         """Where the case stands, in the picture and in its legend."""
-        self.star.data = {"x": [x], "y": [y]}
+        _put(self.star, {"x": [x], "y": [y]})
         self.figure.legend[0].items[-1].label = {"value": f"the design: {x:.4g}, {y:.4g}{DRAGGED}"}
 
     def show_begins(self, places: Sequence[tuple[float, float]]) -> None:

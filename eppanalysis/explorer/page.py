@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 #: How long after the last move the slow pictures begin [ms].
 _CALM = 500
+#: How long after a run what stands beside it follows [ms].
+_MOMENT = 50
 _MOST_STEPS_BACK = 200
 _ADDRESS = "history.replaceState(null, '', cb_obj.data.query[0] ? '?' + cb_obj.data.query[0] : location.pathname);"
 _COPY = """
@@ -78,8 +80,8 @@ class Page:
         self.history: list[Values] = []
         self.case = base
         self.version = 0
-        self.computing = False
-        self.setting = False
+        self.computing = self.marking = self.setting = False
+        self.size = math.nan
         self.later: Any = None
         self.running: dict[str, Future[Any]] = {}
         self.shown: dict[str, Any] = {}
@@ -127,21 +129,10 @@ class Page:
         self.save_case = self._button("Case file", "save_case", self._save_case)
         self.save_picture = self._button("Picture", "save_picture", self._save_picture)
         self.save_page = self._button("Page", "save_page", self._save_page)
-        for name in (
-            "heading",
-            "verdict",
-            "exact",
-            "message",
-            "field",
-            "over",
-            "undo",
-            "reset",
-            "link",
-            "save_case",
-            "save_picture",
-            "save_page",
-        ):
-            self.doc.add_root(getattr(self, name))
+        said = (self.heading, self.verdict, self.exact, self.message)
+        files = (self.link, self.save_case, self.save_picture, self.save_page)
+        for widget in (*said, self.field, self.over, self.undo, self.reset, *files):
+            self.doc.add_root(widget)
 
     def _slider(self, slider: Slider) -> SliderWidget:
         widget = SliderWidget(
@@ -256,7 +247,7 @@ class Page:
             self._take({})
 
     def _remember(self) -> None:
-        self.step.keep(_in_short(self.base, self.values))
+        self.step.keep()
         self.history = [*self.history[1 - _MOST_STEPS_BACK :], self.values]
 
     def _take(self, values: Values, remember: bool = True) -> None:
@@ -334,22 +325,36 @@ class Page:
             self._soon(self._begin_slow)
 
     def _show(self, result: quick.Quick) -> None:
-        """All quick pictures in one message to the browser."""
-        self.case = result.case
-        self.doc.hold("combine")
-        try:
-            self.verdict.text = result.sentence
-            now = _in_short(self.base, self.values)
-            self.heading.text = f"With {now}."
-            self.step.show(result, now)
+        """The run and its Nyquist picture; what else changes follows, once for all moves till then."""
+        self.case, self.size = result.case, result.peak_to_peak
+        with self._together():
+            self.step.show(result, _in_short(self.base, self.values))
             self.nyquist.show(result)
+            self.verdict.text = result.sentence
+        if not self.marking:
+            self.marking = True
+            self.doc.add_timeout_callback(self._show_marks, _MOMENT)
+
+    def _show_marks(self) -> None:
+        """What a move changes beside the run: ghost, heading, places on branch and map."""
+        self.marking = False
+        with self._together():
+            self.step.name()
+            self.heading.text = f"With {self.step.text}."
             place = self._place(self.over.value)
-            self.branch.show_run(place, result.peak_to_peak)
+            self.branch.show_run(place, self.size)
             if self.shown.get("exact") != self.values:
                 self.branch.show_exact(None, place, self.factor)
                 self.exact.text = "Exact limit cycles: being sought ..."
             if self.map is not None and self.axes is not None:
                 self.map.show_place(*(self._place(a.name) for a in self.axes))
+
+    @contextmanager
+    def _together(self) -> Iterator[None]:
+        """Changes go to the browser at the end, each once."""
+        self.doc.hold("combine")
+        try:
+            yield
         finally:
             self.doc.unhold()
 

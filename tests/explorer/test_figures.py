@@ -6,7 +6,9 @@ import pytest
 
 pytest.importorskip("bokeh")
 
-from eppanalysis.explorer.figures import BranchPicture, MapPicture
+from eppanalysis import case
+from eppanalysis.explorer.figures import BranchPicture, MapPicture, NyquistPicture, StepPicture
+from eppanalysis.explorer.quick import compute, shown_signal
 
 
 def named(picture) -> list[str]:
@@ -35,3 +37,45 @@ def test_a_map_names_the_design_and_where_cycles_begin():
     picture.show_place(1.0, 0.5)
     picture.show_begins([(0.5, 0.5)])
     assert named(picture) == [*colours, "cycles begin, exactly", "the design: 1, 0.5 (drag or tap)"]
+
+
+def test_the_run_before_a_move_stays_behind_those_after_it():
+    servo, picture = case("backlash_servo"), StepPicture("x", "")
+    signal = shown_signal(servo)
+    runs = [compute(servo, signal, {"loop.gain": gain}) for gain in (3.0, 3.1, 3.2)]
+    picture.show(runs[0], "3.0")
+    picture.keep()
+    for run, text in zip(runs[1:], ("3.1", "3.2"), strict=True):
+        picture.show(run, text)
+        picture.name()
+        assert named(picture) == [f"now: {text}", "before: 3.0"]
+        assert picture.ghost.data["y"].tolist() == pytest.approx(runs[0].values.tolist(), abs=1e-5)
+        assert picture.source.data["y"].tolist() == pytest.approx(run.values.tolist(), abs=1e-5)
+
+
+def test_axes_of_the_nyquist_picture_stay_in_small_moves_and_show_the_cycle_after_large_ones():
+    servo, picture = case("relay_hyst_servo"), NyquistPicture()
+    signal = shown_signal(servo)
+
+    def window(gain: float) -> list[float]:
+        found = compute(servo, signal, {"loop.gain": gain})
+        picture.show(found)
+        x, y = picture.figure.x_range, picture.figure.y_range
+        for point in (0j, found.loop.point):
+            assert x.start < point.real < x.end
+            assert y.start < point.imag < y.end
+        return [x.start, x.end, y.start, y.end]
+
+    first = window(1.0)
+    assert window(1.01) == first
+    large = window(10.0)
+    assert large[1] - large[0] > 1.5 * (first[1] - first[0])
+    assert window(1.0) == pytest.approx(first)
+
+
+def test_marks_that_do_not_move_are_not_drawn_again():
+    picture, drawn = MapPicture("gain", "gap", (0.0, 2.0), (0.0, 1.0)), []
+    picture.star.on_change("data", lambda *change: drawn.append(change))
+    for place in ((1.0, 0.5), (1.0, 0.5), (1.0, 0.6)):
+        picture.show_place(*place)
+    assert len(drawn) == 2

@@ -199,7 +199,7 @@ def test_a_phone_shows_all_of_it(browser, address, width):
 def test_heading_legend_and_ghost_follow_the_values(page):
     now, ghost = (f"model('step').renderers[{i}].data_source.data.y" for i in (0, 1))
     before = page.evaluate(f"Array.from({now})")
-    assert page.evaluate("model('heading').text") == "With the values of its file."
+    wait(page, "model('heading').text === 'With the values of its file.'")
     set_field(page, "lock_pin.backlash = 1.5 deg")
     wait(page, "model('heading').text === 'With lock pin backlash 1.5 deg.'")
     labels = page.evaluate("model('step').below.find((p) => p.type === 'Legend').items.map((i) => i.label.value)")
