@@ -129,7 +129,10 @@ def _pieces(x: Array, y: Array, hold: bool) -> tuple[Array, Array, Array]:
     left, right = np.flatnonzero(np.diff(x) > 0), np.flatnonzero(np.diff(x) > 0) + 1
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         slopes = (y[right] - y[left]) / (x[right] - x[left])
-        intercepts = y[left] - slopes * x[left]
+        # From the end nearer to zero: of a table through the origin the pieces there meet exactly, where nothing is
+        # large enough for a jump to be rounding.
+        near = np.where(np.abs(x[left]) <= np.abs(x[right]), left, right)
+        intercepts = y[near] - slopes * x[near]
     edges = x[right][:-1]
     if hold:
         edges = np.concatenate([x[:1], edges, x[-1:]])

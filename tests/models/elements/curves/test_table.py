@@ -42,6 +42,21 @@ def test_the_curve_is_that_of_numpy(table: epp.LookupTable) -> None:
     assert float(table.output(past)[0]) == pytest.approx(expected, abs=1e-9 * (1 + abs(slope)))
 
 
+@given(st.lists(st.floats(0.01, 3), min_size=2, max_size=6), st.integers(0, 5), st.randoms(use_true_random=False))
+def test_a_table_through_the_origin_has_the_sector_and_the_slopes_of_its_lines(widths, zero, random) -> None:
+    x = np.concatenate([[0.0], np.cumsum(widths)])
+    x -= x[zero := min(zero, len(x) - 1)]
+    y = np.array([0.0 if i == zero else random.uniform(-3.0, 3.0) for i in range(len(x))])
+    table, slopes = epp.LookupTable(x, y, "hold"), np.diff(y) / np.diff(x)
+    least, greatest = table.slope_bounds()
+    assert (least, greatest) == pytest.approx((min(slopes.min(), 0.0), max(slopes.max(), 0.0)), rel=1e-12)
+    # Along a line y/x goes one way: it is extreme at the points and beside the origin.
+    beside = slopes[[i for i in (zero - 1, zero) if 0 <= i < len(slopes)]]
+    held = [0.0] if zero in (0, len(x) - 1) else []
+    ratios = np.concatenate([np.delete(y, zero) / np.delete(x, zero), beside, held, [0.0]])
+    assert table.sector() == pytest.approx((ratios.min(), ratios.max()), rel=1e-9, abs=1e-12)
+
+
 def test_a_file_is_read_with_and_without_a_heading(tmp_path: Path) -> None:
     file = tmp_path / "valve.csv"
     for text in ("opening,flow\n0,0\n0.2,0\n\n1.0,5\n", "0,0,ignored\n0.2,0\n1.0,5"):
