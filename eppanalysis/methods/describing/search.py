@@ -37,6 +37,13 @@ _MANY_STEPS = (
     " The loop may stand on many pieces of its element, as its static balance has several answers: biases were sought "
     f"around zero and the first {_MOST_CENTRES} breakpoints, and cycles about others may be missing."
 )
+#: Amplitudes against which biases are held where they may be many; of an element each of whose answers is a quadrature,
+#: against half as many biases.
+_AMPLITUDES, _FEW_AMPLITUDES = 250, 60
+_FEW_PLACES = (
+    " The means of its element are quadratures: a branch of the bias was sought at a tenth of the places, and "
+    "cycles on a small one may be missing."
+)
 #: Branches of the bias that are followed: an element that turns back for ever, such as a sine, has them without end.
 _MOST_BRANCHES = 40
 _MANY_BRANCHES = (
@@ -184,13 +191,13 @@ def search_one(balance: Balance) -> Found:
     N = balance.evaluate(amplitude[:, None], np.zeros((len(amplitude), 1)), np.ones(len(amplitude)))[1][:, 0]
     omega = frequency_nodes(system, 40, _lowest_gain(N))
     L = balance.linear(omega)[:, 0, 0]
-    lines, followed = static_curves(balance, amplitude, scales)
+    lines, followed, coarse = static_curves(balance, amplitude, scales)
     real = _is_real(balance, lines)
     finder = _on_crossings if real else _on_phase_curves
     cycles, curves = finder(balance, lines, omega, L)
     text = _sentence(system, real, omega, amplitude, len(lines))
     few = _breakpoints(balance) <= _MOST_CENTRES
-    text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed)
+    text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
     return Found(distinct(balance, cycles), tuple(curves), text, few and followed)
 
 
@@ -247,8 +254,11 @@ def _lowest_gain(N: ComplexArray) -> float:
     return 0.0 if unbounded else 0.999 / top
 
 
-def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[list[Array], bool]:
-    """Curves (n, 2) of (amplitude, bias) on which the static balance holds, and whether all branches are among them."""
+def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[list[Array], bool, bool]:
+    """Curves (n, 2) of (amplitude, bias) on which the static balance holds.
+
+    Besides whether all branches that were found are among them, and whether they were sought at few places.
+    """
     zero = np.zeros((len(amplitude), 1))
     q0 = _static(balance, amplitude, zero[:, 0])
     size = _static_size(balance, amplitude, zero[:, 0])
@@ -256,7 +266,7 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
     lines = [np.stack([amplitude, zero[:, 0]], -1)] if symmetric else []
     if _prescribed_alone(balance):
         fixed = float(balance.prescribed[0] / balance.on_bias[0, 0])
-        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True
+        return lines or [np.stack([amplitude, np.full(len(amplitude), fixed)], -1)], True, False
     bias = _bias_nodes(balance, scales)
     bias = bias[bias > 0] if symmetric else bias
     # Where all slopes turn the balance the same way no bias beside none is expected: that is held against few
@@ -266,12 +276,22 @@ def static_curves(balance: Balance, amplitude: Array, scales: Array) -> tuple[li
         and goes_one_way(balance)
         and not _branches(balance, amplitude[:: len(amplitude) // 25 + 1], bias, True)
     )
-    branches = [] if few else _branches(balance, amplitude[:: max(1, len(amplitude) // 250)], bias, symmetric)
+    dear = balance.system.elements[0].by_quadrature
+    every = max(1, len(amplitude) // (_FEW_AMPLITUDES if dear else _AMPLITUDES))
+    branches = [] if few else _branches(balance, amplitude[::every], bias[:: 1 + dear], symmetric)
     branches.sort(key=lambda points: float(np.min(points[:, 0] + np.abs(points[:, 1]))))
     for branch in branches[:_MOST_BRANCHES]:
         points = _settle_bias(balance, branch)
+        if dear:
+            points = _settle_bias(balance, _denser(points, _AMPLITUDES // _FEW_AMPLITUDES))
         lines += [points, points * [1.0, -1.0]] if symmetric else [points]
-    return lines, len(branches) <= _MOST_BRANCHES
+    return lines, len(branches) <= _MOST_BRANCHES, dear and not few
+
+
+def _denser(points: Array, times: int) -> Array:
+    """As many points between two neighbours, even in the logarithm of the amplitude and in the bias."""
+    place = np.linspace(0.0, len(points) - 1.0, times * (len(points) - 1) + 1)
+    return np.stack([np.exp(at_index(np.log(points[:, 0]), place)), at_index(points[:, 1], place)], -1)
 
 
 def _branches(balance: Balance, amplitude: Array, bias: Array, symmetric: bool) -> list[Array]:

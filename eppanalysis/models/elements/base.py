@@ -187,6 +187,8 @@ class Nonlinearity(ABC):
         Of an element whose output follows its input no faster than that.
     of_frequency : bool
         Whether the describing function depends on the frequency though there is one input.
+    by_quadrature : bool
+        Whether each point of the describing function takes some tenths of a millisecond.
     linear_gain_is : str
         What `linear_gain` is, in words that margins print beside it.
     """
@@ -213,6 +215,7 @@ class Nonlinearity(ABC):
     small_signal: Nonlinearity | None = None
     rate_limit: RateLimit | None = None
     of_frequency: ClassVar[bool] = False
+    by_quadrature: ClassVar[bool] = False
 
     def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)

@@ -66,6 +66,8 @@ class AutomatonElement(Nonlinearity):
     (0.484-0.03j)
     """
 
+    by_quadrature = True
+
     rules: Automaton
     own_states: OwnStates | None = None
 

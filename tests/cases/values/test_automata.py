@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -154,3 +155,16 @@ def test_smooth_functions_of_others_come_back_from_a_file():
         wrong = epp.AutomatonBuilder(smooth=(epp.Smooth("cube", np.ones(1), on_smooth=(1.0,)),))
         wrong.mode("smooth", from_smooth=1.0)
         wrong.build()
+
+
+def test_an_own_element_with_a_mean_is_sought_at_few_places_and_has_the_cycles_of_the_shipped_one() -> None:
+    system = epp.case("sat_asymmetric").to_system()
+    own = epp.AutomatonElement(system.elements[0].automaton())
+    known, found = (epp.predict_limit_cycles(replace(system, elements=(e,))) for e in (*system.elements, own))
+    assert "sought at a tenth of the places" in found.search
+    assert "sought at a tenth of the places" not in known.search
+    assert len(found) == len(known) == 1
+    for one, same in zip(known, found, strict=True):
+        assert same.omega == pytest.approx(one.omega, rel=1e-9) and same.stable == one.stable
+        assert same.peak_to_peak == pytest.approx(one.peak_to_peak, rel=1e-9)
+        assert same.mean == pytest.approx(one.mean, rel=1e-8)
