@@ -15,6 +15,8 @@ from eppanalysis.kernels.engine.tables import HOT
 SINE, CUBE, RECIPROCAL, SQUARE, FOURTH, FIFTH, TANH, ARCTAN, GAUSSIAN, LOGARITHM, EXPONENTIAL = range(11)
 #: Size of the argument below which the logarithm rests.
 LEAST = 5e-11
+#: Sizes of the argument beyond which tanh is one to rounding, and a Gaussian and an exponential are nothing.
+_SATURATED, _GONE, _DECAYED = 20.0, 24.0, 500.0
 
 
 @njit(**HOT)
@@ -114,8 +116,8 @@ def curve_slope_term(kind, j, k, scale, Sg, arg, aux):
 
 
 @njit(**HOT)
-def has_fallen(kind, j, k, limit, Sg):
-    """Whether coefficient k is below a share of what the series begins with.
+def has_fallen(kind, j, k, limit, scale, Sg, arg, aux):
+    """Whether coefficient k is below a share of what the series begins with, and does not hide those behind it.
 
     A function that passes zero begins with nothing there: the largest coefficient counts.
     """
@@ -123,4 +125,26 @@ def has_fallen(kind, j, k, limit, Sg):
     if SQUARE <= kind <= EXPONENTIAL:
         for i in range(1, k + 1):
             size = max(size, abs(Sg[i, j]))
-    return abs(Sg[k, j]) <= limit * size
+    return abs(Sg[k, j]) <= limit * size and not (
+        TANH <= kind <= EXPONENTIAL and hides(kind, j, k, limit, scale, Sg, arg, aux)
+    )
+
+
+@njit(**HOT)
+def hides(kind, j, k, limit, scale, Sg, arg, aux):
+    """Whether a function that is flat where its series begins may bend on the way, by terms that are still to come.
+
+    ``1 - tanh`` of thirty is beneath the rounding of one, and so are its first terms on the way through zero: by its
+    own size each is larger than the one before. The function may stay flat for the whole step, or the series of what
+    bends it has fallen.
+    """
+    if scale == 0.0 or kind in (ARCTAN, LOGARITHM):
+        return False
+    flat = _SATURATED if kind == TANH else _GONE if kind == GAUSSIAN else _DECAYED
+    rest, size = abs(arg[0, j]), 0.0
+    bend = aux if kind == TANH else Sg
+    for i in range(k + 1):
+        size = max(size, abs(bend[i, j]))
+        if i > 0:
+            rest -= abs(arg[i, j])
+    return rest <= flat and not abs(bend[k, j]) < limit * size

@@ -61,7 +61,8 @@ def expand(model, compiled, q, x, f, H, h, largest, small, X, Sg, arg, aux):
                 X[k + 1, i] += factor * S[i, j] * Sg[k, j]
         over = any_above(X[k + 1], 1.0, small)
         for j in range(n_s):
-            over = over or not has_fallen(model.smooth_kind[j], j, k, 0.25 * EPS, Sg)
+            kind, scale = model.smooth_kind[j], model.smooth_scale[j]
+            over = over or not has_fallen(kind, j, k, 0.25 * EPS, scale, Sg, arg, aux)
         below = 0 if over else below + 1
         # One small term proves nothing: of a motion that begins at its turn every other one is zero.
         if below == 2:

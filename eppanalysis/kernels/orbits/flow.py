@@ -11,7 +11,18 @@ from typing import NamedTuple
 import numpy as np
 
 from eppanalysis.kernels.compiling import KERNEL, PART, njit
-from eppanalysis.kernels.engine.curves import CUBE, LOGARITHM, RECIPROCAL, SINE, SQUARE, curve, curve_slope_term
+from eppanalysis.kernels.engine.curves import (
+    CUBE,
+    EXPONENTIAL,
+    LOGARITHM,
+    RECIPROCAL,
+    SINE,
+    SQUARE,
+    TANH,
+    curve,
+    curve_slope_term,
+    hides,
+)
 from eppanalysis.kernels.engine.flow import flow, growth_rate
 from eppanalysis.kernels.engine.series import DELAY_LINE, EPS, ORDER, smooth_term
 from eppanalysis.kernels.filling import accumulate, fill, fill_rows, largest
@@ -256,7 +267,14 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
     # flow, so that Newton's method ends at rounding (docs/theory/exact_orbits.md, Closing an orbit).
     tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
     tail_v = largest(V[ORDER - 1, :, :N]) + largest(V[ORDER - 2, :, :N])
-    return tail <= 0.5 * EPS * size and tail_v <= EPS * size_v and _ends(V, N)
+    if not (tail <= 0.5 * EPS * size and tail_v <= EPS * size_v and _ends(V, N)):
+        return False
+    for j in range(n_s):
+        kind = channels.smooth_kind[j]
+        if TANH <= kind <= EXPONENTIAL:
+            if hides(kind, j, ORDER - 2, EPS, channels.smooth_scale[j], Sg, arg, aux):
+                return False
+    return True
 
 
 @njit(**PART)

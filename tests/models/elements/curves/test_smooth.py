@@ -166,3 +166,31 @@ def test_a_polynomial_comes_back_from_a_file() -> None:
 def test_invalid_fields_are_refused_in_one_sentence(make: object, words: str) -> None:
     with pytest.raises(ModelError, match=words):
         make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("level", [30.0, 1e3])
+@pytest.mark.parametrize("step", [0.05, 0.5, 3.0])
+def test_a_tanh_deep_in_saturation_leaves_it_within_a_step(level: float, step: float) -> None:
+    """There its slope is beneath the rounding of one, and the first terms of its series too: steps went on across."""
+    loop = epp.LureSystem.from_tf(([level], [1.0, 0.923, 0.468, 0.165]), epp.Tanh(1.0))
+    times = np.linspace(0.0, 40.0, 81)
+    run = epp.simulate(loop, t_end=40.0, t_eval=times, step=step)
+    by_hand = solve_ivp(
+        lambda t, x: loop.A @ x + loop.B @ np.tanh(loop.C @ x), (0.0, 40.0), loop.x0, "DOP853", times,
+        rtol=1e-12, atol=1e-12, max_step=0.02,
+    ).y  # fmt: skip
+    x = (loop.C @ by_hand)[0]
+    np.testing.assert_allclose(run.signals["x"], x, rtol=0.0, atol=1e-8 * np.ptp(x))
+
+
+def test_a_cycle_of_a_tanh_deep_in_saturation_is_that_of_a_relay() -> None:
+    """The deeper, the nearer; the relay's is found by a method without series."""
+    plant = ([1.0], [1.0, 0.923, 0.468, 0.165])
+    (limit,) = epp.find_limit_cycles(epp.LureSystem.from_tf(plant, epp.Relay()))
+    for slope in (30.0, 300.0):
+        loop = epp.LureSystem.from_tf(plant, epp.Tanh(1.0, slope))
+        cycle = epp.simulate(loop, t_end=200.0).limit_cycle
+        assert cycle is not None
+        for found in (cycle, epp.exact_orbit(loop, cycle)):
+            shape = [found.period, found.peak_to_peak["x"]]
+            assert shape == pytest.approx([limit.period, limit.peak_to_peak["x"]], rel=3.0 / slope**2)
