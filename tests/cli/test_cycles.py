@@ -95,6 +95,20 @@ def test_picture_of_all_cycles() -> None:
         plot_cycles(found, "nothing")
 
 
+def test_picture_shows_a_prediction_that_was_not_closed_as_one() -> None:
+    blocks = [epp.Saturation(slope=2.0), ([2.0], [1.0, 1.0]), epp.Play(0.7), ([2.5], [1.0, 2.0, 0.0])]
+    found = epp.find_limit_cycles(epp.LureSystem.from_blocks(blocks))
+    (doubtful,) = found.unclosed
+    left, right = found.plot().figure.axes
+    assert [text.get_text() for text in left.get_legend().get_texts()] == [
+        "stable, 0.1736 Hz", "predicted, 0.02025 Hz (may not exist)",
+    ]  # fmt: skip
+    for ax in (left, right):
+        assert [line.get_linestyle() for line in ax.lines] == ["-", ":"]
+    drawn = left.lines[1].get_ydata()
+    assert max(drawn) - min(drawn) == pytest.approx(next(iter(doubtful.peak_to_peak.values())), rel=1e-3)
+
+
 def test_picture_of_no_cycle_says_so() -> None:
     loop = epp.LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), epp.Saturation())
     picture = epp.find_limit_cycles(loop).plot().figure

@@ -44,7 +44,8 @@ _MOST = 12
 def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | None = None) -> Figure:
     """Every cycle's waveform over its own period, and the signal's rate over the signal; stable solid, unstable dashed.
 
-    Waveforms begin where their fundamental rises through zero.
+    Waveforms begin where their fundamental rises through zero. Predictions whose orbits were not found are dotted and
+    grey.
 
     Parameters
     ----------
@@ -62,26 +63,19 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     figure, panels = _places(search, given)
     for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
-    if not len(search):
+    shown = [*search.cycles[:_MOST], *search.unclosed[:_MOST]]
+    if not shown:
         for ax in panels:
             ax.set_axis_off()
         text = f"Sought with {search.search}"
         panels[0].text(0.5, 0.5, "\n".join(map(_wrapped, text.split("\n"))), **_MIDDLE, transform=panels[0].transAxes)
         return figure
-    name = _chosen(search, signal)
-    unit, factor = readable(search[0].units.get(name, ""))
+    name = _chosen(shown[0], signal)
+    unit, factor = readable(shown[0].units.get(name, ""))
     used = {True: 0, False: 0}
-    for cycle in search.cycles[:_MOST]:
-        stable = bool(cycle.stable)
-        colours = _STABLE if stable else _UNSTABLE
-        style: dict[str, Any] = {
-            "color": colours[used[stable] % 3],
-            "linestyle": "-" if stable else "--",
-            "linewidth": 1.3,
-        }
-        used[stable] += 1
+    for i, cycle in enumerate(shown):
+        style, text = _unclosed(cycle) if i >= len(search.cycles[:_MOST]) else _listed(cycle, used)
         time, wave = _turned(cycle, name)
-        text = f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
         panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
         for right in panels[1:]:
             right.plot(factor * wave, factor * np.gradient(wave, time), **style)
@@ -96,12 +90,28 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
     return figure
 
 
+def _listed(cycle: LimitCycle, used: dict[bool, int]) -> tuple[dict[str, Any], str]:
+    """Line and words of a cycle of the list; `used` counts the colours of each kind."""
+    stable = bool(cycle.stable)
+    colour = (_STABLE if stable else _UNSTABLE)[used[stable] % 3]
+    used[stable] += 1
+    style = {"color": colour, "linestyle": "-" if stable else "--", "linewidth": 1.3}
+    return style, f"{'stable' if stable else 'unstable'}, {number(cycle.frequency)} Hz"
+
+
+def _unclosed(cycle: LimitCycle) -> tuple[dict[str, Any], str]:
+    """Line and words of a prediction whose orbit was not found, or that a balance leads to without closing it."""
+    doubt = "may not exist" if cycle.may_not_exist else "not closed"
+    return {"color": GREY, "linestyle": ":", "linewidth": 1.3}, f"predicted, {number(cycle.frequency)} Hz ({doubt})"
+
+
 def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]]:
     """Two panels, or one for the sentence that nothing was found."""
     if given is not None:
         return root_figure(given), [given]
-    figure = Figure(figsize=(8.4, 3.8) if len(search) else (6.4, 2.4), layout="constrained")
-    return figure, list(figure.subplots(1, 2 if len(search) else 1, squeeze=False)[0])
+    some = bool(search.cycles or search.unclosed)
+    figure = Figure(figsize=(8.4, 3.8) if some else (6.4, 2.4), layout="constrained")
+    return figure, list(figure.subplots(1, 2 if some else 1, squeeze=False)[0])
 
 
 def _wrapped(text: str) -> str:
@@ -158,8 +168,8 @@ def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array]:
     return np.append(time, time[:2] + cycle.period), np.append(wave, wave[:2])
 
 
-def _chosen(search: CycleSearch, signal: str | None) -> str:
-    known = list(search[0].waveform)
+def _chosen(cycle: LimitCycle, signal: str | None) -> str:
+    known = list(cycle.waveform)
     if signal is not None and signal not in known:
         raise EppError(f"There is no signal {signal!r}; expected one of {', '.join(known)}.")
     return signal or known[0]
