@@ -90,7 +90,7 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
     # still in one place drifts in another.
     if not passing.any() or np.any(values[passing].real >= 0.0) or still != int(np.sum(~passing)):
         return
-    y = y.copy()
+    met, y = y, y.copy()
     terms = np.abs(F) @ np.abs(y)
     y[:n][moves] -= np.linalg.lstsq(A, (F @ y)[moves], rcond=_ROUNDING)[0]
     if np.any(np.abs(F @ y)[moves] > _ROUNDING * (terms + np.abs(F) @ np.abs(y))[moves]):
@@ -99,7 +99,8 @@ def _towards(F: Array, g: Array, moves: NDArray[np.bool_], y: Array) -> Iterator
     # All other motions die out sooner: what comes to rest comes along the slowest one.
     k = int(np.argmax(np.where(passing, values.real, -np.inf)))
     slow[moves] = vectors[:, k]
-    way, terms = g @ y, np.abs(g) @ np.abs(y)
+    # Of a rate that is zero at rest nothing is left but rounding: its terms are those of the motion that was met.
+    way, terms = g @ y, np.abs(g) @ np.maximum(np.abs(y), np.abs(met))
     way = np.where(np.abs(way) <= _ROUNDING * terms, 0.0, way)
     if np.any(way > 0.0):
         return

@@ -640,3 +640,8 @@ def test_an_asymmetric_relay_behind_a_dead_time_is_predicted_at_one_frequency(le
     # Exactly: it falls on for the dead time, rises as long as that takes, rises on, and falls as long as that takes.
     exact = epp.exact_orbit(loop, cycle)
     assert exact.period == pytest.approx(2.0 - low / high - high / low, rel=1e-9)
+
+
+def test_what_a_grid_over_several_elements_may_miss_is_said():
+    loop = LureSystem.from_blocks([Saturation(), ([8.0], [1, 1]), Saturation(), ([1.0], [1, 3, 2])])
+    assert "wholly between points of this grid may be missed" in predict_limit_cycles(loop).search

@@ -88,3 +88,12 @@ def test_the_rest_that_a_run_creeps_to_is_handed_out():
     found = epp.find_limit_cycles(belt)
     assert found.settles and len(found.stable) == 1
     assert found.rest_state == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.parametrize("seed", [None, 5, 8])
+def test_rest_that_a_motion_could_only_swing_to_is_not_named(seed):
+    """A double integrator behind a play that holds drifts; in contact the loop swings, and leaves it before rest."""
+    loop = LureSystem.from_blocks([epp.Play(0.8), ([4.0, 1.5], [1.0, 7.0, 0.0, 0.0])])
+    assert np.iscomplex(max(np.roots([1.0, 7.0, 4.0, 1.5]), key=np.real))
+    found = epp.find_limit_cycles(loop if seed is None else turned(loop, np.random.default_rng(seed)))
+    assert len(found) == 1 and not found.settles
