@@ -22,7 +22,7 @@ import numpy as np
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.fold import Fold, Programmes, anchored
 from eppanalysis.methods.bounds.harmonic import Question, steady_loop
-from eppanalysis.methods.bounds.numbers import gather
+from eppanalysis.methods.bounds.numbers import Plan, gather
 from eppanalysis.methods.bounds.sizes.allowed import Allowed
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import slope_of
@@ -93,9 +93,9 @@ def harmonic_slopes(
     gradient[used] = np.array(
         expressions.by_numbers(fold.unknowns, dependence.at(value)[used], fold.multipliers)
     ).ravel()
-    out = {}
+    case, out = question.case_at(value), {}
     for name, size in sizes.items():
-        slope = _slope(question, name, fold, size)
+        slope = _slope(case, name, fold.plan, size)
         # A number that is zero at the bound has no symbol in the equations:
         # where the parameter moves it the derivative is unknown, not zero.
         known = slope is not None and not np.any(slope[~used] != 0.0)
@@ -103,10 +103,10 @@ def harmonic_slopes(
     return out
 
 
-def _slope(question: Question, name: str, fold: Fold, size: float) -> np.ndarray | None:
+def _slope(case: CaseLike, name: str, plan: Plan, size: float) -> np.ndarray | None:
     """Derivative of the loop's numbers by a parameter; None where it changes the structure of the loop."""
-    case, value = question.case_at(fold.cycle.value), question.case.value(name)
-    found = polynomial_at(lambda v: gather(steady_loop(case.with_values({name: v})), fold.plan).flat(), value, size)
+    value = case.value(name)
+    found = polynomial_at(lambda v: gather(steady_loop(case.with_values({name: v})), plan).flat(), value, size)
     return None if found is None else found.slope(value)
 
 
