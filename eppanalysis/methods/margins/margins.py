@@ -7,7 +7,7 @@ from typing import overload
 
 import numpy as np
 
-from eppanalysis.errors import EppError
+from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.margins.crossovers import Response
 from eppanalysis.methods.margins.linearised import Array, Linearised, small_signal
 from eppanalysis.methods.margins.result import Margins
@@ -38,8 +38,8 @@ def margins(
     loop : LureSystem or Case
     at : str, or list or tuple of str, optional
         Names of places (``LureSystem.places``): the inputs and outputs of elements, "gear.in" and "gear.out", and what
-        else the loop names. By default where the loop says (``margins_at``), at the first place where it names several,
-        else the output of its principal element.
+        else the loop names, also by a signal that is taken at one. By default where the loop says (``margins_at``), at
+        the first place where it names several, else the output of its principal element.
 
     Returns
     -------
@@ -73,12 +73,25 @@ def margins(
         names: Sequence[str] = places_of(loop)[:1]
     else:
         names = [at] if isinstance(at, str) else list(at)
-    require_places(f"margins: {system.name}", names, system.places)
-    names = [system.places.called(name) for name in names]
+    names = [_place(system, name) for name in names]
     made_by = Provenance("margins", {"system": system.name}, case=facts_of(loop))
     with np.errstate(all="ignore"):
         found = tuple(_margins(Linearised.of(system, name), name, made_by) for name in names)
     return found[0] if at is None or isinstance(at, str) else found
+
+
+def _place(system: LureSystem, name: str) -> str:
+    """The place that a name stands for: its own, that of a part, or that of a signal which is taken there."""
+    places, signals = system.places, system.signals
+    if places.called(name) not in places.names and name in signals.names:
+        i = signals.names.index(name)
+        same = np.all(np.hstack([places.C - signals.C[i], places.D - signals.D[i]]) == 0.0, axis=1)
+        if not same.any():
+            what = f"margins: {system.name} cannot be cut at signal {name!r}, which is that of no single place"
+            raise ModelError(what, expected=f"one of {', '.join(places.distinct)}")
+        return places.names[int(np.argmax(same))]
+    require_places(f"margins: {system.name}", [name], places)
+    return places.called(name)
 
 
 def places_of(loop: LureSystem | CaseLike) -> tuple[str, ...]:

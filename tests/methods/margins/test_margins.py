@@ -233,6 +233,16 @@ def test_a_relay_aside_of_the_loop_leaves_its_margins() -> None:
 
 
 # The public door --------------------------------------------------
+def test_a_signal_that_is_taken_at_a_place_names_it() -> None:
+    case = epp.case("azimuth_servo")
+    assert epp.margins(case, "load").at == "load.angle"
+    assert epp.margins(case, "twist").at == "gear.twist"
+    with pytest.raises(
+        epp.ModelError, match="cannot be cut at signal 'setpoint', .* no single place; expected one of controller.out"
+    ):
+        epp.margins(case, "setpoint")
+
+
 def test_places_are_taken_where_nothing_is_said_and_refused_where_unknown() -> None:
     loop = servo(100.0)
     assert epp.margins(replace(loop, margins_at=())).at == "gear.out"
