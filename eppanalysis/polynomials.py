@@ -31,6 +31,8 @@ _FALLS = 0.1
 _LOOKED_AT, _NEIGHBOURS, _APART = (0.0, 0.5, 1.0), 4, 1.3e-9
 #: Which differences of neighbours are rounding alone, and a coefficient of it relative to the largest of them.
 _ORDER, _NOISE = 3, 2.5
+#: The largest share of the nodes at which a number may differ from what it is at all others.
+_STRAYS = 0.25
 #: Half the lengths of ranges about a place, relative to it.
 _AROUND = (1e-2, 1e-3, 1e-4, 1e-5)
 
@@ -120,7 +122,7 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
                 if value is None or value.size != n:
                     return None
                 known[k / degree] = value
-        rows = np.array([known[k / degree] for k in range(degree + 1)])
+        rows = _without_strays(np.array([known[k / degree] for k in range(degree + 1)]))
         # An entry that is resolved stays as it is: of a higher degree its rounding counts more in the derivative.
         places = np.flatnonzero(is_open & np.any(rows != rows[0], axis=0))
         if not np.all(np.isfinite(rows[:, places])):
@@ -149,6 +151,25 @@ def _coefficients(rows: Array, noise: Array) -> tuple[Array, Array, NDArray[np.b
     kept = np.abs(c) > _ROUNDING * size + noise
     kept[0] = True
     return np.where(kept, c, 0.0), tail, tail > _RESOLVED * size + noise
+
+
+def _without_strays(rows: Array) -> Array:
+    """Values at all nodes, where an entry is one number at most of them and another at single ones between: that one.
+
+    A sum that cancels is zero at most places, and at some the rounding of its terms, which three looks at it miss. A
+    step has two sides, and a kink goes on to an end. The place in question is in the middle or at an end: what differs
+    there stays.
+    """
+    if rows.shape[0] <= DEGREES[0] + 1:
+        return rows
+    usual = np.median(rows, axis=0)
+    stray = rows != usual
+    alone = stray.copy()
+    alone[[0, rows.shape[0] // 2, -1]] = False
+    alone[1:] &= ~stray[:-1]
+    alone[:-1] &= ~stray[1:]
+    few = stray.sum(axis=0) <= _STRAYS * rows.shape[0]
+    return np.where(few & np.all(alone == stray, axis=0), usual, rows)
 
 
 def _noise(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eppanalysis.polynomials import polynomial_at
+from eppanalysis.polynomials import polynomial, polynomial_at
 
 
 def _numbers(x):
@@ -31,6 +31,35 @@ def test_a_step_at_the_value_is_not_taken_for_rounding(jump):
     # On one side of the step, where the function is smooth.
     assert found.middle < 2.0
     assert found.slope(2.0) == pytest.approx([-0.25], rel=1e-9)
+
+
+@pytest.mark.parametrize("x", [2.932, 4.542, 11.627, 13.881])
+def test_a_zero_that_is_rounded_at_single_places_is_a_zero(x):
+    built = []
+
+    def numbers(v):
+        built.append(v)
+        return np.array([1.0 / v, v * (1.0 / v) - 1.0])
+
+    found = polynomial(numbers, 0.99 * x, 1.01 * x)
+    assert any(numbers(v)[1] != 0.0 for v in built[:])
+    np.testing.assert_allclose(found.slope(x), [-1.0 / x**2, 0.0], rtol=1e-12, atol=0.0)
+    assert len(set(built)) == 9
+
+
+@pytest.mark.parametrize("size", [1e-15, 1e-6, 1.0])
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda v: v == 2.0,  # at the value alone
+        lambda v: v > 2.0153,  # a step between the value and the end
+        lambda v: v >= 2.02,  # at the end alone
+        lambda v: max(v - 2.017, 0.0),  # a kink near the end
+        lambda v: 2.003 < v < 2.016,  # wider than the distance of places
+    ],
+)
+def test_what_is_left_at_once_or_for_good_is_not_taken_for_rounding(function, size):
+    assert polynomial(lambda v: np.array([v, size * function(v)]), 1.98, 2.02) is None
 
 
 def test_what_is_rough_everywhere_has_no_polynomial():
