@@ -75,7 +75,7 @@ def test_axes_of_the_nyquist_picture_stay_in_small_moves_and_show_the_cycle_afte
 
 def test_marks_that_do_not_move_are_not_drawn_again():
     picture, drawn = MapPicture("gain", "gap", (0.0, 2.0), (0.0, 1.0)), []
-    picture.star.on_change("data", lambda *change: drawn.append(change))
+    picture.star.on_change("data", lambda attr, old, new: drawn.append(new))
     for place in ((1.0, 0.5), (1.0, 0.5), (1.0, 0.6)):
         picture.show_place(*place)
     assert len(drawn) == 2
