@@ -108,12 +108,8 @@ def polynomial(function: Callable[[float], Array | None], low: float, high: floa
     if first is None:
         return None
     known, n, noise = {0.5: first}, first.size, None
-    coefficients, left, before, is_open = (
-        np.zeros((DEGREES[-1] + 1, n)),
-        np.zeros(n),
-        np.full(n, np.inf),
-        np.ones(n, bool),
-    )
+    coefficients, left = np.zeros((DEGREES[-1] + 1, n)), np.zeros(n)
+    before, is_open = np.full(n, np.inf), np.ones(n, bool)
     for degree in DEGREES:
         nodes = np.cos(np.pi * np.arange(degree + 1) / degree)
         for k in range(degree + 1):
