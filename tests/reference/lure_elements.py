@@ -280,6 +280,10 @@ def handler_of(element: Any) -> Handler:
         "Friction": _dry_friction,
         "Cube": lambda e: Smooth(lambda z: e.scale * z**3, lambda z: 3.0 * e.scale * z * z),
         "Sine": lambda e: Smooth(lambda z: e.scale * math.sin(z), lambda z: e.scale * math.cos(z)),
+        "Tanh": lambda e: Smooth(
+            lambda z: e.level * math.tanh(e.slope * z / e.level),
+            lambda z: e.slope * (1.0 - math.tanh(e.slope * z / e.level) ** 2),
+        ),
     }
     if name in makers:
         return makers[name](element)

@@ -31,6 +31,7 @@ from eppanalysis.models.elements import (
     RelayDeadZone,
     Saturation,
     Sine,
+    Tanh,
 )
 from eppanalysis.models.systems.inputs import Step
 from eppanalysis.models.systems.lure import LureSystem
@@ -267,6 +268,7 @@ FAMILIES: dict[str, Callable[[Rng], LureSystem]] = {
     "friction under PID": _friction,
     "friction on a belt": _belt,
     "cube": _single(lambda r: Cube(_size(r)), 1),
+    "tanh, deep in saturation": _single(lambda r: Tanh(_size(r), float(np.exp(r.uniform(np.log(3.0), np.log(100.0)))))),
     "sine": _single(lambda r: Sine(_size(r)), 2, resonant=True),
     "saturation before play": _cascade(_saturation, _play),
     "relay with hysteresis before play": _cascade(_hysteresis_relay, _play),

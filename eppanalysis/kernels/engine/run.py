@@ -8,6 +8,8 @@ first rise of every guard (`series_step`). See docs/theory/engine.md.
 
 from __future__ import annotations
 
+import numpy as np
+
 from eppanalysis.kernels.compiling import njit
 from eppanalysis.kernels.engine.delays import segment_reach, start_lines
 from eppanalysis.kernels.engine.fast import OFF_GRID, arm, go_far, go_fast, too_large, violated
@@ -113,7 +115,7 @@ def _begin(model, compiled, work, workspace, samples, now):
     now.watched, now.i_breakpoint = now.watch, 0 if now.watch else model.breakpoint_time.size
     now.origin, now.j_grid, now.last_t, now.same_instant, now.quiet, now.untimed = 0.0, 0, 0.0, 0, 0, 0
     now.armed = now.forced = now.entered = now.renewed = now.stepped = now.aside = False
-    now.t_behind, now.i_behind, now.spent = 0.0, 0, 0.0
+    now.t_behind, now.i_behind, now.spent, now.holds = 0.0, 0, 0.0, np.inf
     now.fast_steps = now.series_steps = now.refused_series = now.forced_leaves = now.periods_repeated = 0
     workspace.watch[0] = workspace.watch[2] = 0.0
     _forget(workspace, n)

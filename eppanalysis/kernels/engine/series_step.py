@@ -20,6 +20,8 @@ from eppanalysis.kernels.simd.vectors import polynomial, row_sum_from, size_sum,
 
 #: A step that is so little of its mode's does not move the clock; so many in a row may die out, or grow beyond bounds.
 UNTIMED, MOST_UNTIMED = 1e-14, 2500
+#: A series that has fallen to rounding by this order does so by the last one over twice the step.
+GROWS = 19
 
 
 @njit(**HOT)
@@ -40,6 +42,8 @@ def plan(model, compiled, workspace, now):
         now.t1, now.on_grid = now.t_stop, False
     take_larger(workspace.largest, workspace.x, workspace.largest)
     d = now.t1 - t
+    if d > now.holds:
+        d, now.on_grid = now.holds, False
     # The cubics of the fast step that failed tell how far its event is: a series over less of the step has fewer terms.
     if now.why == EVENT_AHEAD:
         u = predicted(compiled, now.q, workspace.g0, workspace.g1, workspace.tol, h, workspace.end)
@@ -70,7 +74,7 @@ def expand_step(model, compiled, workspace, now):
     now.best, now.last = 0.0 if now.which >= 0 else 2.0, -1
     while now.last < 0 and now.which < 0:
         read_lines(model, workspace, now.t, now.d)
-        # How far the series of smooth channels converges is not known beforehand, so the step is halved until it does.
+        # How far the series of smooth channels converges is known by how far the one before did, or the step is halved.
         now.last = expand(
             model, compiled, now.q, workspace.x, workspace.push, workspace.H, now.d, workspace.largest,
             workspace.small, workspace.X, workspace.Sg, workspace.arg,
@@ -78,12 +82,15 @@ def expand_step(model, compiled, workspace, now):
         )  # fmt: skip
         if now.last < 0:
             now.d, now.on_grid = 0.5 * now.d, False
+            now.holds = now.d
             now.ahead = min(now.ahead, now.d)
             now.refused_series += 1
             now.spent += 1.0
             if not now.d > 0.0:
                 now.code = STALLED
                 return
+    if 0 <= now.last <= GROWS and now.d >= now.holds:
+        now.holds = 2.0 * now.d
     now.untimed = now.untimed + 1 if now.last >= 0 and now.d < UNTIMED * now.h else 0
     if now.untimed > MOST_UNTIMED:
         now.code = STALLED

@@ -118,10 +118,11 @@ PROGRESS = np.dtype(
         ("armed", "?"), ("forced", "?"), ("entered", "?"), ("renewed", "?"), ("stepped", "?"), ("watched", "?"),
         # Whether it is aside, in the period that serves the samples of all periods to come; time and sample behind.
         ("aside", "?"), ("t_behind", "f8"), ("i_behind", "i8"),
-        # The step that is made: its unit and end, how far it may go, its length, how much of it counts, whether it
-        # ends on the grid, why fast steps ended, order of its series, place of the guard that rises, where, its number.
-        ("h", "f8"), ("t1", "f8"), ("t_stop", "f8"), ("d", "f8"), ("ahead", "f8"), ("on_grid", "?"), ("why", "i8"),
-        ("last", "i8"), ("which", "i8"), ("best", "f8"), ("guard", "i8"),
+        # The step that is made: its unit and end, how far it may go, how far a series of smooth channels holds by those
+        # before, its length, how much of it counts, whether it ends on the grid, why fast steps ended, order of its
+        # series, place of the guard that rises, where, its number.
+        ("h", "f8"), ("t1", "f8"), ("t_stop", "f8"), ("holds", "f8"), ("d", "f8"), ("ahead", "f8"), ("on_grid", "?"),
+        ("why", "i8"), ("last", "i8"), ("which", "i8"), ("best", "f8"), ("guard", "i8"),
         # How it ended or that it paused, and what was counted.
         ("code", "i8"), ("paused", "?"), ("spent", "f8"), ("count", "i8"), ("fast_steps", "i8"), ("series_steps", "i8"),
         ("refused_series", "i8"), ("forced_leaves", "i8"), ("periods_repeated", "i8"),

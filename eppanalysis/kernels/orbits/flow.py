@@ -14,7 +14,6 @@ from eppanalysis.kernels.compiling import KERNEL, PART, njit
 from eppanalysis.kernels.engine.curves import (
     CUBE,
     EXPONENTIAL,
-    LOGARITHM,
     RECIPROCAL,
     SINE,
     SQUARE,
@@ -177,21 +176,20 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
     # Series are tried over times in which no power of F grows; longer ones would not converge to rounding.
     while rate * d > 1.0:
         d *= 0.5
-    # Near rest the series of a power without one there is as short as the velocity is small: it grows with it.
-    grows = np.any(channels.smooth_kind == LOGARITHM)
     if tau < 0.0:
         d = -d
-    made, last = 0, False
+    longest, made, last = d, 0, False
     while not last:
         last = abs(done + d) >= abs(tau) * (1.0 - 1e-14)
         h = tau - done if last else d
-        if made >= most or not abs(d) >= (1e-15 if grows else 1e-12) * abs(tau):
+        if made >= most or not abs(d) >= 1e-15 * abs(tau):
             x[:], P[:, :] = np.nan, np.nan
             break
         fill(X[0], x)
         fill_rows(V[0], P)
         made += 1
-        if not _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
+        holds = _series(channels, sense, F, S, H, h, X, V, workspace, change, by)
+        if holds == 0:
             d, last = 0.5 * h, False
             continue
         _add_up(X, V)
@@ -199,7 +197,8 @@ def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by)
         fill_rows(P, V[ORDER])
         X[ORDER], V[ORDER] = 0.0, 0.0
         done += h
-        if grows:
+        # Deep in saturation series are short near the switch alone, those of a power near rest: they grow behind it.
+        if holds == 2 and abs(d) < abs(longest):
             d *= 2.0
     fill(end[:n], x)
     fill(end[n:], H)
@@ -222,7 +221,10 @@ def _add_up(X, V):
 
 @njit(**PART)
 def _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
-    """Series of state and derivative over the step h, all but the last order; False when they do not converge."""
+    """Series of state and derivative over the step h, all but the last order.
+
+    Returns 0 when they do not converge, 2 when they do over twice the step, too, else 1.
+    """
     n, N = F.shape
     n_s = S.shape[1]
     Sg, arg, aux, slope = workspace[0], workspace[1], workspace[2], workspace[3]
@@ -268,13 +270,14 @@ def _series(channels, sense, F, S, H, h, X, V, workspace, change, by):
     tail = largest(X[ORDER - 1 : ORDER]) + largest(X[ORDER - 2 : ORDER - 1])
     tail_v = largest(V[ORDER - 1, :, :N]) + largest(V[ORDER - 2, :, :N])
     if not (tail <= 0.5 * EPS * size and tail_v <= EPS * size_v and _ends(V, N)):
-        return False
+        return 0
     for j in range(n_s):
         kind = channels.smooth_kind[j]
         if TANH <= kind <= EXPONENTIAL:
             if hides(kind, j, ORDER - 2, EPS, channels.smooth_scale[j], Sg, arg, aux):
-                return False
-    return True
+                return 0
+    grown = 2.0**ORDER
+    return 2 if tail * grown <= 0.5 * EPS * size and tail_v * grown <= EPS * size_v else 1
 
 
 @njit(**PART)
