@@ -118,8 +118,14 @@ class AlgebraicLoop(NamedTuple):
     parts: tuple[str, ...]
 
 
+class DrivenTwice(NamedTuple):
+    """Fault: an input of a diagram that another connection drives already, as this one calls it."""
+
+    name: str
+
+
 #: What a refusal is about, for another part of the program; its sentence is for people alone.
-Fault = UnknownName | OpenInput | IdleInput | AlgebraicLoop
+Fault = UnknownName | OpenInput | IdleInput | AlgebraicLoop | DrivenTwice
 
 
 class EppError(Exception):
@@ -157,16 +163,27 @@ class CaseError(EppError):
         What was expected in its place.
     fault : Fault, optional
         What it is about, where another part of the program asks.
+    also : tuple of CaseError
+        What is wrong beside it in the same part.
     """
 
-    def __init__(self, source: str, field: str, value: object, expected: str, fault: Fault | None = None) -> None:
+    def __init__(
+        self,
+        source: str,
+        field: str,
+        value: object,
+        expected: str,
+        fault: Fault | None = None,
+        also: tuple[CaseError, ...] = (),
+    ) -> None:
         self.source, self.field, self.value, self.expected, self.fault = source, field, value, expected, fault
+        self.also = also
         where = f"{source}: {_cut(visible(field))}" if field else source
         super().__init__(f"{where} is {shown(value)}; expected {expected}{'' if expected.endswith('?') else '.'}")
 
     def __reduce__(self) -> tuple[type[CaseError], tuple[Any, ...]]:
         """Made again from its fields, so that another process can send it back."""
-        return type(self), (self.source, self.field, self.value, self.expected, self.fault)
+        return type(self), (self.source, self.field, self.value, self.expected, self.fault, self.also)
 
 
 #: Stands where an error has no single value to show.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, get_origin, get_type_hints
 
 import numpy as np
@@ -17,13 +18,17 @@ from eppanalysis.cases.values.automata import AUTOMATON, read_automaton, read_me
 from eppanalysis.cases.values.parameters import read_scalar
 from eppanalysis.cases.values.quantities import Parameter
 from eppanalysis.cases.values.tables import read_columns
-from eppanalysis.errors import CaseError, ModelError, did_you_mean
+from eppanalysis.errors import CaseError, EppError, ModelError, did_you_mean
+from eppanalysis.models.devices.declared import Declared, Form, declared_fields
+from eppanalysis.models.diagrams import BLOCKS, Block as LinearBlock
 from eppanalysis.models.elements import ELEMENTS, AutomatonElement, Nonlinearity
 from eppanalysis.models.elements.base import Role
 from eppanalysis.models.elements.memory import Slip
 from eppanalysis.models.elements.own import ModeMemory
 
 LARGEST_COUNT = 100_000
+#: What stands in for a missing number when the rest of a part is looked at: of both signs, nothing, large and small.
+_TRIALS = (1.0, -1.0, 0.0, 1e-3, 1e3)
 #: Field of an element that names a CSV file, which holds its columns.
 FILE = "file"
 #: Fields that every element has.
@@ -160,7 +165,6 @@ def _memory(value: Any, field: str, raw: RawCase) -> float | Slip:
 def _read_fields(
     kind: str, name: str, memory: float | Slip | None, table: dict[str, Any], field: str, raw: RawCase
 ) -> Block:
-    known = {k: p.default for k, p in inspect.signature(element_class(kind)).parameters.items()}
     parameters: dict[str, Parameter] = {}
     others: dict[str, Any] = {}
     lists: dict[str, list[Parameter]] = {}
@@ -170,8 +174,8 @@ def _read_fields(
         if key in _OF_ALL:
             continue
         place = f"{field}.{key}"
-        if key not in known:
-            raise raw.refused(place, f"a field of {kind}: {did_you_mean(key, known)}")
+        if key not in types:
+            raise raw.refused(place, f"a field of {kind}: {did_you_mean(key, types)}")
         if types[key] is Held.LIST:
             lists[key] = _list(value, place, raw)
             others[key] = [float(p.value) for p in lists[key]]
@@ -179,9 +183,6 @@ def _read_fields(
             others[key] = value
         else:
             parameters[key] = read_scalar(value, place, raw)
-    for key, default in known.items():
-        if default is inspect.Parameter.empty and key not in table:
-            raise raw.refused(f"{field}.{key}", f"a value: {kind} needs it")
     return Block(name, kind, parameters, others, memory, lists, element_class(kind).units)
 
 
@@ -217,19 +218,99 @@ def make_element(block: Block, field: str, raw: RawCase) -> Nonlinearity:
     Raises
     ------
     CaseError
-        If the element does not take the values.
+        If a value is missing, or the element does not take those that are there.
     """
-    types = field_types(element_class(block.kind))
+    made_of = element_class(block.kind)
+    types = field_types(made_of)
     values: dict[str, Any] = {k: p.value for k, p in block.parameters.items() if k in types}
     for key in (key for key in values if types[key] is Held.COUNT):
         if not (values[key] == round(values[key]) and 0 < values[key] <= LARGEST_COUNT):
             raise raw.refused(f"{field}.{key}", f"a whole number from 1 to {LARGEST_COUNT}")
         values[key] = round(values[key])
+    lacking = needed(made_of, next((len(v) for v in block.lists.values()), 2), {**values, **block.others})
+    if lacking:
+        raise without(made_of, {**values, **block.others}, lacking, field, block.kind, raw)
     try:
         with np.errstate(all="ignore"):  # what overflows is refused as not finite
-            made = element_class(block.kind)(**values, **block.others)
+            made = made_of(**values, **block.others)
     except ModelError as error:
         raise raw.refused_by_model(error, field) from None
     if block.memory is not None and not made.remembers:
         raise raw.refused(f"{field}.memory", f"none, as {block.kind} remembers nothing")
     return made
+
+
+def without(
+    made: Callable[..., object],
+    values: Mapping[str, Any],
+    lacking: Mapping[str, Callable[[float], Any]],
+    field: str,
+    kind: str,
+    raw: RawCase,
+) -> CaseError:
+    """The error that fields of a part are missing, and beside it what the part refuses whatever these were.
+
+    Parameters
+    ----------
+    made : callable
+        Makes the part of its values.
+    values : mapping of str to object
+        Those that are there.
+    lacking : mapping of str to callable
+        What stands in for each that is missing, made of a number.
+    field, kind : str
+        Where the part stands in the file, and what it is.
+    raw : RawCase
+    """
+    first, *others = (raw.refused(f"{field}.{key}", f"a value: {kind} needs it") for key in lacking)
+    found: list[ModelError] = []
+    for number in _TRIALS:
+        try:
+            with np.errstate(all="ignore"):
+                made(**values, **{key: stand_in(number) for key, stand_in in lacking.items()})
+        except ModelError as error:
+            # A refusal of what stands in, or beside it, says nothing of the values that are there.
+            if error.field in values and (error.beside is None or error.beside[0] not in lacking):
+                found.append(error)
+        else:
+            found = []
+            break
+    if len({str(error) for error in found}) == 1:
+        others.append(raw.refused_by_model(found[0], field))
+    return CaseError(first.source, first.field, first.value, first.expected, first.fault, tuple(others))
+
+
+def needed(
+    made: type[Nonlinearity | LinearBlock], length: int = 2, given: Container[str] = ()
+) -> dict[str, Callable[[float], Any]]:
+    """What may stand in for the fields that a part needs and that are not given: made of a number, lists as long."""
+    forms = declared_fields(made) if issubclass(made, LinearBlock) else field_types(made)
+    parameters = inspect.signature(made).parameters.items()
+    lacking = [k for k, p in parameters if p.default is inspect.Parameter.empty and k not in given]
+    return {key: partial(_stand_in, forms[key], length, i + 1) for i, key in enumerate(lacking)}
+
+
+def _stand_in(what: Declared | Held, length: int, nth: int, number: float) -> Any:
+    """What stands in for the nth missing field: other numbers than those before."""
+    match what if isinstance(what, Held) else what.form:
+        case Held.NUMBER | Form.QUANTITY:
+            return nth * number
+        case Held.COUNT:
+            return round(abs(number)) + nth
+        case Held.LIST:
+            return [number * i for i in range(length)]
+        case Form.NUMBERS | Form.ROOTS:
+            return (number,) * (1 + _TRIALS.index(number))  # of several orders, which other fields hang on
+    return "?"  # refused itself, as the shape of a matrix is that of others
+
+
+def example(kind: str) -> tuple[dict[str, Any], Nonlinearity | LinearBlock] | None:
+    """Fields that make a part of a kind, and the part; None where none is known."""
+    made: type[Nonlinearity | LinearBlock] | None = BLOCKS.get(kind) or ELEMENTS.get(kind)
+    if made is None:
+        return None
+    for number in _TRIALS:
+        fields = {key: stand_in(number) for key, stand_in in needed(made).items()}
+        with suppress(EppError):
+            return fields, made(**fields)
+    return None

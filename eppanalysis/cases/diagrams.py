@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,7 +13,9 @@ from eppanalysis.cases.blocks import (
     field_types,
     known_elements,
     make_element,
+    needed,
     read_block,
+    without,
 )
 from eppanalysis.cases.files import Connections, Missing, RawCase
 from eppanalysis.cases.inputs import input_signals_of
@@ -197,9 +198,9 @@ class _Reader:
                 raise CaseError(self.raw.origin(f"{place}.{key}"), f"{place}.{key}", value, expected)
         self.with_units[place] = {}
         values = {key: self._field(name, key, value, fields[key]) for key, value in given.items()}
-        for field in dataclasses.fields(made):
-            if field.default is dataclasses.MISSING and field.name not in values:
-                raise self.raw.refused(f"{place}.{field.name}", f"a value: {kind} needs it")
+        lacking = needed(made, given=values)
+        if lacking:
+            raise without(lambda **given: made(**given).state_space(), values, lacking, place, kind, self.raw)
         try:
             block = made(**values)
             block.state_space()
@@ -286,12 +287,19 @@ class _Reader:
         """Lists of numbers, of any depth."""
         if not isinstance(value, list):
             raise self.raw.refused(field, expected)
-        return tuple(
-            self._numbers(v, f"{field}.{i}", expected)
-            if isinstance(v, list)
-            else float(self._number(v, f"{field}.{i}").value)
-            for i, v in enumerate(value)
-        )
+        found, refused = [], []
+        for i, v in enumerate(value):
+            at = f"{field}.{i}"
+            try:
+                found.append(
+                    self._numbers(v, at, expected) if isinstance(v, list) else float(self._number(v, at).value)
+                )
+            except CaseError as error:
+                refused += [error, *error.also]
+        if refused:
+            refused[0].also = tuple(refused[1:])
+            raise refused[0]
+        return tuple(found)
 
     def _number(self, value: Any, field: str, declared: Declared | None = None) -> Parameter:
         """A quantity or an expression, of the unit and in the range that are declared."""

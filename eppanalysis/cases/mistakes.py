@@ -1,36 +1,52 @@
 """All mistakes of a case file at once: what is wrong is taken out, and what is left is looked at again.
 
 A name that is taken out is missed elsewhere, and what a connection drove is left open: what follows from that is no
-mistake of the file. What stands behind it in the same field or connection is then not seen, and the names are told.
+mistake of the file. In place of a part that cannot be made stands one with its ports, so that all that is connected is
+seen, but for units and algebraic loops through it. Its name is told, and those whose use was not seen.
 """
 
 from __future__ import annotations
 
 import copy
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from eppanalysis.cases.blocks import example
 from eppanalysis.cases.files import Connections, Missing, RawCase, read_raw
 from eppanalysis.cases.model import load
-from eppanalysis.errors import AlgebraicLoop, CaseError, EppError, IdleInput, OpenInput, UnknownName, did_you_mean
-from eppanalysis.models.diagrams.wiring import NAME, NOTHING
+from eppanalysis.cases.values.expressions import is_expression, parse, unknown_name
+from eppanalysis.errors import (
+    AlgebraicLoop,
+    CaseError,
+    DrivenTwice,
+    EppError,
+    IdleInput,
+    OpenInput,
+    UnknownName,
+    did_you_mean,
+)
+from eppanalysis.models.diagrams.wiring import NAME, NOTHING, port_names
 from eppanalysis.readable import listed
+from eppanalysis.units import QuantityError
 
 #: A file with more mistakes than these is something else.
 _MOST = 200
 #: Sections of things with names, and what stands in for what a file cannot be without.
 _NAMED = ("parameters", "blocks", "elements", "inputs", "signals")
+_OF_PARTS = ("blocks", "elements")
 _STAND_INS: Mapping[str, Any] = {"title": "-", "run": {"t_end": "1 s"}, "run.t_end": "1 s"}
 
 
 class Mistakes(NamedTuple):
-    """Mistakes of a file, each in one sentence, and the wrong names, the rest or use of which was not seen."""
+    """Mistakes of a file, each in one sentence, and what was not seen: uses of names, units and loops through parts."""
 
     found: tuple[CaseError, ...]
     not_seen: tuple[str, ...]
+    not_through: tuple[str, ...] = ()
 
 
 def mistakes_in(path: str | Path) -> Mistakes:
@@ -45,30 +61,30 @@ def mistakes_in(path: str | Path) -> Mistakes:
     CaseError
         If it cannot be read as TOML.
     """
-    reading = _Reading(read_raw(Path(path), str(path)))
+    raw = read_raw(Path(path), str(path))
+    reading = _Reading(raw, raw)
     for _ in range(_MOST):
         try:
             load(reading.left)
             break
         except CaseError as error:
-            if not reading.follows(error):
-                reading.found.append(reading.as_written(error))
-            if not reading.take_out(error):
+            if not reading.goes_on(error):
                 break
-    return Mistakes(tuple(reading.found), tuple(reading.missed))
+    return Mistakes(tuple(reading.found), tuple(reading.missed), tuple(reading.stood_in))
 
 
 def sentences_of(text: str, first: EppError) -> list[str]:
     """The mistakes of a case file, a sentence each, of which the first is known; that alone where it is none of it."""
     if not (os.path.isfile(text) and isinstance(first, CaseError) and first.field):
         return [str(first)]
-    found, not_seen = mistakes_in(text)
+    found, not_seen, not_through = mistakes_in(text)
     sentences = [str(error) for error in found]
     if str(first) not in sentences:
         sentences.append(str(first))
-    if not_seen:
-        unseen = f"the rest of {listed(not_seen)}, and what uses it,"
-        sentences.append(f"{text}: {unseen} was not looked at; check again when that is mended.")
+    unseen = [f"what uses {listed(not_seen)}"] if not_seen else []
+    unseen += [f"units and algebraic loops through {listed(not_through)}"] if not_through else []
+    if unseen:
+        sentences.append(f"{text}: {' and '.join(unseen)} could not be looked at; check again when that is mended.")
     return sentences
 
 
@@ -78,65 +94,92 @@ class _Reading:
 
     Attributes
     ----------
-    left : RawCase
-        What has not been taken out.
+    whole, left : RawCase
+        The file, and what has not been taken out of it.
     found : list of CaseError
-    gone : set of str
-        Names, and fields, that have been taken out.
-    missed : dict of str to None
-        Names among them that were used elsewhere, or of parts that were not read to their end.
-    cut : list of int
-        Places of the connections that have been.
+    gone, absent : set of str
+        Names, and fields, that have been taken out; fields that are missing.
+    missed, stood_in : dict of str to None
+        Names among them that were used elsewhere; parts in whose place another one stands.
+    cut : dict of str to list of int
+        Places of the entries of lists that have been.
     fed : set of str
-        Names in these connections.
+        Names in connections that have been.
     """
 
+    whole: RawCase
     left: RawCase
     found: list[CaseError] = field(default_factory=list)
     gone: set[str] = field(default_factory=set)
+    absent: set[str] = field(default_factory=set)
     missed: dict[str, None] = field(default_factory=dict)
-    cut: list[int] = field(default_factory=list)
+    stood_in: dict[str, None] = field(default_factory=dict)
+    cut: dict[str, list[int]] = field(default_factory=dict)
     fed: set[str] = field(default_factory=set)
 
-    def follows(self, error: CaseError) -> bool:
+    def goes_on(self, error: CaseError) -> bool:
+        """Note what is wrong and take it out; whether there was anything to be taken out."""
+        together = (error, *error.also, *self._also_unknown(error))
+        for one in together:
+            said = self._as_written(one)
+            if not self._follows(one) and str(said) not in map(str, self.found):
+                self.found.append(said)
+            if isinstance(one.value, Missing):
+                self.absent.add(one.field)
+        return self._take_out(next((one for one in together if not isinstance(one.value, Missing)), error))
+
+    def _also_unknown(self, error: CaseError) -> list[CaseError]:
+        """Further names in an expression that stand for nothing."""
+        known, text = self.left.data.get("parameters", {}), error.value
+        in_numbers = error.field.startswith(("parameters", "inputs", *_OF_PARTS)) and is_expression(text)
+        if not (isinstance(error.fault, UnknownName) and in_numbers):
+            return []
+        try:
+            others = {*parse(text).names} - {*known, error.fault.name} - self.gone
+        except QuantityError:  # a function that is not known
+            return []
+        said = [unknown_name(name, known) for name in sorted(others)]
+        return [CaseError(error.source, error.field, text, one.expected, one.fault) for one in said]
+
+    def _follows(self, error: CaseError) -> bool:
         """Whether a mistake is there only because of what was taken out."""
         match error.fault:
-            case UnknownName(name) if name in self.gone:
-                self.missed[name] = None
+            case UnknownName(name) if name.partition(".")[0] in self.gone:
+                self.missed[name.partition(".")[0]] = None
                 return True
-            case OpenInput(port) if port.partition(".")[0] in self.fed:
-                return True
-            case IdleInput(name) if name in self.fed:
-                return True
-            case None if error.field == "connect" and isinstance(error.value, Connections) and self.gone:
+            case OpenInput(name) | IdleInput(name):
+                return any(_meant(other, name.partition(".")[0]) for other in self.fed)
+            case None if error.field == "connect" and isinstance(error.value, Connections) and (self.gone or self.fed):
                 # What is left of a drawing need not make a loop.
                 return True
-        if isinstance(error.value, Missing) and _part(error.field) in self.gone:
-            return self._was_meant(error.field)
-        return error.field in self.gone
+        if isinstance(error.value, Missing) and error.field not in self.absent and _part(error.field) in self.gone:
+            part, _, name = error.field.rpartition(".")
+            return any(_meant(at.rpartition(".")[2], name) for at in self.gone if at.rpartition(".")[0] == part)
+        of_gone = error.field == "run.input" and any(at.startswith("inputs.") for at in self.gone)
+        of_gone |= error.field == "expected.signal" and error.value in self.gone
+        return of_gone or error.field in self.gone | self.absent
 
-    def _was_meant(self, missing: str) -> bool:
-        """Whether a missing field, or what was meant to be it, has been taken out; the rest of its part is unseen."""
-        part, _, name = missing.rpartition(".")
-        if part not in self.gone:
-            return True
-        taken = [at.rpartition(".")[2] for at in self.gone if at.rpartition(".")[0] == part]
-        if part.partition(".")[0] in ("blocks", "elements"):
-            self.missed[part.partition(".")[2]] = None
-        return name in taken or any(did_you_mean(other, [name]).startswith("did you mean") for other in taken)
-
-    def as_written(self, error: CaseError) -> CaseError:
-        """The same with the connection's number in the file."""
+    def _as_written(self, error: CaseError) -> CaseError:
+        """The same with the place in the file's list, and what the file has there."""
         section, _, place = error.field.partition(".")
-        if section != "connect" or not place.isdigit():
+        if section == "signals" and isinstance(error.value, str):
+            return CaseError(error.source, error.field, self.whole.typed(error.field), error.expected, error.fault)
+        if section not in ("connect", "margins_at") or not place.isdigit():
             return error
-        number = int(place)
-        # Each connection that was taken out before this one has moved it up.
-        for taken in sorted(self.cut):
-            number += taken <= number
-        return CaseError(error.source, f"{section}.{number}", error.value, error.expected, error.fault)
+        number = self._number(section, int(place))
+        expected, lines = error.expected, self.whole.data[section]
+        for i, text in enumerate(self.left.data[section]):
+            whole = lines[self._number(section, i)] if i + len(self.cut.get(section, [])) < len(lines) else text
+            expected = expected.replace(f"{text!r} does", f"{whole!r} does")
+        return CaseError(error.source, f"{section}.{number}", lines[number], expected, error.fault)
 
-    def take_out(self, error: CaseError) -> bool:
+    def _number(self, section: str, place: int) -> int:
+        """Where an entry of a list stands in the file: each that was taken out before it has moved it up."""
+        for taken in sorted(self.cut.get(section, [])):
+            place += taken <= place
+        return place
+
+    def _take_out(self, error: CaseError) -> bool:
         """Take out what is wrong; whether there was anything to be taken out."""
         data, at = copy.deepcopy(self.left.data), error.field
         self.left = replace(self.left, data=data)
@@ -146,8 +189,10 @@ class _Reading:
                 data["connect"].append(f"{NOTHING} -> {port}")
                 return True
             case AlgebraicLoop(parts):
-                places = (place for place in ("blocks", "elements") if parts[0] in data.get(place, {}))
+                places = (place for place in _OF_PARTS if parts[0] in data.get(place, {}))
                 at = ".".join((*places, parts[0]))
+            case UnknownName(name) | DrivenTwice(name) if self._shortened(data, at, name, error.fault):
+                return True
         if at == "kind" and at not in self.gone:
             self.gone.add(at)
             data["kind"] = "diagram" if "connect" in data else "loop"
@@ -160,13 +205,68 @@ class _Reading:
             return changed
         if isinstance(error.value, Missing):
             path = _part(at).split(".")
-        return self._remove(data, path)
+        return self._replaced(data, path) or self._remove(data, path)
+
+    def _shortened(self, data: dict[str, Any], at: str, name: str, fault: object) -> bool:
+        """Take a name out of a connection or a sum, so that its others are seen; whether anything is left of that."""
+        *path, last = at.split(".")
+        holder: Any = data
+        for key in path:
+            holder = holder[key]
+        own: Any = int(last) if isinstance(holder, list) else last
+        if path[:1] not in (["connect"], ["signals"]) or not isinstance(holder[own], str):
+            return False
+        left, arrow, right = (text.strip() for text in holder[own].partition("->"))
+        one = rf"(?<![\w.]){re.escape(name)}(\.\w+)?(?![\w.])"
+        shorter = left if isinstance(fault, DrivenTwice) else re.sub(rf"[+-]?\s*{one}", "", left, count=1).strip()
+        if shorter == left:
+            right = ", ".join(end.strip() for end in right.split(",") if not re.fullmatch(rf"\s*{one}\s*", end))
+        if arrow and right:
+            self.fed.add(name.partition(".")[0])
+            holder[own] = f"{shorter or NOTHING} -> {right}"
+        elif not arrow and shorter:
+            holder[own] = shorter
+        return bool(right if arrow else shorter)
+
+    def _replaced(self, data: dict[str, Any], path: list[str]) -> bool:
+        """Put another part in place of one that cannot be made: a block with its ports; whether these are known."""
+        *places, name = path
+        if places not in (["blocks"], ["elements"], ["loop", "elements"], ["loop", "blocks"]):
+            return False
+        holder: Any = data
+        for key in places:
+            holder = holder[key]
+        own: Any = int(name) if isinstance(holder, list) else name
+        table, called = holder[own], f"{' '.join(places)} {name}" if isinstance(holder, list) else name
+        kind = str(table.get("kind", table.get("element"))) if isinstance(table, dict) else ""
+        found = None if called in self.stood_in else example(kind)
+        if found is None:
+            return False
+        self.gone |= {f"{'.'.join(path)}.{field}" for field in table}
+        self.stood_in[called] = None
+        fields, part = found
+        if isinstance(holder, list):
+            holder[own] = {"element": kind, **fields}
+            return True
+        before, behind = port_names(part)
+        del holder[own]
+        data.setdefault("blocks", {})[name] = {
+            "kind": "state_space",
+            "A": [[-1.0]],
+            "B": [[1.0] * len(before)],
+            "C": [[1.0]] * len(behind),
+            "input_names": [*before],
+            "output_names": [*behind],
+        }
+        return True
 
     def _remove(self, data: dict[str, Any], path: list[str]) -> bool:
         """Take out the field at a path, or the list of numbers that it stands in."""
-        if path[0] == "connect" and len(path) == 2:
-            self.cut.append(int(self.as_written(CaseError("", ".".join(path), "", "")).field.partition(".")[2]))
-            self.fed |= set(NAME.findall(str(data["connect"].pop(int(path[1])))))
+        if path[0] in ("connect", "margins_at") and len(path) == 2:
+            written = self._as_written(CaseError("", ".".join(path), "", "")).field
+            self.cut.setdefault(path[0], []).append(int(written.partition(".")[2]))
+            taken = data[path[0]].pop(int(path[1]))
+            self.fed |= set(NAME.findall(taken)) if path[0] == "connect" else set()
             return True
         here: Any = data
         for i, key in enumerate(path):
@@ -190,7 +290,13 @@ class _Reading:
 
 def _part(at: str) -> str:
     """The part, or the other table of a section, that a field belongs to."""
-    return ".".join(at.split(".")[:2])
+    path = at.split(".")
+    return ".".join(path[: 3 if path[0] == "loop" and path[2:3] and path[2].isdigit() else 2])
+
+
+def _meant(name: str, known: str) -> bool:
+    """Whether a name is, or is likely to be a mistake for, another one."""
+    return name == known or did_you_mean(name, [known]).startswith("did you mean")
 
 
 def _is_plain(inner: Any) -> bool:

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.errors import ModelError, OpenInput, UnknownName, did_you_mean
+from eppanalysis.errors import DrivenTwice, ModelError, OpenInput, UnknownName, did_you_mean
 from eppanalysis.models.diagrams.blocks import Block
 from eppanalysis.models.elements.base import Nonlinearity
 from eppanalysis.models.systems.own_states import ports as port_counts
@@ -119,9 +119,10 @@ class Ports:
         other = self.inputs if what == "output" else self.outputs
         if port and port in other[part]:
             hint = f"{text} is an {'input' if what == 'output' else 'output'}; {part} has {', '.join(known) or 'none'}"
-            raise ModelError(self.who, text, f"an {what} of {part}: {hint}", field=field)
+            expected = f"an {what} of {part}: {hint}"
+            raise ModelError(self.who, text, expected, field=field, fault=UnknownName(text))
         hint = did_you_mean(text, known) if port and known else f"one of {', '.join(known)}" if known else "it has none"
-        raise ModelError(self.who, text, f"an {what} of {part}: {hint}", field=field)
+        raise ModelError(self.who, text, f"an {what} of {part}: {hint}", field=field, fault=UnknownName(text))
 
 
 def port_names(part: Block | Nonlinearity) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -223,7 +224,7 @@ def driven(ports: Ports, connect: Sequence[str]) -> dict[Port, list[tuple[float,
                 twice = (
                     f"one connection that drives {written(port)}; {where[port]!r} does already: add the two in one sum"
                 )
-                raise ModelError(ports.who, text, twice, field=field)
+                raise ModelError(ports.who, text, twice, field=field, fault=DrivenTwice(name.strip()))
             found[port], where[port] = terms, text
     for port in ports.targets:
         if port not in found:
