@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, ModelError
+from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.steps import bordered, turned, weights
 from eppanalysis.methods.driven.closing import begun, ends_as_it_begins, later, passed, quiet
 from eppanalysis.methods.driven.drive import Drive
 from eppanalysis.methods.driven.result import Turning
-from eppanalysis.methods.orbits.arcs import Arcs
-from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit, evaluate
+from eppanalysis.methods.orbits.orbit import CONVERGED, Orbit
 from eppanalysis.methods.orbits.shooting import restarted
 from eppanalysis.methods.simulation.stability import is_stable, return_map
 from eppanalysis.models.systems.hybrid import HybridSystem
@@ -31,9 +31,8 @@ Array = NDArray[np.float64]
 _MOST_ITERATIONS, _STILL = 10, 1e-9
 #: Change of the value, relative to the range, with which a corrector has gone astray.
 _ASTRAY = 1.1
-#: Step of the derivative by the parameter, a difference at a fixed sequence of events, and in how many steps it is made
-#: anew. Where a branch turns back does not depend on it.
-_DIFFERENCE, _FRESH = 1e-6, 2
+#: In how many steps of a corrector the derivative by the parameter is made anew.
+_FRESH = 2
 #: Shortest step along a branch; how much the direction may turn in one, and below which the next one is longer.
 _LEAST_STEP, _MOST_BEND, _LITTLE_BEND = 1e-5, 0.1, 0.02
 #: Residual up to which a response, begun elsewhere, is the same.
@@ -55,16 +54,39 @@ _CONTINUUM = "ends where periodic responses become a continuum, as an element th
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them."""
+    """What a branch runs over: the drive at each value of the logarithm of its parameter, between two of them.
+
+    Attributes
+    ----------
+    drive : callable
+        From the value to the drive.
+    limits : (float, float)
+    stretch : float
+        Derivative of the logarithm of the input's period by the value.
+    multiple : int
+        Periods of the input after which what is driven repeats itself.
+    """
 
     drive: Callable[[float], Drive]
     limits: tuple[float, float]
+    stretch: float
     multiple: int = 1
 
     @property
     def width(self) -> float:
         """Length of the range."""
         return self.limits[1] - self.limits[0]
+
+    @cached_property
+    def _systems(self) -> Family:
+        return Family(lambda value: self.drive(value).hybrid, self.limits)
+
+    def slope(self, orbit: Orbit, value: float) -> Array:
+        """Derivative of the residual by the value, at fixed unknowns and events."""
+        by = self._systems.slope(orbit, value)
+        # The last equation says that the arcs together take the time after which all repeats itself.
+        by[-1] -= self.stretch * self.multiple * self.drive(value).period
+        return by
 
     def at(self, value: float, like: HybridSystem) -> tuple[HybridSystem, float]:
         """The system, begun as another one, and the time after which what it does repeats itself [s]."""
@@ -136,7 +158,7 @@ def measure(orbit: Orbit, width: float) -> Array:
 def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | None = None) -> Place:
     """A response with the direction of its branch, turned along another direction (N + 1,)."""
     w = measure(orbit, road.width)
-    slope = _slope(road, value, orbit) if slope is None or slope.size != orbit.r.size else slope
+    slope = road.slope(orbit, value) if slope is None or slope.size != orbit.r.size else slope
     m, p = orbit.arcs.free.size, orbit.tau.size
     row, right = np.zeros(m + p + 1), np.zeros(m + p + 1)
     # The equations do not change along the tangent; of all its
@@ -146,13 +168,6 @@ def place(road: Road, value: float, orbit: Orbit, along: Array, slope: Array | N
     tangent = np.zeros(w.size)
     tangent[orbit.arcs.free], tangent[-1] = t[:m], t[-1]
     return Place(value, orbit, tangent / np.sqrt(np.sum(w * tangent * tangent)))
-
-
-def _slope(road: Road, value: float, orbit: Orbit) -> Array:
-    """Derivative of the residual by the value, at fixed unknowns and events."""
-    hybrid, duration = road.at(value + _DIFFERENCE, orbit.hybrid)
-    arcs = replace(Arcs.build(hybrid, orbit.arcs.event_sequence, orbit.arcs), duration=duration)
-    return np.asarray((evaluate(hybrid, arcs, orbit.y, orbit.tau).r - orbit.r) / _DIFFERENCE, float)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an iterate that has gone astray has an infinite residual
@@ -167,10 +182,8 @@ def corrected(road: Road, origin: Place, row: Array, distance: float, u: Array) 
             orbit = passed(*road.at(float(u[-1]), like))
             if orbit is None or not orbit.residual < 1e3:
                 return None
-            # The derivative by the parameter sets the speed of convergence
-            # alone, so that it need not be made anew in each step.
             if i < _FRESH or slope.size != orbit.r.size:
-                slope = _slope(road, float(u[-1]), orbit)
+                slope = road.slope(orbit, float(u[-1]))
         except (EppError, ModelError, OverflowError):
             return None
         free, p = orbit.arcs.free, orbit.tau.size

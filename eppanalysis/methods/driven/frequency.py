@@ -100,7 +100,9 @@ def frequency_response(
     """
     low, high = _range("frequency_response", "frequencies", frequencies)
     drive = _closed_exactly(drive_of(system, input, amplitude, low, operating_point, "frequency_response"))
-    road = Road(lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)))
+    road = Road(
+        lambda value: drive.changed(omega=2.0 * np.pi * float(np.exp(value))), (np.log(low), np.log(high)), -1.0
+    )
     return _Response(Over.FREQUENCY, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
@@ -157,7 +159,7 @@ def amplitude_response(
     """
     low, high = _range("amplitude_response", "amplitudes", amplitudes)
     drive = _closed_exactly(drive_of(system, input, low, frequency, operating_point, "amplitude_response"))
-    road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)))
+    road = Road(lambda value: drive.changed(amplitude=float(np.exp(value))), (np.log(low), np.log(high)), 0.0)
     return _Response(Over.AMPLITUDE, drive, road, _output(drive, output), n_points, max_step).found(system)
 
 
