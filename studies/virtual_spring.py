@@ -6,8 +6,8 @@ the speed has come to zero the mass sticks while the force is no more than f_c. 
 passivity ``2 b/T`` and ``2 f_c/quantum``: Diolaiti, Niemeyer, Barbagli and Salisbury, "Stability of haptic rendering:
 discretization, quantization, time delay, and Coulomb effects", IEEE Trans. Robotics 22(2), 2006, 256-268.
 
-The edge is not a simple one: 0.2 mm (four steps of the encoder) aside, springs of 3454 to 3456 N/m do not come to rest,
-those above do again up to 3550 N/m, and islands of both follow. Engine and closed forms agree on them; the table
+The edge is not a simple one: 0.2 mm (four steps of the encoder) aside, springs of 3453.98 to 3456 N/m do not come to
+rest, those above do again up to 3550 N/m, and islands of both follow. Engine and closed forms agree on them; the table
 shows the first that does not. The wall's limit is another one: with the hand at 0.5 N the mass can only rest where the
 force of one of the encoder's steps is within f_c of the hand's, and from ``(0.5 N + f_c)/(5 quantum)`` on none is.
 

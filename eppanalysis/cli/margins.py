@@ -48,7 +48,7 @@ def margins(
 
     def show() -> None:
         for one in result:
-            typer.echo(f"{one.headline()}; cut at {one.at}.")
+            typer.echo(f"{one.headline()}; cut at {one.at}." if one.exist else str(one))
         print_table(all_margins_table(result))
         typer.echo(f"places of the loop: {', '.join(small_signal(found.to_system()).places.distinct)}")
 

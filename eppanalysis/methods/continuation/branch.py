@@ -269,7 +269,7 @@ class Walk:
         begin = make_point(self.family, value, orbit, None, inward)
         points, why = self.along(begin, self.n_points)
         back: list[Point] = []
-        other = "begins at the given value"
+        other = "begins at the end of the range"
         if not self._at_limit(value):
             forward, self.special = self.special, []
             back, other = self.along(make_point(self.family, value, orbit, None, -inward), self.n_points - len(points))

@@ -47,8 +47,8 @@ def in_words(ends: tuple[str, str]) -> str:
 
     Examples
     --------
-    >>> in_words(("begins at the given value", "leaves the range"))
-    'It begins at the given value and leaves the range.'
+    >>> in_words(("begins at the end of the range", "leaves the range"))
+    'It begins at the end of the range and leaves the range.'
     """
     one, other = ends
     return f"It {one} and {other}." if one.startswith("begins") else f"One end {one}; the other {other}."

@@ -99,7 +99,7 @@ class Margins(Result):
     def __str__(self) -> str:
         """Whether the loop is stable, the numbers in the units that people read, and the cut."""
         if not self.exist:
-            return f"No margins at {self.at}. {self.message}"
+            return f"No margins at {self.at}: {self.message[:1].lower()}{self.message[1:]}"
         parts = [
             f"gain margin {number(self.gain_margin)}{_at(self.phase_crossover)}",
             f"phase margin {math.degrees(self.phase_margin):.4g} deg{_at(self.gain_crossover)}",

@@ -90,11 +90,17 @@ class Cuts:
 
     @property
     def distinct(self) -> tuple[str, ...]:
-        """Names of the places, without those that are another name of one before: "gear.in1" behind "gear.twist"."""
+        """Names of the places as people know them.
+
+        That is without another name of one before ("gear.in1" behind "gear.twist"), and without the ports inside of a
+        part that has one outside ("controller.in1" behind "controller.in").
+        """
         found: dict[bytes, str] = {}
         for i, name in enumerate(self.names):
             parts = (self.B[:, i], self.E[:, i], self.C[i], self.D[i], self.F[i], self.delays[i])
             # Zero added, zeros of either sign have the same bytes.
+            if name[-1:].isdigit() and name.rstrip("0123456789") in self.names:
+                continue
             found.setdefault(b"".join((np.asarray(part) + 0.0).tobytes() for part in parts), name)
         return tuple(found.values())
 
@@ -108,7 +114,7 @@ class Cuts:
         """
         name = self.called(name)
         if name not in self.names:
-            raise unknown_place("The loop", name, self.names)
+            raise unknown_place("The loop", name, self)
         return self.names.index(name)
 
     def in_coordinates(self, T: Array, inverse: Array) -> Cuts:
@@ -230,9 +236,9 @@ def element_cuts(
     )
 
 
-def unknown_place(who: str, name: object, known: Sequence[str]) -> ModelError:
+def unknown_place(who: str, name: object, cuts: Cuts) -> ModelError:
     """What is said of a place that a loop does not have."""
-    said = f"{who} has no place {shown(name)} to be cut at; {suggestion(str(name), known)}"
+    said = f"{who} has no place {shown(name)} to be cut at; {suggestion(str(name), cuts.distinct)}"
     return ModelError(said, field="margins_at")
 
 
@@ -240,4 +246,4 @@ def require_places(name: str, given: Sequence[str], cuts: Cuts) -> None:
     """Refuse names of places that a loop called `name` does not have."""
     for place in given:
         if cuts.called(place) not in cuts.names:
-            raise unknown_place(name, place, cuts.names)
+            raise unknown_place(name, place, cuts)

@@ -218,7 +218,9 @@ def test_through_a_relay_there_are_no_margins_and_that_is_said() -> None:
     found = epp.margins(epp.LureSystem.from_tf(THIRD, epp.Relay()))
     assert np.isnan(found.gain_margin) and found.status is epp.Status.INCOMPLETE
     assert found.rule == ("relay: none (its output jumps, or its slope has no bound).",)
-    assert "leads through relay" in found.message and str(found).startswith("No margins at relay.out. ")
+    assert "leads through relay" in found.message and str(found).startswith(
+        "No margins at relay.out: the loop leads through relay, "
+    )
 
 
 def test_a_relay_aside_of_the_loop_leaves_its_margins() -> None:
