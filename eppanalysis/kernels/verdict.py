@@ -38,7 +38,7 @@ def verdict_of_run(model, ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, x
     return code
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def verdict(ev_t, ev_guard, ev_x, ev_v, count, t_end, low, high, rate_end, compared, late, found):
     """UNDECIDED, SETTLED or CYCLE from the buffer of the last events.
 

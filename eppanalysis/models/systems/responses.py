@@ -58,19 +58,9 @@ class Responses(ABC):
         return self._response(omega, np.eye(n), np.zeros((n, nw)))
 
     def frequency_response_and_slope(self, omega: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """:meth:`frequency_response` and its derivative by `omega`, both of shape (..., nz, nw).
-
-        The derivative of the resolvent is its square: a second solution with the first as its right side.
-        """
-        apart, T = self._for_responses
-        omega, ds, resolvent = apart._resolvent(omega)
-        x = solved(resolvent, apart.B + 0j)
-        dx = solved(resolvent, -ds[..., None, None] * x)
-        if np.any(self.delays):
-            late = np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-            x, dx = x * late, (dx - 1j * self.delays * x) * late
-        C = self.C if T is None else self.C @ T
-        return np.asarray(C @ x + self.D, complex), np.asarray(C @ dx, complex)
+        """:meth:`frequency_response` and its derivative by `omega`, both of shape (..., nz, nw)."""
+        L, dL = self._answers(omega, self.C, 2)
+        return L + self.D, dL
 
     def response_at(self, s: ArrayLike) -> NDArray[np.complex128]:
         """Response from the elements' outputs to their inputs at any complex s [1/s], shape (..., nz, nw)."""
@@ -79,12 +69,22 @@ class Responses(ABC):
         return np.asarray(self.C @ x + self.D, complex)
 
     def _response(self, omega: ArrayLike, C: Array, D: Array) -> NDArray[np.complex128]:
+        return np.asarray(self._answers(omega, C, 1)[0] + D, complex)
+
+    def _answers(self, omega: ArrayLike, C: Array, count: int) -> NDArray[np.complex128]:
+        """Responses to what C takes of the states, and their derivatives by `omega` if two are asked for."""
+        from eppanalysis.kernels.responses import response_and_slope
+
         apart, T = self._for_responses
-        omega, _, resolvent = apart._resolvent(omega)
-        x = solved(resolvent, apart.B + 0j)
+        omega = np.asarray(omega, float)
+        s, ds = self._place(1j * omega)
+        A, B, C = (np.ascontiguousarray(m, float) for m in (apart._rates, apart.B, C if T is None else C @ T))
+        out = np.empty((count, *omega.shape, len(C), B.shape[1]), complex)
+        response_and_slope(A, B, C, s.ravel(), 1j * ds.ravel(), out.reshape(count, -1, *out.shape[-2:]))
         if np.any(self.delays):
-            x = x * np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
-        return np.asarray((C if T is None else C @ T) @ x + D, complex)
+            out *= np.exp(-1j * omega[..., None] * self.delays)[..., None, :]
+            out[1:] -= 1j * self.delays * out[:1]
+        return out
 
     @property
     def _for_responses(self) -> tuple[Responses, Array | None]:
@@ -94,20 +94,22 @@ class Responses(ABC):
         """
         return self.with_integrators_apart if self.time_step else (self, None)
 
-    def _resolvent(self, omega: ArrayLike) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
-        """Frequencies, ``ds/d omega`` (dz/d omega in discrete time) and the matrices ``s - A`` (``z - A``) there."""
-        omega = np.asarray(omega, float)
-        step = self.time_step
-        slope = 1j * step * np.exp(1j * omega * step) if step else np.full(omega.shape, 1j)
-        return omega, np.asarray(slope, complex), self.characteristic_matrix(1j * omega)
-
     def characteristic_matrix(self, s: ArrayLike) -> NDArray[np.complex128]:
-        """``s - A`` at complex frequencies s [1/s], shape (..., n, n); in discrete time ``exp(s T) - A``.
+        """``s - A`` at complex frequencies s [1/s], shape (..., n, n); in discrete time ``exp(s T) - A``."""
+        return np.asarray(self._place(s)[0][..., None, None] * np.eye(len(self.A)) - self._rates, complex)
 
-        There it is a difference of what both are beside one, near which all slow poles are.
-        """
+    def _place(self, s: ArrayLike) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """What stands for the rate (in discrete time a step's change) at complex frequencies s [1/s], and its slope."""
         s = np.asarray(s, complex)
-        unit = np.eye(self.A.shape[0])
-        if self.time_step:
-            return np.asarray(np.expm1(s * self.time_step)[..., None, None] * unit - (self.A - unit), complex)
-        return np.asarray(s[..., None, None] * unit - self.A, complex)
+        if not self.time_step:
+            return s, np.ones(s.shape, complex)
+        step: float = self.time_step
+        return np.asarray(np.expm1(s * step), complex), np.asarray(step * np.exp(s * step), complex)
+
+    @property
+    def _rates(self) -> Array:
+        """A; in discrete time what a step changes, for there ``z - A`` is a difference of what both are beside one.
+
+        All slow poles are near one.
+        """
+        return self.A - np.eye(len(self.A)) if self.time_step else self.A

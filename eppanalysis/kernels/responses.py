@@ -1,0 +1,105 @@
+"""Compiled: responses of a linear part and their slopes, for matrices that are too small for a call to LAPACK each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eppanalysis.kernels.compiling import KERNEL, PART, njit
+
+_COMPILED = {**KERNEL, "error_model": "numpy"}
+_INNER = {**PART, "error_model": "numpy"}
+
+
+@njit(**_INNER)
+def _subtracted(A, s, beside, matrix):
+    """Fill a matrix with ``s + j beside - A``; returns its largest entry."""
+    n, size = len(A), 0.0
+    for r in range(n):
+        for c in range(n):
+            matrix[r, c] = complex(-A[r, c], 0.0)
+        matrix[r, r] += s + complex(0.0, beside)
+        for c in range(n):
+            size = max(size, abs(matrix[r, c].real), abs(matrix[r, c].imag))
+    return size
+
+
+@njit(**_INNER)
+def _factored(matrix, pivots):
+    """Bring a matrix to its triangular factors, with pivots inverted, by rows; False where one is zero."""
+    n = pivots.size
+    for k in range(n):
+        best, most = k, -1.0
+        for r in range(k, n):
+            size = abs(matrix[r, k].real) + abs(matrix[r, k].imag)
+            if size > most:
+                best, most = r, size
+        pivots[k] = best
+        if not most > 0.0:
+            return False
+        if best != k:
+            for c in range(n):
+                matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
+        matrix[k, k] = 1.0 / matrix[k, k]
+        for r in range(k + 1, n):
+            if matrix[r, k] != 0.0:
+                factor = matrix[r, k] * matrix[k, k]
+                matrix[r, k] = factor
+                for c in range(k + 1, n):
+                    matrix[r, c] -= factor * matrix[k, c]
+    return True
+
+
+@njit(**_INNER)
+def _substitute(matrix, pivots, x):
+    """Solve for the columns of x by the factors of a matrix."""
+    n, w = x.shape
+    for k in range(n):
+        if pivots[k] != k:
+            for j in range(w):
+                x[k, j], x[pivots[k], j] = x[pivots[k], j], x[k, j]
+    for k in range(2 * n):
+        r = k if k < n else 2 * n - 1 - k
+        first, end = (0, r) if k < n else (r + 1, n)
+        for c in range(first, end):
+            factor = matrix[r, c]
+            if factor != 0.0:
+                for j in range(w):
+                    x[r, j] -= factor * x[c, j]
+        if k >= n:
+            for j in range(w):
+                x[r, j] *= matrix[r, r]
+
+
+@njit(**_COMPILED)
+def response_and_slope(A, B, C, s, ds, out):
+    """Fill `out` with ``C (s - A)^-1 B``, and then with its derivative by what s has the derivative ds by.
+
+    At a pole to the last bit both are those a rounding beside it.
+
+    Parameters
+    ----------
+    A, B, C : arrays, shapes (n, n), (n, w), (z, n)
+    s, ds : complex array, shape (k,)
+    out : complex array, shape (1 or 2, k, z, w)
+    """
+    n, w = B.shape
+    matrix, pivots, x = np.empty((n, n), np.complex128), np.empty(n, np.int64), np.empty((n, w), np.complex128)
+    for i in range(s.size):
+        beside = 0.0
+        for _ in range(2):
+            size = _subtracted(A, s[i], beside, matrix)
+            if _factored(matrix, pivots):
+                break
+            beside = 2.0**-52 * (size if size > 0.0 else 1.0)
+        for turn in range(len(out)):
+            for r in range(n):
+                for j in range(w):
+                    # The derivative of the resolvent is its square.
+                    x[r, j] = -ds[i] * x[r, j] if turn else complex(B[r, j], 0.0)
+            _substitute(matrix, pivots, x)
+            for r in range(len(C)):
+                for j in range(w):
+                    total = complex(0.0, 0.0)
+                    for c in range(n):
+                        total += C[r, c] * x[c, j]
+                    out[turn, i, r, j] = total
