@@ -33,6 +33,9 @@ _LOOKED_AT, _NEIGHBOURS, _APART = (0.0, 0.5, 1.0), 4, 1.3e-9
 _ORDER, _NOISE = 3, 2.5
 #: The largest share of the nodes at which a number may differ from what it is at all others.
 _STRAYS = 0.25
+#: How often a number that is rounding alone comes back to the same value from others: no smooth one does over a range
+#: so short.
+_RETURNS = 2
 #: Half the lengths of ranges about a place, relative to it.
 _AROUND = (1e-2, 1e-3, 1e-4, 1e-5)
 
@@ -154,18 +157,19 @@ def _without_strays(rows: Array) -> Array:
 
     A sum that cancels is zero at most places, and at some the rounding of its terms, which three looks at it miss. A
     step has two sides, and a kink goes on to an end. The place in question is in the middle or at an end: what differs
-    there stays.
+    there stays, unless the entry comes back to zero, to the last bit, time and again.
     """
     if rows.shape[0] <= DEGREES[0] + 1:
         return rows
-    usual = np.median(rows, axis=0)
+    usual = np.where(np.any(rows == 0.0, axis=0), 0.0, np.median(rows, axis=0))
     stray = rows != usual
     alone = stray.copy()
     alone[[0, rows.shape[0] // 2, -1]] = False
     alone[1:] &= ~stray[:-1]
     alone[:-1] &= ~stray[1:]
     few = stray.sum(axis=0) <= _STRAYS * rows.shape[0]
-    return np.where(few & np.all(alone == stray, axis=0), usual, rows)
+    returns = (stray[:-1] & ~stray[1:]).sum(axis=0) - stray[0]
+    return np.where((few & np.all(alone == stray, axis=0)) | (returns >= _RETURNS), usual, rows)
 
 
 def _noise(

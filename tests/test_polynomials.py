@@ -47,6 +47,17 @@ def test_a_zero_that_is_rounded_at_single_places_is_a_zero(x):
     assert len(set(built)) == 9
 
 
+def test_a_zero_that_comes_back_time_and_again_is_a_zero_at_the_value_and_at_the_ends_too():
+    # Rounding in teeth: the same at near neighbours, so that these tell nothing of it.
+    def teeth(v):
+        return 5.6e-16 * v * (int(1e3 * v) % 3 - 1)
+
+    middle = 2.0003
+    assert teeth(middle) != 0.0 and teeth(middle - 0.02) != 0.0
+    found = polynomial(lambda v: np.array([1.0 / v, teeth(v)]), middle - 0.02, middle + 0.02)
+    np.testing.assert_allclose(found.slope(middle), [-1.0 / middle**2, 0.0], rtol=1e-12, atol=0.0)
+
+
 @pytest.mark.parametrize("size", [1e-15, 1e-6, 1.0])
 @pytest.mark.parametrize(
     "function",
