@@ -1,17 +1,20 @@
-"""What pictures are made of: colours, panels, labels with units, Nyquist curves. Knows no result."""
+"""The house style of pictures: size, letters, colours, panels, legends, labels with units. Knows no result."""
 
 from __future__ import annotations
 
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.text import Annotation
+from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from eppanalysis.errors import EppError, shown
@@ -31,24 +34,33 @@ BLUE, VERMILLION, GREEN, ORANGE, SKY, GREY = (
 )
 #: Grey letters that are still read with ease.
 DARK = "#4D4D4D"
+#: Every picture is so wide [inch]: 12 cm. Print it at 8 cm, and its smallest letters are of 6 points.
+WIDTH = 12.0 / 2.54
+#: Size of the smallest letters [points]; labels of axes and their numbers have matplotlib's own 10.
+SMALL = 9.0
 STABILITY = {True: "stable", False: "unstable", None: "stability unknown"}
 #: More marks than these merge into a bar that says nothing.
 _MOST_MARKS = 300
 _MOST_TIMES = 6
-_PANEL_WIDTH, _PANEL_HEIGHT = 5.2, 1.5  # inches
+#: Height of a panel, and of one of many [inch].
+_PANEL_HEIGHT, _LOW_PANEL, _MANY_PANELS = 1.5, 1.15, 4
+#: Letters of a label that stand on an inch of a panel's height.
+_LABEL_IN_AN_INCH = 12.5
 #: What varies by less than this share of itself is a constant, whose digits are rounding errors.
 _CONSTANT = 1e-6
 #: Half height of the axis around a constant, relative to it.
 _AROUND = 0.05
 #: A curve runs away that exceeds so many times what it stays below over this share of its width.
 _RUNS_AWAY, _KEPT = 5.0, 0.9
-#: Letters of the verdict and of what stands below it: their size [points], and how many stand side by side on an inch.
+#: Size of the verdict's letters [points]; how many of them, and of the small ones, stand side by side on an inch.
 _BOLD, _BOLD_IN_AN_INCH = 10.0, 11.3
-_SMALL, _SMALL_IN_AN_INCH = 8.0, 15.5
+_SMALL_IN_AN_INCH = 15.2
 #: Height of a line of letters, relative to their size.
 _LINE = 1.25
-#: Characters in a line of small print below a panel.
-_NOTE_WIDTH = 84
+#: What the sign and the gaps of an entry of a legend take, in sizes of its letters.
+_SIGN = 4.8
+#: Letters on a screen are up to a tenth wider than their outlines.
+_HINTED = 0.9
 #: Spaces at which a line is not broken: behind a number, and between a letter and a number.
 _WITH_NUMBER = re.compile(r"(?<=\d) (?=[A-Za-z%])|(?<=\b[A-Za-z]) (?=[-\d])")
 #: What a system is called that was given no name.
@@ -63,13 +75,13 @@ def put_verdict(figure: Figure, verdict: str, details: str = "", subject: str = 
     name = "" if subject == _UNNAMED else subject  # a loop that nobody named has no name to show
     bold = lines_of(verdict, _BOLD_IN_AN_INCH * figure.get_figwidth())
     small = lines_of(": ".join(filter(None, (name, details))), _SMALL_IN_AN_INCH * figure.get_figwidth())
-    heights = _LINE * _BOLD, _LINE * _SMALL
+    heights = _LINE * _BOLD, _LINE * SMALL
     room = math.ceil(len(small) * heights[1] / heights[0])  # empty lines of the title, in which the small ones stand
     figure.set_figheight(figure.get_figheight() + (len(bold) + room) * heights[0] / 72.0)
     above: dict[str, Any] = {"x": 0.012, "ha": "left", "fontsize": _BOLD, "fontweight": "bold", "linespacing": _LINE}
     title = figure.suptitle("\n".join(bold) + "\n" * room, **above)
     if small:
-        below: dict[str, Any] = {"fontsize": _SMALL, "color": DARK, "va": "bottom", "linespacing": _LINE}
+        below: dict[str, Any] = {"fontsize": SMALL, "color": DARK, "va": "bottom", "linespacing": _LINE}
         figure.add_artist(Annotation("\n".join(small), (0.0, 0.0), xycoords=title, **below))
     engine = figure.get_layout_engine()
     if engine is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
@@ -82,9 +94,10 @@ def lines_of(text: str, letters: float) -> list[str]:
     A dollar would begin a formula.
     """
     text = _WITH_NUMBER.sub("\N{NO-BREAK SPACE}", text.replace("$", r"\$"))
-    lines = textwrap.wrap(text, int(letters))
+    wrap = partial(textwrap.wrap, text, break_long_words=False)
+    lines = wrap(int(letters))
     least = math.ceil(len(text) / max(len(lines), 1))
-    ways = (textwrap.wrap(text, width) for width in range(max(least, 1), int(letters)))
+    ways = (wrap(width) for width in range(max(least, 1), int(letters)))
     return next((way for way in ways if len(way) == len(lines)), lines)
 
 
@@ -136,6 +149,7 @@ def draw_nyquist(ax: Axes, response: ComplexArray, locus: ComplexArray, meets: S
     )
     _arrows(ax, response, box, BLUE)
     _arrows(ax, locus, box, VERMILLION)
+    ax.locator_params(axis="x", nbins=_MOST_TIMES)
     ax.set_xlim(box[0], box[1])
     ax.set_ylim(box[2], box[3])
     ax.set_xlabel("real part")
@@ -183,25 +197,25 @@ def chosen(available: Mapping[str, Any], signals: Sequence[str] | None) -> list[
     return names
 
 
+def figure_of_height(height: float) -> Figure:
+    """An empty figure of the house's width, and so high [inch]."""
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
 def panels_of(n: int, height: float = _PANEL_HEIGHT) -> tuple[Figure, list[Axes]]:
-    """A figure with `n` panels below each other, in two columns where there are many."""
-    columns = 1 if n <= 4 else 2
-    rows = max(1, -(-n // columns))
-    figure = Figure(figsize=(_PANEL_WIDTH * columns, 0.9 + height * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
-    panels = [grid[i % rows, i // rows] for i in range(rows * columns)]
-    for ax in panels[n:]:
-        ax.set_axis_off()
+    """A figure with `n` panels below each other; many are lower."""
+    figure = figure_of_height(0.9 + n * (min(height, _LOW_PANEL) if n > _MANY_PANELS else height))
+    panels = list(figure.subplots(n, 1, squeeze=False)[:, 0])
     for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
-    return figure, panels[:n]
+    return figure, panels
 
 
-def place_of(ax: Axes | None, size: tuple[float, float]) -> tuple[Figure, Axes]:
-    """The given axes with their figure, or axes of their own on a figure of this size [inch]."""
+def place_of(ax: Axes | None, height: float) -> tuple[Figure, Axes]:
+    """The given axes with their figure, or axes of their own on a figure of this height [inch]."""
     if ax is not None:
         return root_figure(ax), ax
-    figure = Figure(figsize=size, layout="constrained")
+    figure = figure_of_height(height)
     return figure, figure.add_subplot()
 
 
@@ -211,24 +225,20 @@ def places_of(ax: Axes | None, n: int, height: float = _PANEL_HEIGHT) -> tuple[F
 
 
 def label_time(panels: Sequence[Axes], text: str) -> None:
-    """The lowest panel of each column carries the label of the time axis, and all share its range."""
+    """The lowest of the panels carries the label of the time axis, and all share its range."""
     for ax in panels:
         ax.locator_params(axis="x", nbins=_MOST_TIMES)  # so many of 0.0005 s stand side by side
-    if len(panels) == 1:
-        panels[0].margins(x=0.0)
-        panels[0].set_xlabel(text)
-        return
-    placed = [(ax, spec) for ax in panels if (spec := ax.get_subplotspec()) is not None]
-    last_row = max(spec.rowspan.stop for _, spec in placed)
-    columns: dict[int, Axes] = {}
-    for ax, spec in placed:
-        columns[spec.colspan.start] = ax
         ax.margins(x=0.0)
-        ax.tick_params(labelbottom=spec.rowspan.stop == last_row)
-    for ax in columns.values():
-        ax.tick_params(labelbottom=True)
-        ax.set_xlabel(text)
+        ax.tick_params(labelbottom=ax is panels[-1])
+    panels[-1].set_xlabel(text)
     root_figure(panels[0]).align_ylabels(panels)
+
+
+def label_up(ax: Axes, text: str) -> None:
+    """The label of the upright axis, in as many lines as the height of its panel asks for."""
+    height = ax.get_position().height * root_figure(ax).get_figheight()
+    letters = _LABEL_IN_AN_INCH * max(height, _LOW_PANEL)
+    ax.set_ylabel(text if len(text) < letters else "\n".join(lines_of(text, letters)))
 
 
 def label_of(
@@ -245,11 +255,56 @@ def each_once(ax: Axes) -> dict[str, Any]:
     return dict(zip(texts, handles, strict=True))
 
 
-def legend_below(figure: Figure, ax: Axes) -> None:
-    """What the marks and shades of all panels mean, once."""
-    marks = each_once(ax)
+def put_legend(ax: Axes, handles: Sequence[Artist] = (), **place: Any) -> None:
+    """What marks mean, in as many columns as there is room for, above the axes, where they cover nothing.
+
+    In a figure that nothing lays out what stands above axes is cut off; there it stands where it covers least.
+    """
+    marks = {str(handle.get_label()): handle for handle in handles} or each_once(ax)
+    if not marks:
+        return
+    laid_out = root_figure(ax).get_layout_engine() is not None
+    equal = ax.get_aspect() != "auto"  # such axes do not fill their place, whose width the legend may take
+    above: dict[str, Any] = {"frameon": False, "borderaxespad": 0.2, "loc": "lower center" if equal else "lower left"}
+    above["bbox_to_anchor"] = (0.5 if equal else 0.0, 1.0)
+    inside: dict[str, Any] = {"framealpha": 0.9, "loc": "best"}
+    room = (ax.get_position().width if laid_out else 0.9) * root_figure(ax).get_figwidth()
+    texts, columns = in_columns(marks, room)
+    ax.legend(marks.values(), texts, ncols=columns, fontsize=SMALL, **((above if laid_out else inside) | place))
+
+
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """What the marks and shades of panels mean, once, below all of them."""
+    marks: dict[str, Any] = {}
+    for ax in panels:
+        marks |= each_once(ax)
     if marks:
-        figure.legend(marks.values(), marks, fontsize=8, loc="outside lower center", ncols=3, frameon=False)
+        texts, columns = in_columns(marks, 0.96 * figure.get_figwidth())
+        place: dict[str, Any] = {"loc": "outside lower center", "frameon": False}
+        figure.legend(marks.values(), texts, ncols=columns, fontsize=SMALL, **place)
+
+
+def in_columns(texts: Iterable[str], width: float) -> tuple[list[str], int]:
+    r"""Texts of a legend, long ones in lines, and the columns, four at most, in which it fits into a width [inch].
+
+    Examples
+    --------
+    >>> in_columns(["stable", "unstable"], 4.0), in_columns(["no size tried starts a cycle"], 2.0)
+    ((['stable', 'unstable'], 2), (['no size tried\nstarts a cycle'], 1))
+    """
+    room = _HINTED * 72.0 * width / SMALL
+    most = room - _SIGN
+    lines = [text if _length(text) < most else "\n".join(lines_of(text, 1.6 * most)) for text in texts]
+    sizes = [max(_length(line) for line in text.split("\n")) + _SIGN for text in lines]
+    for columns in range(min(4, len(sizes)), 1, -1):
+        if sum(map(max, np.array_split(sizes, columns))) <= room:  # as matplotlib shares entries out
+            return lines, columns
+    return lines, 1
+
+
+def _length(text: str) -> float:
+    """How long a text is, in sizes of its letters."""
+    return float(TextPath((0.0, 0.0), text, size=1.0).get_extents().width) if text.strip() else 0.0
 
 
 def figure_of(picture: Axes | Figure) -> Figure:
@@ -267,6 +322,7 @@ def root_figure(ax: Axes) -> Figure:
 
 def note_below(ax: Axes, text: str) -> None:
     """Small print below a panel: what its picture does not show."""
-    lines = textwrap.fill(text.strip(), _NOTE_WIDTH)
+    width = ax.get_position().width * root_figure(ax).get_figwidth()
     place: dict[str, Any] = {"xytext": (0.0, -34.0), "textcoords": "offset points", "va": "top"}
-    ax.annotate(lines, (0.0, 0.0), xycoords="axes fraction", fontsize=6, color=GREY, **place)
+    lines = "\n".join(lines_of(text.strip(), _SMALL_IN_AN_INCH * width))
+    ax.annotate(lines, (0.0, 0.0), xycoords="axes fraction", fontsize=SMALL, color=DARK, **place)

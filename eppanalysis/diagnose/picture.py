@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eppanalysis.diagnose.record import waveform
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, legend_below, places_of
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, label_of, label_time, label_up, legend_below, places_of
 
 if TYPE_CHECKING:
     from eppanalysis.diagnose.result import Diagnosis, Explanation
@@ -43,7 +43,7 @@ def plot_diagnosis(found: Diagnosis, ax: Axes | None = None) -> Figure:
         for explanation, (colour, style) in zip(_drawn(found), _COLOURS, strict=False):
             y = factor * waveform(oscillation, explanation.harmonics[i], phase * oscillation.period)
             panel.plot(phase, y, style, color=colour, linewidth=1.5, label=explanation.called)
-        panel.set_ylabel(label)
+        label_up(panel, label)
     label_time(panels, "periods of the record")
     legend_below(figure, panels[0])
     return figure

@@ -15,7 +15,22 @@ from eppanalysis.errors import EppError
 from eppanalysis.guides.manual import limit_grid
 from eppanalysis.guides.result import GAIN, Guide, GuideRow, Region, Side, in_words
 from eppanalysis.methods.bounds.result import Known
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, each_once, root_figure
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    SMALL,
+    VERMILLION,
+    WIDTH,
+    figure_of_height,
+    label_up,
+    legend_below,
+    lines_of,
+    put_legend,
+    root_figure,
+)
 from eppanalysis.readable import with_unit
 
 #: Regions of a design from its safe side on, told apart by their hatching as well as by colour.
@@ -25,6 +40,8 @@ _REGIONS = (
     (Region.UNKNOWN, GREY, ".."),
     (Region.RUNS, VERMILLION, "xx"),
 )
+#: Letters of titles side by side.
+_LETTERS = 12.0 * WIDTH
 #: Distance between values at which runs were tried, relative to them, that is no region of its own.
 _GRID = 0.02
 #: How a limit is known: the colour of its cell in the grid, and the mark of its point.
@@ -57,26 +74,27 @@ def plot_guide(guide: Guide, given: Axes | None = None) -> Figure:
         raise EppError(f"{guide.case.name}: no bound was found, so there is nothing to draw.")
     if given is not None:
         _draw_regions(given, guide, next(iter(groups.values())))
-        given.legend(fontsize=7)
+        put_legend(given)
         return root_figure(given)
-    columns = min(len(groups), 3)
+    columns = min(len(groups), 2)
     count = -(-len(groups) // columns)
     # The first row is the grid; a single variant needs none.
-    above = 0.6 + 0.4 * len(guide.rows) / len(groups) if len(groups) > 1 else 0.0
-    figure = Figure(figsize=(max(6.4, 1.6 + 3.2 * columns), 1.4 + 2.9 * count + above), layout="constrained")
-    heights = [above] * (above > 0) + [2.9] * count
+    above = 1.4 + 0.35 * len(guide.rows) / len(groups) if len(groups) > 1 else 0.0
+    heights = [above] * (above > 0) + [2.6] * count
+    figure = figure_of_height(1.4 + sum(heights))
     places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
     first: Axes | None = None
-    named: dict[str, Any] = {}
+    panels = []
     for k, (variant, rows) in enumerate(groups.items()):
         ax = figure.add_subplot(places[k // columns + (above > 0), k % columns], sharex=first, sharey=first)
         first = first or ax
         _draw_regions(ax, guide, rows)
-        ax.set_title(guide.variant_in_words(variant), fontsize=8)
-        named |= each_once(ax)
+        title = lines_of(guide.variant_in_words(variant), _LETTERS / columns)
+        ax.set_title("\n".join(title), fontsize=SMALL)
+        panels.append(ax)
     if above:
         _draw_grid(figure.add_subplot(places[0, :]), guide)
-    figure.legend(named.values(), named, fontsize=8, loc="outside lower center", ncols=2, frameon=False)
+    legend_below(figure, *panels)
     return figure
 
 
@@ -88,22 +106,24 @@ def _draw_grid(ax: Axes, guide: Guide) -> None:
         for j, cell in enumerate(row):
             colour = GREY if cell is None else _KNOWN[cell.cell.known][0]
             ax.add_patch(Rectangle((j - 0.48, i - 0.46), 0.96, 0.92, facecolor=colour, alpha=0.35, linewidth=0))
-            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=9, fontweight="bold")
+            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=SMALL, fontweight="bold")
     ax.set_xlim(-0.5, len(cells[0]) - 0.5)
     ax.set_ylim(len(cells) - 0.5, -0.5)
-    ax.set_xticks(range(len(heads)), heads, fontsize=8)
+    heads = ["\n".join(lines_of(head, _LETTERS / len(heads))) for head in heads]
+    ax.set_xticks(range(len(heads)), heads, fontsize=SMALL)
     ax.xaxis.tick_top()
     over = guide.over
     values = [next(c for c in row if c is not None).values[over] for row in cells]
-    ax.set_yticks(range(len(cells)), [guide.case.text(over, v, 4) for v in values], fontsize=8)
-    ax.set_ylabel(in_words(over), fontsize=8)
+    ax.set_yticks(range(len(cells)), [guide.case.text(over, v, 4) for v in values], fontsize=SMALL)
+    label_up(ax, in_words(over))
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
     side = "at most" if guide.side is Side.BELOW else "at least"
-    ax.set_xlabel(f"{with_unit(in_words(guide.limit), unit)}, {side}, in steps of {step}", fontsize=8)
+    ax.set_xlabel(f"{with_unit(in_words(guide.limit), unit)}, {side}, in steps of {step}", fontsize=SMALL)
     known = [k for k in Known if any(row.cell.known is k for row in guide.rows)]
     handles = [Patch(facecolor=_KNOWN[k][0], alpha=0.35, label=str(k)) for k in known]
-    ax.legend(handles=handles, fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    # The variants are named above the grid.
+    put_legend(ax, handles, loc="upper left", bbox_to_anchor=(0.0, -0.25))
 
 
 def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
@@ -132,8 +152,8 @@ def _draw_regions(ax: Axes, guide: Guide, rows: Sequence[GuideRow]) -> None:
         ax.axhline(own, color=GREY, linestyle="--", linewidth=1.0, label=whose)
     ax.set_ylim(*ends)
     remark = " (small: high gain)" if guide.over == GAIN else ""
-    ax.set_xlabel(f"{with_unit(in_words(guide.over), x_unit)}{remark}", fontsize=8)
-    ax.set_ylabel(with_unit(in_words(guide.limit), unit), fontsize=8)
+    ax.set_xlabel(f"{with_unit(in_words(guide.over), x_unit)}{remark}", fontsize=SMALL)
+    label_up(ax, with_unit(in_words(guide.limit), unit))
     ax.spines[["top", "right"]].set_visible(False)
 
 

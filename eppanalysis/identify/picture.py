@@ -9,8 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import BLUE, GREY, ORANGE, VERMILLION, place_of, root_figure
-from eppanalysis.readable import readable, with_unit
+from eppanalysis.plotting import (
+    BLUE,
+    GREY,
+    ORANGE,
+    SMALL,
+    VERMILLION,
+    figure_of_height,
+    label_up,
+    place_of,
+    put_legend,
+    root_figure,
+)
+from eppanalysis.readable import readable, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.identify import Identification
@@ -23,7 +34,7 @@ _WIDEST = 60.0
 
 
 def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
-    """Data with the fit over their abscissa, residuals below, intervals relative to their values on the right.
+    """Data with the fit over their abscissa, residuals below, and below all the intervals relative to their values.
 
     Parameters
     ----------
@@ -35,23 +46,29 @@ def plot_bench(fit: BenchFit, ax: Axes | None = None) -> Figure:
         _draw_intervals(ax, fit.estimates)
         return root_figure(ax)
     panels: Mapping[str, Any] = fit.curves["panels"]
-    figure = Figure(figsize=(9.2, 1.2 + 2.9 * len(panels)), layout="constrained")
-    grid = figure.add_gridspec(2 * len(panels), 2, width_ratios=[1.7, 1.0], height_ratios=[3.0, 1.1] * len(panels))
+    heights = [1.9, 0.9] * len(panels) + [_height_of(fit.estimates)]
+    figure = figure_of_height(0.6 + sum(heights))
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     for i, (role, panel) in enumerate(panels.items()):
-        top = figure.add_subplot(grid[2 * i, 0])
-        below = figure.add_subplot(grid[2 * i + 1, 0], sharex=top)
+        top = figure.add_subplot(grid[2 * i])
+        below = figure.add_subplot(grid[2 * i + 1], sharex=top)
         _draw_panel(top, below, role, panel, str(fit.curves["x"]), bool(fit.curves.get("line")))
         if i == 0:
-            top.legend(fontsize=7, loc="best")
-    _draw_intervals(figure.add_subplot(grid[:, 1]), fit.estimates)
+            put_legend(top)
+    _draw_intervals(figure.add_subplot(grid[-1]), fit.estimates)
     return figure
 
 
 def plot_intervals(found: Identification, ax: Axes | None = None) -> Figure:
     """The intervals of all parameters, relative to their values."""
-    figure, ax = place_of(ax, (5.6, 1.0 + 0.5 * len(found.estimates)))
+    figure, ax = place_of(ax, _height_of(found.estimates))
     _draw_intervals(ax, found.estimates)
     return figure
+
+
+def _height_of(estimates: tuple[Estimate, ...]) -> float:
+    """Height of a panel of intervals [inch]: two lines of letters and a bar each."""
+    return 0.8 + 0.55 * len(estimates)
 
 
 def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abscissa: str, line: bool) -> None:
@@ -67,8 +84,8 @@ def _draw_panel(top: Axes, below: Axes, role: str, panel: Mapping[str, Any], abs
     top.plot(x, factor * np.asarray(panel["fit"]), color=VERMILLION, markersize=4, label="fit", **marks)
     below.axhline(0.0, color=GREY, linewidth=0.6)
     below.plot(x, factor * np.asarray(panel["residual"]), ".", **style)
-    top.set_ylabel(with_unit(role, unit))
-    below.set_ylabel(with_unit("residual", unit), fontsize=8)
+    label_up(top, with_unit(role, unit))
+    label_up(below, with_unit("residual", unit))
     below.set_xlabel(with_unit(abscissa, x_unit))
     top.tick_params(labelbottom=False)
     for ax in (top, below):
@@ -86,8 +103,10 @@ def _draw_intervals(ax: Axes, estimates: tuple[Estimate, ...]) -> None:
         ax.plot([0.0], [i], "o" if estimate.identified else "s", color=colour, markersize=5)
         identified = "" if estimate.identified else ", not identified by these data"
         interval = f"{estimate.text(estimate.low)} to {estimate.text(estimate.high)}{identified}"
-        text = f"{estimate.name} = {estimate.text(estimate.value)}\n{interval}"
-        ax.annotate(text, (0.02, i), (0, 6), xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7)
+        text = f"{words(estimate.name)} = {estimate.text(estimate.value)}\n{interval}"
+        ax.annotate(
+            text, (0.02, i), (0, 6), xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=SMALL
+        )
     ax.axvline(0.0, color=GREY, linewidth=0.6)
     ax.set_ylim(len(estimates) - 0.5, -0.8)
     ax.set_yticks([])

@@ -16,16 +16,19 @@ from eppanalysis.plotting import (
     GREEN,
     GREY,
     SKY,
+    SMALL,
     STABILITY,
     chosen,
     draw_nyquist,
     label_of,
     label_time,
+    label_up,
     legend_below,
     mark_events,
     note_below,
     place_of,
     places_of,
+    put_legend,
     show_constant,
 )
 from eppanalysis.readable import number, readable, with_unit, words
@@ -35,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 #: Signals that are drawn of a run where none are named; more are too small to be read.
-_MOST_PANELS = 12
+_MOST_PANELS = 8
 #: Samples in a period below which its peaks are missed, so that a steady motion would seem to beat.
 _FEWEST_IN_PERIOD = 60
 #: Periods side by side whose peaks are seen as a line, and that can be told apart.
@@ -71,7 +74,7 @@ def plot_trajectory(trajectory: Trajectory, signals: Sequence[str] | None = None
         label, factor = label_of(name, trajectory.units)
         draw_run(ax, trajectory, name, factor, 1.0)
         show_constant(ax, factor * trajectory.signals[name])
-        ax.set_ylabel(label)
+        label_up(ax, label)
         mark_events(ax, times)
         if np.isfinite(trajectory.settled_since) and trajectory.t.size:
             steady: dict[str, Any] = {"color": SKY, "alpha": 0.18, "linewidth": 0}
@@ -143,7 +146,7 @@ def plot_limit_cycle(cycle: LimitCycle, signals: Sequence[str] | None = None, gi
         ax.plot(time, values, color=BLUE, linewidth=1.2)
         ax.axhline(factor * cycle.mean[name], color=GREY, linewidth=0.8, linestyle="--", label="mean")
         show_constant(ax, values)
-        ax.set_ylabel(label)
+        label_up(ax, label)
         mark_events(ax, switches)
     label_time(panels, "time within the period [s]")
     if given is None:
@@ -166,7 +169,7 @@ def plot_nyquist(prediction: Prediction, ax: Axes | None = None) -> Figure:
     ax : matplotlib.axes.Axes, optional
         Where to draw; a figure of its own by default.
     """
-    figure, ax = place_of(ax, (5.6, 5.0))
+    figure, ax = place_of(ax, 4.4)
     if prediction.curves.get("kind") == "nyquist":
         _draw_nyquist(ax, prediction)
     else:
@@ -238,13 +241,12 @@ def _mark_cycles(ax: Axes, points: Sequence[complex], cycles: Sequence[LimitCycl
             (point.real, point.imag),
             beside,
             textcoords="offset points",
-            fontsize=9,
+            fontsize=SMALL,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
             zorder=6,
         )
     if len(points) or ax.get_legend_handles_labels()[0]:
-        # Above, where it covers no curve.
-        ax.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2)
+        put_legend(ax)
 
 
 def one_period(cycle: LimitCycle) -> tuple[Array, Mapping[str, Array]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +12,11 @@ from eppanalysis.sweep.analyses import PREFIX, Analysis
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 
 #: Of the variables of each analysis, the surest first.
 PREFIXES = tuple(PREFIX[analysis] for analysis in (Analysis.SIMULATE, Analysis.CYCLES, Analysis.PREDICT))
-
-#: Letters of a legend in an inch, times their size; letters that the sign and the gap of an entry take the room of.
-_LETTERS, _SIGN = 105.0, 10
 
 
 def is_sized(cells: xarray.Dataset) -> bool:
@@ -33,17 +28,6 @@ def outcomes_in(cells: xarray.Dataset) -> list[str]:
     """What says how a cell ends: that of the run first; beside a cycle that is allowed where there is one."""
     kind = "allowed" if is_sized(cells) else "outcome"
     return [f"{prefix}{kind}" for prefix in PREFIXES if f"{prefix}{kind}" in cells]
-
-
-def legend_columns(handles: Sequence[Artist], width: float, fontsize: float) -> int:
-    """Columns of a legend, four at most, that a figure of a width has room for; it is filled column by column."""
-    labels = [len(str(handle.get_label())) for handle in handles]
-    for columns in range(min(4, len(labels)), 1, -1):
-        rows = -(-len(labels) // columns)
-        longest = [max(labels[k : k + rows]) for k in range(0, len(labels), rows)]
-        if sum(longest) + _SIGN * len(longest) <= _LETTERS * width / fontsize:
-            return columns
-    return 1
 
 
 def put_verdict_of(figure: Figure, cells: xarray.Dataset, details: str = "") -> None:
@@ -82,4 +66,4 @@ def place_in(dataset: xarray.Dataset, name: str, i: int) -> str:
     """A value of an axis with its unit."""
     if name not in dataset.coords:
         return str(i)
-    return f"{float(dataset[name].values[i]) * factor_of(dataset, name):.4g} {unit_of(dataset, name)}".strip()
+    return f"{float(dataset[name].values[i]) * factor_of(dataset, name):.4g} {in_print(unit_of(dataset, name))}".strip()

@@ -12,15 +12,17 @@ from matplotlib.lines import Line2D
 
 from eppanalysis.arguments import check_counts
 from eppanalysis.errors import EppError
-from eppanalysis.plotting import BLUE, GREY, SKY, VERMILLION
+from eppanalysis.plotting import BLUE, GREY, SKY, SMALL, VERMILLION, WIDTH, lines_of, place_of, put_legend
 from eppanalysis.readable import readable, with_unit, words
 from eppanalysis.sweep.analyses import Allowance, Outcome
-from eppanalysis.sweep.labels import is_sized, legend_columns, meanings, outcomes_in, put_verdict_of, readable_axis
+from eppanalysis.sweep.labels import is_sized, meanings, outcomes_in, put_verdict_of, readable_axis
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+#: Letters of all labels side by side, and those of one below which labels stand upright.
+_LETTERS, _FEWEST = 12.5 * WIDTH, 8
 Line = tuple[str, Literal["-", "--", "-.", ":"]]
 #: The outcomes as thin lines: as in the map, but dark enough to be seen.
 _LINES: dict[bool, tuple[Line, ...]] = {
@@ -69,8 +71,7 @@ def plot_parallel(
     low, high = np.array([_span(column) for column in columns.T]).T
     with np.errstate(invalid="ignore"):
         shares = np.where(high > low, (columns - low) / np.where(high > low, high - low, 1.0), 0.5)
-    figure = Figure(figsize=(1.2 + 1.35 * columns.shape[1], 4.2), layout="constrained")
-    ax = figure.add_subplot()
+    figure, ax = place_of(None, 3.8)
     means, worst = meanings(dataset[outcome]), Allowance.EXCEEDS if is_sized(dataset) else Outcome.OSCILLATES
     handles = []
     for code in sorted(np.unique(cells).tolist(), key=lambda c: c == worst):
@@ -82,12 +83,9 @@ def plot_parallel(
         text = f"{means[code]} ({len(rows)})"
         handles.append(Line2D([], [], color=colour, linewidth=1.8, linestyle=dashes, label=text))
     _parallel_axes(ax, low, high, labels)
-    side_by_side = legend_columns(handles, figure.get_figwidth(), 9)
-    place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": side_by_side}
-    ax.legend(handles=handles, fontsize=9, **place, frameon=False)
-    put_verdict_of(figure, dataset)
-    if dataset[outcome].size > cells.size:
-        ax.set_title(f"{cells.size} of {dataset[outcome].size} cells", fontsize=8, loc="right")
+    put_legend(ax, handles)
+    some = dataset[outcome].size > cells.size
+    put_verdict_of(figure, dataset, f"drawn are {cells.size} of {dataset[outcome].size} designs" * some)
     return figure
 
 
@@ -103,11 +101,11 @@ def _flat(
         (dim,) = dataset[name].dims
         values, label = readable_axis(dataset, name)
         columns.append(values[place[dim]])
-        labels.append(label.replace(" [", "\n["))
+        labels.append(label)
     for name in variables:
         unit, factor = readable(str(dataset[name].attrs.get("units", "")))
         columns.append(factor * dataset[name].values.ravel()[chosen])
-        labels.append(with_unit(words(name), unit).replace(" [", "\n["))
+        labels.append(with_unit(words(name), unit))
     return dataset[outcome].values.ravel()[chosen], np.column_stack(columns).astype(float), labels
 
 
@@ -123,9 +121,11 @@ def _parallel_axes(ax: Axes, low: np.ndarray, high: np.ndarray, labels: Sequence
         ax.plot([i, i], [0.0, 1.0], color=GREY, linewidth=0.8, zorder=3)
         for share, value, side, shift in ((0.0, a, "top", -3), (1.0, b, "bottom", 3)):
             text = f"{value:.4g}" if np.isfinite(value) else "none"
-            place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": side, "fontsize": 8}
+            place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": side, "fontsize": SMALL}
             ax.annotate(text, (i, share), (0, shift), **place)
     ax.set(xlim=(-0.3, len(labels) - 0.7), ylim=(-0.09, 1.09), yticks=[])
-    ax.set_xticks(range(len(labels)), labels, fontsize=8)
+    letters = _LETTERS / len(labels)
+    broken = ["\n".join(lines_of(label, letters)) for label in labels] if letters > _FEWEST else labels
+    ax.set_xticks(range(len(labels)), broken, fontsize=SMALL, rotation=0 if letters > _FEWEST else 90)
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
     ax.tick_params(axis="x", length=0)

@@ -19,9 +19,12 @@ from eppanalysis.plotting import (
     GREY,
     ORANGE,
     SKY,
+    SMALL,
     VERMILLION,
+    figure_of_height,
     label_of,
     place_of,
+    put_legend,
     show_constant,
 )
 from eppanalysis.readable import readable, with_unit, words
@@ -29,7 +32,6 @@ from eppanalysis.sweep.analyses import Allowance, Outcome
 from eppanalysis.sweep.labels import (
     factor_of,
     is_sized,
-    legend_columns,
     meanings,
     outcomes_in,
     place_in,
@@ -123,8 +125,8 @@ def plot_design_map(
     others = {d: int((at or {}).get(d, 0)) for d in map(str, dataset[names[0]].dims) if d not in (x, y)}
     plane = dataset.isel(others).transpose(y, x)
     if ax is None:
-        figure: Any = Figure(figsize=(6.2, 4.4), layout="constrained")
-        ax = figure.add_subplot()
+        figure: Any
+        figure, ax = place_of(None, 4.0)
         put_verdict_of(figure, plane)
     else:
         figure = ax.figure
@@ -135,13 +137,10 @@ def plot_design_map(
     for name in names[1:]:
         handles += _boundary(ax, across, up, plane[name], *_BORDERS[name])
     handles += _curves(ax, plane, x, y, curves)
-    ax.set(xlabel=x_label, ylabel=y_label)
+    places = ", ".join(f"{words(d)} = {place_in(dataset, d, i)}" for d, i in others.items())
+    ax.set(xlabel=x_label + f"\nat {places}" * bool(places), ylabel=y_label)
     _reach(ax, across, up)
-    columns = legend_columns(handles, figure.get_figwidth(), 7)
-    ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False)
-    places = ", ".join(f"{d} = {place_in(dataset, d, i)}" for d, i in others.items())
-    if places:
-        ax.set_title(places, fontsize=8, loc="right", pad=22)
+    put_legend(ax, handles)
     return figure
 
 
@@ -203,7 +202,7 @@ def _contours(ax: Axes, x: np.ndarray, y: np.ndarray, amplitude: xarray.DataArra
         return []
     style: dict[str, Any] = {"linewidth": 0.6, "color": "#444444"}
     lines = ax.contour(x, y, values, levels=_MOST_CONTOURS, colors=style["color"], linewidths=style["linewidth"])
-    ax.clabel(lines, fontsize=6, fmt=lambda v: f"{v:.3g} {unit}")
+    ax.clabel(lines, fontsize=SMALL, fmt=lambda v: f"{v:.3g} {unit}")
     name = words(str(amplitude.attrs.get("long_name", "amplitude")).partition(" (")[0])
     return [Line2D([], [], **style, label=with_unit(name, unit))]
 
@@ -280,7 +279,7 @@ def plot_slices(
             raise EppError(f"The sweep has no {name}; expected one of {', '.join(map(str, dataset.data_vars))}.")
     others = {d: int((at or {}).get(d, 0)) for d in dims if d not in (x, by)}
     plane = dataset.isel(others)
-    figure = Figure(figsize=(6.4, 0.8 + 2.4 * len(shown)), layout="constrained")
+    figure = figure_of_height(0.8 + 2.0 * len(shown))
     panels = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     across, label = readable_axis(plane, x)
     for ax, names, variable in zip(panels, shown, variables, strict=True):
@@ -292,7 +291,7 @@ def plot_slices(
             ax.axhline(most, **_MOST, zorder=1)
     panels[-1].set_xlabel(label)
     _slice_legend(panels[0], plane, by, [n for names in shown for n in names])
-    places = ", ".join(f"{d.replace('_', ' ')} = {place_in(dataset, d, i)}" for d, i in others.items())
+    places = ", ".join(f"{words(d)} = {place_in(dataset, d, i)}" for d, i in others.items())
     put_verdict_of(figure, plane, places)
     return figure
 
@@ -347,13 +346,12 @@ def _slice_legend(ax: Axes, plane: xarray.Dataset, by: str | None, names: Sequen
         handles += [Line2D([], [], linestyle=_DASHES[m], marker=_MARKERS[m], label=m, **style) for m in methods]
     if is_sized(plane):
         handles.append(Line2D([], [], **_MOST, label="allowed"))
-    if handles:
-        ax.legend(handles=handles, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+    put_legend(ax, handles)
 
 
 def plot_boundary(boundary: Boundary, ax: Axes | None = None) -> Figure:
     """A boundary in the plane of its two parameters."""
-    figure, ax = place_of(ax, (5.2, 3.6))
+    figure, ax = place_of(ax, 3.4)
     (x_label, x), (y_label, y) = (label_of(name, boundary.units, boundary.readable) for name in boundary.axes)
     few: dict[str, Any] = {"marker": "."} if len(boundary.points) < _FEW else {}
     ax.plot(x * boundary.points[:, 0], y * boundary.points[:, 1], color=BLUE, linewidth=1.4, **few)

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import eppanalysis as epp
 from eppanalysis.cases import shipped_cases_folder
@@ -29,6 +30,7 @@ from eppanalysis.methods.dither.runs import DitherRun, Start
 from eppanalysis.methods.search.basin import Basin
 from eppanalysis.methods.search.trigger import Trigger
 from eppanalysis.methods.simulation.batch import BatchResult
+from eppanalysis.plotting import SMALL, WIDTH
 from eppanalysis.readable import number, readable
 from eppanalysis.results import Result, Status
 from eppanalysis.results.provenance import Provenance
@@ -214,6 +216,18 @@ def test_picture_comes_back_as_axes_given_or_its_own(result):
     assert given.lines or given.patches or given.collections
     own = result.plot()
     assert isinstance(own, Axes) and own is own.figure.axes[0] and own is not given
+
+
+def test_every_picture_is_read_at_8_cm_and_nothing_of_it_is_cut_off_or_covered(result):
+    figure = result.plot().figure
+    figure.draw_without_rendering()
+    assert figure.get_figwidth() == WIDTH and SMALL * 8.0 / 2.54 >= 6.0 * WIDTH
+    assert all(text.get_fontsize() >= SMALL for text in figure.findobj(Text) if text.get_text() and text.get_visible())
+    drawn, whole = figure.get_tightbbox(), figure.bbox_inches
+    assert drawn.x0 >= -0.02 and drawn.x1 <= whole.x1 + 0.02 and drawn.y0 >= -0.02 and drawn.y1 <= whole.y1 + 0.02
+    legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
+    boxes = [legend.get_window_extent().padded(-2.0) for legend in legends]
+    assert not any(box.overlaps(ax.bbox) for box in boxes for ax in figure.axes)
 
 
 def test_a_notebook_shows_axes_as_their_whole_figure():

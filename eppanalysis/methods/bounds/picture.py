@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, note_below, place_of
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, SMALL, VERMILLION, note_below, place_of, put_legend
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     x = x_factor * bounds.array("value")
     # A single value has no width: what is drawn of it is a strip around it.
     over = x if x.size > 1 else x * np.array([0.98, 1.02])
-    figure, ax = place_of(ax, (6.4, 4.4))
+    figure, ax = place_of(ax, 4.2)
     curves = (("first_order", "first order", ORANGE, ":", 1.6), ("harmonic", "harmonic balance", SKY, "--", 1.6))
     for name, text, colour, style, width in curves:
         if not np.any(np.isfinite(bounds.array(name))) and (bounds.allowed is not None or bounds.not_covered):
@@ -80,7 +80,7 @@ def plot_bounds(bounds: DesignBounds, ax: Axes | None = None) -> Figure:
     ax.set_xlabel(with_unit(words(bounds.over), x_unit))
     ax.set_ylabel(with_unit(words(bounds.limit), y_unit))
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=7, framealpha=0.9)
+    put_legend(ax)
     return figure
 
 
@@ -150,16 +150,14 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
     first, *_ = elasticities.values()
     names = [n for n, v in first.items() if np.isfinite(v) and abs(v) > _SMALLEST_BAR]
     names = sorted(names, key=lambda n: abs(first[n]))[-_MOST_BARS:]
-    figure, ax = place_of(ax, (6.4, 0.9 + 0.32 * len(names)))
+    figure, ax = place_of(ax, 1.1 + 0.3 * len(names))
     height = 0.8 / len(elasticities)
     for (method, values), colour, i in zip(elasticities.items(), (BLUE, SKY, ORANGE), range(3), strict=False):
         places = np.arange(len(names)) + (0.5 * (len(elasticities) - 1) - i) * height
         ax.barh(places, [values.get(n, 0.0) for n in names], height, color=colour, label=method)
-    ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=8)
+    ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=SMALL)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]")
-    ax.set_title(where, fontsize=9, loc="left")
+    ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]\nat {where}")
     ax.spines[["top", "right"]].set_visible(False)
-    # Above the bars, which reach to both sides.
-    ax.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
+    put_legend(ax)
     return figure

@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from eppanalysis.errors import EppError
 from eppanalysis.methods.certificates.play.picture import plot_level
 from eppanalysis.methods.certificates.registry import Asked
-from eppanalysis.plotting import BLUE, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, VERMILLION, place_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ def plot_certificate(certificate: Certificate, ax: Axes | None = None) -> Figure
     """What a certificate shows, by its statement."""
     if not certificate.document:
         raise EppError(f"There is no picture of a certificate that is none. {certificate.message}")
-    figure, ax = place_of(ax, (5.6, 4.4))
+    figure, ax = place_of(ax, 4.0)
     if certificate.statement is Asked.ROOTS:
         _plot_cover(certificate, ax)
     elif "sectors" in certificate.document["claim"]:
@@ -71,8 +71,7 @@ def _plot_cover(certificate: Certificate, ax: Axes) -> None:
     ax.autoscale_view()
     ax.set_xlabel("amplitude at the element's input")
     ax.set_ylabel("angular frequency [rad/s]")
-    # Below, where it covers no box.
-    ax.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)
+    put_legend(ax)
 
 
 def _plot_cells(certificate: Certificate, ax: Axes) -> None:
@@ -93,7 +92,7 @@ def _plot_cells(certificate: Certificate, ax: Axes) -> None:
     ax.set_xlabel("speed at the switch, of the greatest")
     ax.set_ylabel("acceleration, of the greatest")
     if claim["cycles"]:
-        ax.legend(fontsize=7, loc="upper right", framealpha=0.9)
+        put_legend(ax)
 
 
 def _plot_popov(certificate: Certificate, ax: Axes) -> None:
@@ -117,4 +116,4 @@ def _plot_popov(certificate: Certificate, ax: Axes) -> None:
     ax.plot([edge], [0.0], "k+", markersize=10)
     ax.set_xlabel("Re G(jω)")
     ax.set_ylabel("ω Im G(jω) [1/s]")
-    ax.legend(fontsize=7, loc="best", framealpha=0.9)
+    put_legend(ax)

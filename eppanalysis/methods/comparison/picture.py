@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from eppanalysis.methods.comparison.ladder import Ladder
@@ -20,9 +18,11 @@ from eppanalysis.plotting import (
     SKY,
     STABILITY,
     VERMILLION,
-    each_once,
+    figure_of_height,
     label_of,
     label_time,
+    label_up,
+    put_legend,
     root_figure,
 )
 from eppanalysis.readable import number
@@ -32,6 +32,8 @@ from eppanalysis.results.picture import draw_run, one_period, plot_nyquist
 Array = NDArray[np.float64]
 
 
+#: Heights of a panel of the run, of the steady motion, and of the prediction [inch].
+_RUN, _CLOSE, _PREDICTION = 1.0, 1.4, 3.0
 #: More exact cycles than these beside that of the run cannot be told apart.
 _MOST_OTHERS = 3
 #: Stable cycles side by side, told apart in grey, too.
@@ -60,50 +62,45 @@ def plot_ladder(ladder: Ladder, given: Axes | None = None) -> Figure:
     if given is not None:
         draw(given, ladder, ladder.signal)
         given.set_xlabel("time [s]")
-        given.legend(fontsize=7)
+        put_legend(given)
         given.spines[["top", "right"]].set_visible(False)
         return root_figure(given)
     others = [name for name in ladder.run.signals if name != ladder.signal]
     second = "sensor_force" if "sensor_force" in others else others[0] if others else None
     names = [ladder.signal] if second is None else [ladder.signal, second]
     n = len(names)
-    figure = Figure(figsize=(7.6, 4.2 + 2.0 * n), layout=ConstrainedLayoutEngine(wspace=0.08))
-    grid = figure.add_gridspec(2 * n, 2, height_ratios=[1.0] * n + [2.6 / n] * n)
-    runs = [figure.add_subplot(grid[i, :]) for i in range(n)]
-    left, right = _columns(ladder)
-    close = [] if left is None else [figure.add_subplot(grid[n + i, left]) for i in range(n)]
+    motion, predicted = _parts(ladder)
+    heights = [_RUN] * n + [_CLOSE] * n * motion + [_PREDICTION] * predicted
+    figure = figure_of_height(0.6 + sum(heights))
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    panels = [figure.add_subplot(grid[i]) for i in range(len(heights))]
+    runs, close = panels[:n], panels[n : n + n * motion]
     for name, ax in zip(names, runs, strict=True):
         label, factor = label_of(name, ladder.run.units)
         draw_run(ax, ladder.run, name, factor, 0.7)
-        ax.set_ylabel(label)
+        label_up(ax, label)
     for name, ax in zip(names, close, strict=False):
         draw(ax, ladder, name)
-    for panels in filter(None, (runs, close)):
-        label_time(panels, "time [s]")
-    for ax in close:
-        ax.xaxis.set_major_locator(MaxNLocator(5))
-    for ax in (*runs, *close):
+    for group in filter(None, (runs, close)):
+        label_time(group, "time [s]")
+    for ax in panels:
         ax.spines[["top", "right"]].set_visible(False)
     for ax in close[:1]:
-        handles = each_once(ax)
-        above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
-        ax.legend(handles.values(), handles, fontsize=7, ncols=2, frameon=False, **above)
-    if right is not None:
-        _draw_prediction(figure.add_subplot(grid[n:, right]), ladder.prediction)
+        put_legend(ax)
+    if predicted:
+        _draw_prediction(panels[-1], ladder.prediction)
     return figure
 
 
-def _columns(ladder: Ladder) -> tuple[int | slice | None, int | slice | None]:
-    """Columns of the steady motion and of the prediction below the run; none for what has nothing to show."""
+def _parts(ladder: Ladder) -> tuple[bool, bool]:
+    """Whether the steady motion and the prediction stand below the run: what has nothing to show does not."""
     run, prediction = ladder.run, ladder.prediction
     curves = prediction is None or prediction.curves.get("kind") == "nyquist" or prediction.curves.get("branches")
     cycles = (ladder.search, prediction)
     more = (
         run.limit_cycle is not None or bool(run.settled_at) or prediction is None or any(len(c or ()) for c in cycles)
     )
-    if more and curves:
-        return 0, 1
-    return (slice(None), None) if more else (None, slice(None))
+    return more, bool(curves) or not more
 
 
 def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
@@ -129,7 +126,7 @@ def _draw_steady(ax: Axes, ladder: Ladder, name: str) -> None:
     if ladder.oscillations > 2:
         half = 2.0 * cycle.period / ladder.oscillations
         ax.set_xlim(cycle.period - half, cycle.period + half)
-    ax.set_ylabel(label)
+    label_up(ax, label)
 
 
 def _others(ladder: Ladder) -> list[LimitCycle]:
@@ -162,7 +159,7 @@ def _draw_cycles(ax: Axes, ladder: Ladder, name: str) -> None:
         style = _CYCLES[i % len(_CYCLES)] if cycle.stable else {"color": GREY, "linestyle": "--"}
         text = f"{cycle.method}, {STABILITY[cycle.stable]}, {number(cycle.frequency)} Hz"
         ax.plot(time, y, linewidth=1.2, label=text + ", first order misses it" * (i in ladder.missed), **style)
-    ax.set_ylabel(label)
+    label_up(ax, label)
 
 
 def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
@@ -186,7 +183,7 @@ def _draw_begin(ax: Axes, ladder: Ladder, name: str) -> None:
             style = {"edgecolor": VERMILLION, "linestyle": "--", "linewidth": 0.8}
         text = f"exact, {STABILITY[cycle.stable]}" + ", first order misses it" * (i in ladder.missed)
         ax.axhspan(*bands[-1], facecolor="none", **style, label=text)
-    ax.set_ylabel(label)
+    label_up(ax, label)
     if run.settled_at and np.ptp(y) > 0:
         edges = [abs(edge - float(y[-1])) for band in bands for edge in band]
         reach = 1.5 * max(0.02 * float(np.ptp(y)), *edges, 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,12 @@ from eppanalysis.plotting import (
     STABILITY,
     VERMILLION,
     chosen,
-    each_once,
     height_of,
     label_of,
     note_below,
     place_of,
     places_of,
+    put_legend,
     show_constant,
 )
 from eppanalysis.readable import with_unit, words
@@ -84,16 +83,13 @@ def plot_branch(
             ax.axvline(x_factor * at, color=GREY, linestyle=":")
         ax.set_ylabel("frequency [Hz]" if key == "frequency" else label + "\npeak to peak")
         ax.set_xlabel(with_unit(words(branch.parameter), x_unit))
-    handles = each_once(panels[0])
-    texts = [textwrap.fill(text, 36) for text in handles]
-    above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.45, 1.0), "ncols": 2, "frameon": False}
-    panels[0].legend(handles.values(), texts, fontsize=8, **(above if given is None else {}))
+    put_legend(panels[0])
     return figure
 
 
 def plot_folds(curve: FoldCurve, ax: Axes | None = None) -> Figure:
     """The folds in the plane of the two parameters."""
-    figure, ax = place_of(ax, (5.2, 3.6))
+    figure, ax = place_of(ax, 3.4)
     (y_label, up), (x_label, across) = (label_of(name, curve.units, curve.readable) for name in curve.parameters)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)

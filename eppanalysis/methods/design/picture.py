@@ -8,7 +8,7 @@ import numpy as np
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.design.goal import Sense
-from eppanalysis.plotting import BLUE, GREEN, ORANGE, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, GREEN, ORANGE, SMALL, VERMILLION, place_of, put_legend
 from eppanalysis.readable import with_unit, words
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def plot_design(design: Design, ax: Axes | None = None) -> Figure:
     ax.plot(at[0], safe, "o", color=GREEN, label=f"design, {100 * design.margin:g} % inside")
     if np.isfinite(best.first_order):
         ax.plot(at[0], y * best.first_order, "x", color=ORANGE, label="first order there")
-    ax.legend(fontsize=7, framealpha=0.9)
+    put_legend(ax)
     return figure
 
 
@@ -78,13 +78,13 @@ def _front(design: Design, ax: Axes | None) -> Figure:
             ax.plot(places[mask], best[mask], "D", color=VERMILLION, markerfacecolor=face, label=text)
     for place, value, (_, o) in zip(places, best, rows, strict=True):
         told = (f"{words(n)} {design.text(n, o.at[n])}" for n in design.tune if n != design.objective)
-        ax.annotate("\n".join(told), (place, value), fontsize=7, xytext=(4, 4), textcoords="offset points")
-    ax.legend(fontsize=7, framealpha=0.9)
+        ax.annotate("\n".join(told), (place, value), fontsize=SMALL, xytext=(4, 4), textcoords="offset points")
+    put_legend(ax)
     return figure
 
 
 def _axes(design: Design, ax: Axes | None, x_label: str, y_label: str) -> tuple[Figure, Axes]:
-    figure, ax = place_of(ax, (6.4, 4.4))
+    figure, ax = place_of(ax, 4.2)
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
     ax.spines[["top", "right"]].set_visible(False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eppanalysis.methods.dither.runs import Start
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, VERMILLION, places_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,7 @@ def plot_dither(found: Dither, ax: Axes | None = None) -> Figure:
     upper.set_xlabel("amplitude of the dither")
     upper.set_ylabel("slow motion\n[% of the cycle]")
     upper.set_ylim(bottom=0.0)
-    upper.legend(fontsize=8, framealpha=0.9)
+    put_legend(upper)
     for lower in below:
         _characteristic(found, lower)
     return figure
@@ -69,7 +69,7 @@ def _characteristic(found: Dither, ax: Axes) -> None:
     ax.set_xlabel(f"slow input of {found.element}")
     ax.set_ylabel("mean output")
     ax.grid(True, color="0.9", linewidth=0.6)
-    ax.legend(fontsize=8, framealpha=0.9)
+    put_legend(ax)
 
 
 def _along(element: Nonlinearity, x: Array) -> Array:

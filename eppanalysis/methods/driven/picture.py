@@ -19,11 +19,12 @@ from eppanalysis.plotting import (
     STABILITY,
     VERMILLION,
     chosen,
-    each_once,
     label_of,
     label_time,
+    label_up,
     legend_below,
     places_of,
+    put_legend,
 )
 from eppanalysis.readable import count, readable, with_unit, words
 
@@ -67,8 +68,7 @@ def plot_frequency_response(response: FrequencyResponse, ax: Axes | None = None)
         panel.set_xlabel(with_unit(f"{response.over} of {words(response.input)}", unit))
         panel.margins(x=0.02)
     upper.set_ylim(bottom=0.0)
-    handles = each_once(upper)
-    upper.legend(handles.values(), handles, fontsize=8, framealpha=0.9)
+    put_legend(upper)
     return figure
 
 
@@ -138,7 +138,7 @@ def plot_forced_response(response: ForcedResponse, signals: list[str] | None = N
                 style = dict(zip(("color", "linestyle"), _STABLE[(number - 1) % len(_STABLE)], strict=True))
             text = f"{number}: {STABILITY[one.stable]}, of {count(one.multiple, 'period')}"
             panel.plot(turns, factor * one.cycle.waveform[name], linewidth=1.3, label=text, **style)
-            panel.set_ylabel(label)
+            label_up(panel, label)
     label_time(panels, "periods of the input")
     legend_below(figure, panels[0])
     return figure

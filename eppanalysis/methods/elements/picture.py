@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eppanalysis.plotting import BLUE, VERMILLION, places_of
+from eppanalysis.plotting import BLUE, VERMILLION, places_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,4 +35,4 @@ def _draw(ax: Axes, amplitudes: NDArray[np.float64], curves: Mapping[str, NDArra
         ax.set_xscale("log")
     ax.set_xlabel("amplitude A of the input")
     ax.set_ylabel(label)
-    ax.legend(fontsize=7, loc="best")
+    put_legend(ax)

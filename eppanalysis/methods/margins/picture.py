@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eppanalysis.methods.margins.olop_result import BOUNDARY
-from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, GREEN, VERMILLION, place_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ _REACH = 2.5
 
 def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     """L(j omega) about -1, the unit circle, and where the margins are taken."""
-    figure, ax = place_of(ax, (5.6, 4.4))
+    figure, ax = place_of(ax, 4.2)
     shown = np.abs(margins.response) < _REACH
     L = np.where(shown, margins.response, np.nan)
     ax.plot(L.real, L.imag, color=BLUE, linewidth=1.6, label="L(jω)")
@@ -47,13 +47,13 @@ def plot_margins(margins: Margins, ax: Axes | None = None) -> Figure:
     ax.set_aspect("equal")
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
-    ax.legend(fontsize=7, loc="best", framealpha=0.9)
+    put_legend(ax)
     return figure
 
 
 def plot_onset_point(point: OnsetPoint, ax: Axes | None = None) -> Figure:
     """Nichols chart: the open loop, Duda's boundary, and the onset point."""
-    figure, ax = place_of(ax, (5.6, 4.4))
+    figure, ax = place_of(ax, 4.2)
     phase, decibels = np.array(BOUNDARY).T
     L = point.response[np.abs(point.response) > 0]
     turned = np.rad2deg(np.unwrap(np.angle(L)))
@@ -73,5 +73,5 @@ def plot_onset_point(point: OnsetPoint, ax: Axes | None = None) -> Figure:
     ax.set_xticks(np.arange(-270.0, 1.0, 45.0))
     ax.set_xlabel("phase of the open loop [deg]")
     ax.set_ylabel("magnitude [dB]")
-    ax.legend(fontsize=7, loc="lower left", framealpha=0.9)
+    put_legend(ax)
     return figure

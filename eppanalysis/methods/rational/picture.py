@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.plotting import BLUE, GREY, VERMILLION, places_of
+from eppanalysis.plotting import BLUE, GREY, VERMILLION, places_of, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,5 +34,5 @@ def plot_rational(model: RationalModel, ax: Axes | None = None) -> Figure:
         panel.set_xscale("log")
     (size, *others)[-1].set_xlabel("frequency [rad/s]")
     size.set_ylabel("magnitude [dB]")
-    size.legend(fontsize=7)
+    put_legend(size)
     return figure

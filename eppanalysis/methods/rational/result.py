@@ -72,7 +72,7 @@ class RationalModel(Result):
         """Order and misfit."""
         what = f"Rational model with {len(self.poles)} poles, {self.integrators} of them at zero"
         late = f", and a dead time of {self.delay:.4g} s" if self.delay else ""
-        fits = f"off the data by {self.misfit:.2g} of their magnitude at most, {self.typical_misfit:.2g} typically"
+        fits = f"off the data by {100.0 * self.misfit:.2g} % at most, {100.0 * self.typical_misfit:.2g} % typically"
         ends = "" if self.status.ok else ": it does not meet them (unstable poles or a dead time in them?)"
         return f"{what}{late}; {fits}{ends}."
 

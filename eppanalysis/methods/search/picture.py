@@ -16,9 +16,12 @@ from eppanalysis.plotting import (
     GREY,
     ORANGE,
     SKY,
+    SMALL,
     VERMILLION,
     note_below,
+    panels_of,
     place_of,
+    put_legend,
     root_figure,
 )
 from eppanalysis.readable import number, readable, with_unit, words
@@ -35,8 +38,8 @@ Array = NDArray[np.float64]
 
 _STABLE, _UNSTABLE = (BLUE, GREEN, SKY), (VERMILLION, ORANGE, GREY)
 #: Words in the middle of an empty panel, and the letters on a line of them.
-_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": 8}
-_WIDTH = 90
+_MIDDLE: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": SMALL}
+_WIDTH = 60
 #: More than these cannot be told apart in one picture.
 _MOST = 12
 
@@ -78,13 +81,13 @@ def plot_cycles(search: CycleSearch, signal: str | None = None, given: Axes | No
         time, wave = _turned(cycle, name)
         panels[0].plot(time / cycle.period, factor * wave, label=text, **style)
         for right in panels[1:]:
-            right.plot(factor * wave, factor * np.gradient(wave, time), **style)
+            right.plot(factor * wave[1:-1], factor * np.gradient(wave, time)[1:-1], **style)
     panels[0].set_xlabel("time over period")
     panels[0].set_ylabel(with_unit(words(name), unit))
     for right in panels[1:]:
         right.set_xlabel(with_unit(words(name), unit))
         right.set_ylabel(with_unit(f"rate of {words(name)}", f"{unit or '1'}/s"))
-    panels[0].legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    put_legend(panels[0])
     if len(search) > _MOST:
         note_below(panels[0], f"Drawn are the {_MOST} smallest of {len(search)}.")
     return figure
@@ -110,8 +113,7 @@ def _places(search: CycleSearch, given: Axes | None) -> tuple[Figure, list[Axes]
     if given is not None:
         return root_figure(given), [given]
     some = bool(search.cycles or search.unclosed)
-    figure = Figure(figsize=(8.4, 3.8) if some else (6.4, 2.4), layout="constrained")
-    return figure, list(figure.subplots(1, 2 if some else 1, squeeze=False)[0])
+    return panels_of(2, 2.5) if some else panels_of(1)
 
 
 def _wrapped(text: str) -> str:
@@ -120,7 +122,7 @@ def _wrapped(text: str) -> str:
 
 def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     """Sizes of the disturbance on a line: how far none of those tried starts a cycle, and the one that just does."""
-    figure, ax = place_of(ax, (5.2, 2.6 if trigger.not_covered else 1.8))
+    figure, ax = place_of(ax, 2.6 if trigger.not_covered else 1.8)
     unit, factor = readable(trigger.unit)
     none = np.isnan(trigger.size)
     edge, end = factor * (trigger.tried if none else trigger.size), factor * trigger.tried
@@ -135,13 +137,13 @@ def plot_trigger(trigger: Trigger, ax: Axes | None = None) -> Figure:
     if trigger.not_covered:
         note_below(ax, trigger.not_covered)
     ax.spines[["top", "right", "left"]].set_visible(False)
-    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    put_legend(ax)
     return figure
 
 
 def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
     """The starts in the plane of the first two states (over their number where there is one), by where they end."""
-    figure, ax = place_of(ax, (5.2, 4.0))
+    figure, ax = place_of(ax, 3.8)
     plane = basin.starts.shape[1] > 1
     x = basin.starts[:, 0] if plane else np.arange(len(basin.starts))
     y = basin.starts[:, 1 if plane else 0]
@@ -153,7 +155,7 @@ def plot_basin(basin: Basin, ax: Axes | None = None) -> Figure:
     ax.set_ylabel("second state" if plane else "state")
     ax.spines[["top", "right"]].set_visible(False)
     if len(basin.ends):
-        ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+        put_legend(ax)
     return figure
 
 
@@ -165,7 +167,7 @@ def _turned(cycle: LimitCycle, name: str) -> tuple[Array, Array]:
     time, wave = time[order], cycle.waveform[name][order]
     new = np.append(True, np.diff(time) > 1e-9 * cycle.period)
     time, wave = time[new], wave[new]
-    return np.append(time, time[:2] + cycle.period), np.append(wave, wave[:2])
+    return np.append(time, time[:3] + cycle.period), np.append(wave, wave[:3])
 
 
 def _chosen(cycle: LimitCycle, signal: str | None) -> str:

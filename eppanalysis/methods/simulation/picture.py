@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def plot_batch(batch: BatchResult, ax: Axes | None = None) -> Figure:
     """Peak-to-peak of the first signal over the period, one dot for each cell that ends on a cycle."""
-    figure, ax = place_of(ax, (5.2, 3.6))
+    figure, ax = place_of(ax, 3.4)
     cycling = np.array([status is Status.LIMIT_CYCLE for status in batch.status], bool)
     name = next(iter(batch.peak_to_peak), "")
     sizes = batch.peak_to_peak.get(name, np.zeros(cycling.size))

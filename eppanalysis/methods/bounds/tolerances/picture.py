@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of
+from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of, put_legend
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:
     """The bounds of all draws as a histogram, with the nominal bound and the worst case."""
-    figure, ax = place_of(ax, (5.6, 3.6))
+    figure, ax = place_of(ax, 3.4)
     unit, factor = bound.readable
     draws = factor * bound.draws[np.isfinite(bound.draws)]
     if draws.size:
@@ -32,5 +32,5 @@ def plot_tolerance(bound: ToleranceBound, ax: Axes | None = None) -> Figure:
     if not draws.size:
         ax.set_yticks([])
     ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=7, framealpha=0.9)
+    put_legend(ax)
     return figure

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def plot_multiplier_discs(orbit: CertifiedOrbit, ax: Axes | None = None) -> Figure:
     """Discs that hold the multipliers; those too small to be seen are marked by a cross at their centre."""
-    figure, ax = place_of(ax, (4.6, 4.4))
+    figure, ax = place_of(ax, 4.4)
     ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor="0.6", linestyle="--", linewidth=0.8))
     for centre, radius in zip(orbit.multipliers, orbit.multiplier_radii, strict=True):
         ax.add_patch(Circle((centre.real, centre.imag), radius, facecolor=BLUE, alpha=0.3, edgecolor=BLUE))

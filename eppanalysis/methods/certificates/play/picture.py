@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.plotting import BLUE, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREY, VERMILLION, put_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,5 +40,5 @@ def plot_level(given: Mapping[str, Any], ax: Axes) -> None:
     for ray in rays / np.linalg.norm(rays, axis=1)[:, None] * reach:
         ax.plot([0.0, ray[0]], [0.0, ray[1]], color=GREY, linewidth=0.4)
     ax.set_xlabel("speed of the input of the play")
-    ax.set_ylabel("contact coordinate $y_2$, its acceleration and speed")
-    ax.legend(fontsize=7, loc="best", framealpha=0.9)
+    ax.set_ylabel("contact coordinate $y_2$,\nits acceleration and speed")
+    put_legend(ax)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, Axes, Figure, each_once, places_of
+from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION, Axes, Figure, places_of, put_legend
 
 if TYPE_CHECKING:
     from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
@@ -51,6 +51,5 @@ def _finished(figure: Figure, panels: list[Axes]) -> Figure:
         ax.set_xscale("log")
         ax.set_ylabel(what)
     panels[-1].set_xlabel("frequency [rad/s]")
-    named = each_once(panels[0])
-    panels[0].legend(named.values(), named, fontsize=7, framealpha=0.9)
+    put_legend(panels[0])
     return figure
