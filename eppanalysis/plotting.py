@@ -59,8 +59,10 @@ _SMALL_IN_AN_INCH = 15.2
 _LINE = 1.25
 #: What the sign and the gaps of an entry of a legend take, in sizes of its letters.
 _SIGN = 4.8
-#: Letters on a screen are up to a tenth wider than their outlines.
-_HINTED = 0.9
+#: Axes that reach farther, as a share of the figure's width, have none to their right.
+_OUTERMOST = 0.85
+#: Letters on a screen are up to a twelfth wider than their outlines.
+_HINTED = 0.92
 #: Spaces at which a line is not broken: behind a number, and between a letter and a number.
 _WITH_NUMBER = re.compile(r"(?<=\d) (?=[A-Za-z%])|(?<=\b[A-Za-z]) (?=[-\d])")
 #: What a system is called that was given no name.
@@ -268,9 +270,11 @@ def put_legend(ax: Axes, handles: Sequence[Artist] = (), **place: Any) -> None:
     above: dict[str, Any] = {"frameon": False, "borderaxespad": 0.2, "loc": "lower center" if equal else "lower left"}
     above["bbox_to_anchor"] = (0.5 if equal else 0.0, 1.0)
     inside: dict[str, Any] = {"framealpha": 0.9, "loc": "best"}
-    room = (ax.get_position().width if laid_out else 0.9) * root_figure(ax).get_figwidth()
-    texts, columns = in_columns(marks, room)
-    ax.legend(marks.values(), texts, ncols=columns, fontsize=SMALL, **((above if laid_out else inside) | place))
+    here = ax.get_position()
+    right = 1.0 if here.x1 > _OUTERMOST else here.x1
+    texts, columns = in_columns(marks, (right - here.x0) * root_figure(ax).get_figwidth())
+    usual: dict[str, Any] = {"ncols": columns, "fontsize": SMALL} | (above if laid_out else inside)
+    ax.legend(marks.values(), texts, **(usual | place))
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:
@@ -295,7 +299,7 @@ def in_columns(texts: Iterable[str], width: float) -> tuple[list[str], int]:
     room = _HINTED * 72.0 * width / SMALL
     most = room - _SIGN
     lines = [text if _length(text) < most else "\n".join(lines_of(text, 1.6 * most)) for text in texts]
-    sizes = [max(_length(line) for line in text.split("\n")) + _SIGN for text in lines]
+    sizes = [max(map(_length, text.split("\n"))) + _SIGN for text in lines]
     for columns in range(min(4, len(sizes)), 1, -1):
         if sum(map(max, np.array_split(sizes, columns))) <= room:  # as matplotlib shares entries out
             return lines, columns

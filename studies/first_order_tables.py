@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from eppanalysis.plotting import BLUE, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREY, SMALL, VERMILLION, panels_of, put_legend
 from studies.first_order import ELEMENTS, Row, read
 
 #: Largest amplitude over the gap of each group.
@@ -62,8 +62,7 @@ def by_ratio() -> tuple[list[str], list[list[str]]]:
 def first_order_errors() -> Figure:
     """True error over the estimate, and over the harmonic content."""
     rows = [r for r in read() if r.exists]
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    figure, (left, right) = panels_of(2, 2.6)
     kinds: tuple[tuple[str, Callable[[Row], bool], str, str], ...] = (
         ("stable", lambda r: r.stable, BLUE, "o"),
         ("unstable", lambda r: not r.stable, VERMILLION, "^"),
@@ -82,11 +81,10 @@ def first_order_errors() -> Figure:
         right.loglog([max(r.content, 1e-4) for r in some], true, **style)
     line = np.array([1e-6, 10.0])
     left.loglog(line, line, color=GREY, linewidth=0.8)
-    left.annotate("error = estimate", (2e-6, 3e-6), rotation=38, fontsize=8, color="#555555")
+    left.annotate("error = estimate", (8e-6, 1.5e-6), fontsize=SMALL, color="#555555")
     left.set_xlabel("error estimate of the prediction")
     left.set_ylabel("true relative error")
+    right.set_ylabel("true relative error")
     right.set_xlabel("harmonics over fundamental at the element's input")
-    left.legend(fontsize=8, loc="lower right")
-    for ax in (left, right):
-        ax.spines[["top", "right"]].set_visible(False)
+    put_legend(left)
     return figure

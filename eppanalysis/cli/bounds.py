@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eppanalysis.cli.common import (
+    NO_FILES,
     NOTHING,
     Allow,
     CaseName,
@@ -24,7 +25,7 @@ from eppanalysis.cli.common import (
     progress,
     within_of,
 )
-from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
+from eppanalysis.cli.manual import Manuals, Step, step_for_manual, write_manual
 from eppanalysis.readable import count
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def bounds(
     workers: Workers = None,
     as_json: Json = False,
     output: Output = None,
-    manual: Manual = None,
+    manuals: Manuals = NO_FILES,
     step: Step = None,
 ) -> None:
     """Bound a parameter over another one: exact folds, with first order beside them, tested on both sides."""
@@ -73,7 +74,7 @@ def bounds(
     if output is not None:
         check_output(output)
     found = load_case(case, settings)
-    rounding = step_for_manual(found, limit, manual, step)
+    rounding = step_for_manual(found, limit, manuals, step)
     with progress(f"bounds {found.name}") as advance:
         result = design_bounds(
             found,
@@ -100,7 +101,7 @@ def bounds(
         write_result(result, bounds_columns, output)
     if certificates is not None:
         result.write_certificates(certificates)
-    write_manual(result, manual, rounding)
+    write_manual(result, manuals, rounding)
 
 
 def bounds_columns(result: DesignBounds) -> Table:

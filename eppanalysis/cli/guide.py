@@ -27,7 +27,7 @@ from eppanalysis.cli.common import (
     split_pair,
     within_of,
 )
-from eppanalysis.cli.manual import Manual, Step, step_for_manual, write_manual
+from eppanalysis.cli.manual import Manuals, Step, step_for_manual, write_manual
 from eppanalysis.errors import EppError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def guide(
     prove: Prove = False,
     certificates: Certificates = None,
     as_json: Json = False,
-    manual: Manual = None,
+    manuals: Manuals = NO_FILES,
     step: Step = None,
     outputs: Annotated[
         list[Path],
@@ -103,7 +103,7 @@ def guide(
         check_file(path)
     found = load_case(case, settings)
     over, limit = pair_of(found, over, limit)
-    rounding = step_for_manual(found, limit, manual, step)
+    rounding = step_for_manual(found, limit, manuals, step)
     values = (_GAINS if over == GAIN else None) if gains is None else _values(gains)
     chosen = {name: _values(text) for name, text in (split_pair(v, "--vary", "FIELD=VALUES") for v in vary)}
     for option, given in (("--gains", {} if values is None else {over: values}), ("--vary", chosen)):
@@ -133,7 +133,7 @@ def guide(
         result.write(path)
     if certificates is not None:
         result.write_certificates(certificates)
-    write_manual(result, manual, rounding)
+    write_manual(result, manuals, rounding)
 
 
 def _check_values(case: Case, option: str, values: Mapping[str, Sequence[str]]) -> None:

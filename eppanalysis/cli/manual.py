@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
     from eppanalysis.guides.guideline import Guide
     from eppanalysis.methods.bounds.result import DesignBounds
 
-Manual = Annotated[
-    Path | None,
+Manuals = Annotated[
+    list[Path],
     typer.Option(
         "--manual",
         metavar="FILE",
-        help="Write the table for a manual, five columns in plain words: .md, .tex, .html, .docx or .xlsx.",
+        help="Write the table for a manual, five columns in plain words: .md, .tex, .html, .docx or .xlsx; repeatable.",
         show_default=False,
     ),
 ]
@@ -35,29 +36,30 @@ Step = Annotated[
 ]
 
 
-def step_for_manual(case: Case, limit: str, path: Path | None, step: str | None) -> float | None:
+def step_for_manual(case: Case, limit: str, paths: Sequence[Path], step: str | None) -> float | None:
     """The step in the unit of the table, with what cannot be written refused before anything is computed.
 
     Raises
     ------
     EppError
-        If the file cannot be written, the step is no quantity of the limit, or there is a step and no file.
+        If a file cannot be written, the step is no quantity of the limit, or there is a step and no file.
     """
-    if path is None:
+    if not paths:
         if step is not None:
             raise EppError(f"--step {step}: rounds the table of --manual; expected a file for it.")
         return None
     from eppanalysis.tables.manual import MANUALS, check_manual
 
-    check_output(path, MANUALS)
-    check_manual(path)
+    for path in paths:
+        check_output(path, MANUALS)
+        check_manual(path)
     found = None if step is None else case.readable(limit)[1] * case.si(limit, step)
     if found is not None and not found > 0:
         raise EppError(f"--step {step}: is no step; expected a positive one.")
     return found
 
 
-def write_manual(result: Guide | DesignBounds, path: Path | None, step: float | None) -> None:
+def write_manual(result: Guide | DesignBounds, paths: Sequence[Path], step: float | None) -> None:
     """Write the table for a manual, where one is asked for.
 
     Raises
@@ -65,7 +67,9 @@ def write_manual(result: Guide | DesignBounds, path: Path | None, step: float | 
     EppError
         If there is no bound to print, or the step is larger than the smallest one.
     """
-    if path is not None:
+    if paths:
         from eppanalysis.guides.manual import manual_table
 
-        manual_table(result, step).write(path)
+        table = manual_table(result, step)
+        for path in paths:
+            table.write(path)

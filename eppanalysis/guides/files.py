@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from eppanalysis.guides.result import Guide
 
 _STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
+:root { color-scheme: light dark; }
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; }
 table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
-th, td { border-bottom: 1px solid #ddd; padding: .3rem .6rem; text-align: right; vertical-align: top; }
+th, td { border-bottom: 1px solid #8888; padding: .3rem .6rem; text-align: right; vertical-align: top; }
 th { border-bottom: 2px solid #888; font-weight: 600; }
 img { max-width: 100%; height: auto; }
-footer { color: #666; font-size: 12px; margin-top: 2rem; overflow-wrap: anywhere; }
+footer { opacity: .8; font-size: 12px; margin-top: 2rem; overflow-wrap: anywhere; }
+@media screen and (prefers-color-scheme: dark) { img { filter: invert(0.92) hue-rotate(180deg); } }
 """
 
 

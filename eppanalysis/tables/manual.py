@@ -30,11 +30,12 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
     ">": "\\textgreater{}",
 }
 _STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; color: #222; }
+:root { color-scheme: light dark; }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem; max-width: 52rem; }
 table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
 caption { text-align: left; font-weight: 600; margin-bottom: .5rem; }
 th, td { border: 1px solid #999; padding: .3rem .6rem; vertical-align: top; text-align: left; }
-th { background: #f0f0f0; } td.number { text-align: right; white-space: nowrap; }
+th { background: #8882; } td.number { text-align: right; white-space: nowrap; }
 """
 
 
@@ -206,7 +207,7 @@ def _html_table(table: ManualTable) -> str:
     kinds = [' class="number"' if table.is_number(i) else "" for i in range(len(table.columns))]
 
     def cell(i: int, text: str, shade: Shade) -> str:
-        fill = f' style="background: #{shade}"' if shade and i == 1 else ""
+        fill = f' style="background: #{shade}; color: #222"' if shade and i == 1 else ""
         return f"<td{kinds[i]}{fill}>{html.escape(text)}</td>"
 
     rows = "\n".join(

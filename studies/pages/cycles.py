@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import eppanalysis as epp
 from eppanalysis.methods.search.basin import REST, basin
-from eppanalysis.plotting import BLUE, SKY, VERMILLION
+from eppanalysis.plotting import BLUE, SKY, VERMILLION, place_of, put_legend
 
 N_GRID = 31
 REACH = np.radians(3.0), np.radians(130.0)
@@ -26,8 +26,7 @@ def elbow_basins() -> Figure:
     starts[:, angle] += grid[:, 0]
     starts[:, speed] += grid[:, 1]
     ends = basin(system, found, starts, value).ends
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    ax = figure.subplots()
+    figure, ax = place_of(None, 4.4)
     kinds = ((ends == REST, "none", "ends at rest"), (ends >= 0, SKY, "ends on the stable cycle"))
     for chosen, colour, label in kinds:
         ax.plot(*np.degrees(grid[chosen]).T, "o", markersize=3.4, mfc=colour, mec=SKY, mew=0.7, label=label)
@@ -43,7 +42,7 @@ def elbow_basins() -> Figure:
         ax.plot(np.degrees(wave[0] - middle), np.degrees(wave[1]), linewidth=1.8, label=label, **style)
     ax.set_xlabel("forearm's angle from rest [deg]")
     ax.set_ylabel("forearm's velocity [deg/s]")
-    ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
+    put_legend(ax)
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREY, VERMILLION, label_time, panels_of, put_legend
 
 
 def yielding_spring() -> epp.Diagram:
@@ -44,8 +44,7 @@ def dithered_relay() -> Figure:
 
 def clamped_pid() -> Figure:
     """A large step of a servo: the clamped PI controller before and behind its limits, and one that winds up."""
-    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = panels_of(2, 1.8)
     times = np.linspace(0.0, 12.0, 601)
     controllers = {
         "clamped": (epp.ClampedPID(kp=1.0, ki=0.3), BLUE),
@@ -62,9 +61,8 @@ def clamped_pid() -> Figure:
         left.plot(times, run.signals["position"], color=colour, label=label)
         right.plot(times, run.signals["pi"], color=colour, label=label)
     left.axhline(3.0, color=GREY, linewidth=0.5)
-    for ax, what in ((left, "position"), (right, "output u")):
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel(what)
-        ax.spines[["top", "right"]].set_visible(False)
-    left.legend(fontsize=7)
+    left.set_ylabel("position")
+    right.set_ylabel("output u")
+    label_time([left, right], "time [s]")
+    put_legend(left)
     return figure

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, each_once
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, figure_of_height, legend_below
 from studies import GENERATED, STORED
 from studies.first_order_tables import first_order_errors
 from studies.pages.cycles import elbow_basins, elbow_branch
@@ -255,18 +255,18 @@ def _loop_of_contact(shaft: epp.NordinShaft, drawing: Drawing, n: int) -> tuple[
 
 def draw_element(drawing: Drawing) -> Figure:
     """Map under a sine on the left; real and imaginary part of the describing function on the right."""
-    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    figure = figure_of_height(2.9 + 0.15 * len(drawing.elements))
     left, right = figure.subplots(1, 2)
     amplitude = np.linspace(0.0, drawing.largest, 802)[1:]
     for (colour, width), (label, element) in zip(STYLES, drawing.elements.items(), strict=False):
         width = width if len(drawing.elements) > 1 else 1.3
         x, y = loop_of(element, drawing)
-        left.plot(x, y, color=colour, linewidth=width, label=label)
+        left.plot(x, y, color=colour, linewidth=width, label=label if len(drawing.elements) > 1 else None)
         _, gain = element.describing_function(amplitude, drawing.bias, drawing.omega)
         gain = gain[..., 0] if element.n_outputs > 1 else gain
-        right.plot(amplitude, gain.real, color=colour, linewidth=width, label="real part")
+        right.plot(amplitude, gain.real, color=colour, linewidth=width)
         if np.nanmax(np.abs(gain.imag)) > 0:
-            right.plot(amplitude, gain.imag, color=colour, linewidth=width, linestyle="--", label="imaginary part")
+            right.plot(amplitude, gain.imag, color=colour, linewidth=width, linestyle="--")
     left.set_xlabel(drawing.names[0])
     left.set_ylabel(drawing.names[1])
     right.set_xlabel("amplitude a" + drawing.names[0][drawing.names[0].find(" [") :] * ("[" in drawing.names[0]))
@@ -275,10 +275,10 @@ def draw_element(drawing: Drawing) -> Figure:
     for ax in (left, right):
         ax.axhline(0.0, color=GREY, linewidth=0.5)
         ax.spines[["top", "right"]].set_visible(False)
-    if len(drawing.elements) > 1:
-        left.legend(fontsize=7)
-    kinds = each_once(right)
-    right.legend(kinds.values(), kinds.keys(), fontsize=7)
+    if any(line.get_linestyle() == "--" for line in right.lines):
+        for part, style in (("real part", "-"), ("imaginary part", "--")):
+            right.plot([], [], color="black", linestyle=style, label=part)
+    legend_below(figure, left, right)
     return figure
 
 

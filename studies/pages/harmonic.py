@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREEN, GREY, SMALL, VERMILLION, place_of, put_legend
 
 ORDERS = (1, 3, 5, 7, 9, 13, 17, 25, 35, 49, 65)
 
@@ -31,8 +31,7 @@ def errors(name: str) -> tuple[list[float], list[float]]:
 
 def harmonic_convergence() -> Figure:
     """Error against order for elements that jump, have corners or are smooth, with the slopes of theory."""
-    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
-    ax = figure.subplots()
+    figure, ax = place_of(None, 4.6)
     n = np.array(ORDERS, float)
     for name, label, rate, colour, marker in LOOPS:
         true, estimated = errors(name)
@@ -41,7 +40,7 @@ def harmonic_convergence() -> Figure:
         if rate is not None:
             high = n[n >= 9]
             ax.loglog(high, 2.5 * true[-1] * (high / n[-1]) ** -rate, color=GREY, linewidth=0.8, linestyle="--")
-            ax.annotate(f" $n^{{-{rate}}}$", (n[-1], 2.5 * true[-1]), va="center", fontsize=9, color="#555555")
+            ax.annotate(f" $n^{{-{rate}}}$", (n[-1], 2.5 * true[-1]), va="center", fontsize=SMALL, color="#555555")
     ax.set_xlabel("order n of the harmonic balance")
     ax.set_ylabel("relative error of the frequency")
     ax.set_ylim(1e-16, 1.0)
@@ -50,5 +49,5 @@ def harmonic_convergence() -> Figure:
     ax.minorticks_off()
     ax.spines[["top", "right"]].set_visible(False)
     ax.plot([], [], color="black", linewidth=0.8, linestyle=":", label="estimate (frequency and fundamentals)")
-    ax.legend(fontsize=7.5, loc="lower left")
+    put_legend(ax)
     return figure

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Polygon
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREY, SKY, VERMILLION, figure_of
+from eppanalysis.plotting import BLUE, GREY, SKY, SMALL, VERMILLION, figure_of, figure_of_height, panels_of, put_legend
 from studies import DOCS, STORED
 
 #: Half the gap of the servo's play, by which positions are divided.
@@ -25,6 +26,8 @@ INSIDE, OUTSIDE = 1.3, 3.6
 #: The first-order fold of the servo, below which it calls every gain safe; a test computes it afresh.
 FIRST_ORDER_FOLD = 3.41658
 LARGEST_GAIN = 5.0
+#: The place of a legend below a panel that has its title above.
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.3)}
 
 
 def servo(gain: float) -> epp.LureSystem:
@@ -45,8 +48,9 @@ def started_at(system: epp.LureSystem, position: float) -> epp.LureSystem:
 
 def limit_cycle() -> Figure:
     """What backlash does to a servo: the loop as it is drawn, its motion in time, and all motions on one cycle."""
-    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
-    drawing, time, plane = figure.subplots(1, 3, width_ratios=(1.3, 1.15, 1.0))
+    figure = figure_of_height(5.6)
+    panels = figure.subplot_mosaic([["drawing", "drawing"], ["time", "plane"]], height_ratios=(1.0, 0.9))
+    drawing, time, plane = panels.values()
     _draw_loop(drawing)
     system = servo(LARGEST_GAIN)
     run = epp.simulate(started_at(system, INSIDE), t_end=60.0)
@@ -59,7 +63,7 @@ def limit_cycle() -> Figure:
 def _box(ax: Axes, x: float, y: float, text: str, width: float = 2.3) -> None:
     corner = (x - width / 2, y - 0.55)
     ax.add_patch(FancyBboxPatch(corner, width, 1.1, boxstyle="round,pad=0.05", fc="white", ec="black", lw=1.2))
-    ax.text(x, y, text, ha="center", va="center", fontsize=9)
+    ax.text(x, y, text, ha="center", va="center", fontsize=SMALL)
 
 
 def _arrow(ax: Axes, points: Sequence[tuple[float, float]]) -> None:
@@ -85,10 +89,10 @@ def _draw_loop(ax: Axes) -> None:
     ax.add_patch(Polygon([(7.7, 1.0), (9.0, 1.0), (8.65, 3.9), (8.05, 3.9)], fc="#f3c9a5", ec="black", lw=1.0))
     ax.plot([7.0, 10.6, 10.6], [1.0, 1.0, 3.0], color="black", linewidth=1.2)
     _arrow(ax, [(10.6, 3.0), (11.0, 3.0)])
-    ax.annotate("gap", (8.98, 3.2), (10.1, 6.6), fontsize=9, ha="center", arrowprops={"arrowstyle": "-", "lw": 0.8})
+    ax.annotate("gap", (8.98, 3.2), (10.1, 6.6), fontsize=SMALL, ha="center", arrowprops={"arrowstyle": "-", "lw": 0.8})
     ax.annotate("", (8.68, 3.0), (9.3, 3.0), arrowprops={"arrowstyle": "<->", "lw": 0.8, "mutation_scale": 6})
     _arrow(ax, [(12.0, 2.35), (12.0, -1.3), (0.8, -1.3), (0.8, 2.35)])
-    ax.text(6.4, -1.2, "position of the load", ha="center", va="bottom", fontsize=9)
+    ax.text(6.4, -1.2, "position of the load", ha="center", va="bottom", fontsize=SMALL)
 
 
 def _draw_time(ax: Axes, run: epp.Trajectory) -> None:
@@ -100,8 +104,8 @@ def _draw_time(ax: Axes, run: epp.Trajectory) -> None:
     ax.plot(t, motor / HALF_GAP, color=BLUE, linewidth=1.6, label="motor")
     ax.plot(t, load / HALF_GAP, color=VERMILLION, linewidth=1.6, label="load")
     ax.set(xlabel="time [s]", ylabel="position [half gaps]", ylim=(-2.6, 2.6), xlim=(0.0, t[-1]))
-    ax.set_title("... the load waits while they cross it ...", fontsize=10, loc="left")
-    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=3, frameon=False)
+    ax.set_title("... the load waits\nwhile they cross it ...", fontsize=10, loc="left")
+    put_legend(ax, **_BELOW)
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -113,9 +117,9 @@ def _draw_plane(ax: Axes, *runs: epp.Trajectory) -> None:
         ax.plot(x[0], speed[0], "o", mfc=filled, mec="black", markersize=5, linestyle="none", label=name)
     late = run.t > run.t[-1] - 1.01 * (run.limit_cycle.period if run.limit_cycle else 1.0)
     ax.plot(x[late], speed[late], color=BLUE, linewidth=2.4, label="limit cycle")
-    ax.set(xlabel="position of the motor [half gaps]", ylabel="speed [half gaps/s]")
-    ax.set_title("... and both starts end on one cycle", fontsize=10, loc="left")
-    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=3, frameon=False, columnspacing=1.0)
+    ax.set(xlabel="motor [half gaps]", ylabel="speed [half gaps/s]")
+    ax.set_title("... and both starts\nend on one cycle", fontsize=10, loc="left")
+    put_legend(ax, **_BELOW)
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -123,8 +127,7 @@ def first_order_blind() -> Figure:
     """Size of the servo's cycle over its gain, by first order and exactly; and a run at a gain that is called safe."""
     case = epp.case("backlash_servo_unseen")
     own = gain_of(case)
-    figure = Figure(figsize=(10.5, 3.7), layout="constrained")
-    size, time = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
+    figure, (size, time) = panels_of(2, 2.4)
     gains = np.r_[FIRST_ORDER_FOLD + 1e-4, np.linspace(3.425, LARGEST_GAIN, 40)]
     found = [epp.predict_limit_cycles(servo(gain)) for gain in gains]
     stable = [2.0 * one[-1].amplitude("x") for one in found]
@@ -135,13 +138,12 @@ def first_order_blind() -> Figure:
     size.plot(own * values, exact, color=BLUE, linewidth=2.0, label="exact, stable")
     run = epp.simulate(case)
     assert run.limit_cycle is not None
-    size.plot(
-        own, run.limit_cycle.peak_to_peak["x"], "x", color="black", markersize=7, label="simulated, as on the right"
-    )
+    size.plot(own, run.limit_cycle.peak_to_peak["x"], "x", color="black", markersize=7, label="simulated, as below")
     size.axvspan(own * values.min(), FIRST_ORDER_FOLD, color=VERMILLION, alpha=0.15, linewidth=0)
-    size.text(0.5 * (own * values.min() + FIRST_ORDER_FOLD), 4.25, "called safe,\noscillates", ha="center", fontsize=8)
-    size.set(xlabel="gain", ylabel="motor, peak to peak [half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
-    size.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, frameon=False)
+    middle = 0.5 * (own * values.min() + FIRST_ORDER_FOLD)
+    size.text(middle, 4.2, "called safe,\noscillates", ha="center", fontsize=SMALL)
+    size.set(xlabel="gain", ylabel="motor, peak to peak\n[half gaps]", xlim=(2.8, LARGEST_GAIN), ylim=(1.8, 4.8))
+    put_legend(size, ncols=2, **_BELOW)
     size.set_title(f"First order: no limit cycle below gain {FIRST_ORDER_FOLD:.3f}", fontsize=10, loc="left")
     shown = run.t < 120.0
     time.plot(run.t[shown], run.signals["x"][shown], color=BLUE, linewidth=1.0)
@@ -149,8 +151,6 @@ def first_order_blind() -> Figure:
     time.set_title(
         f"The motion at gain {own:.1f}: {run.limit_cycle.frequency:.4f} Hz, for ever", fontsize=10, loc="left"
     )
-    for ax in (size, time):
-        ax.spines[["top", "right"]].set_visible(False)
     return figure
 
 

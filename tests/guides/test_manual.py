@@ -217,5 +217,8 @@ def test_command_writes_the_table_and_refuses_before_it_computes(monkeypatch, bo
         missing.setitem(sys.modules, "docx", None)
         missing.setattr("importlib.util.find_spec", lambda name: None)
         assert "python-docx" in refusal("--manual", str(tmp_path / "g.docx"))
-    result = CliRunner().invoke(app, [*command, "--manual", str(tmp_path / "g.md"), "--step", "0.1 deg"])
+    files = [tmp_path / "g.md", tmp_path / "g.html"]
+    asked = [part for path in files for part in ("--manual", str(path))]
+    result = CliRunner().invoke(app, [*command, *asked, "--step", "0.1 deg"])
+    assert "<table>" in files[1].read_text()
     assert result.exit_code == 0 and "| 2.5 | 0.9 | 0.980 |" in (tmp_path / "g.md").read_text()

@@ -60,7 +60,7 @@ def plot_branch(
     name = chosen(dict.fromkeys(branch.signals), None if signal is None else [signal])[0]
     x_unit, x_factor = branch.shown_in
     label, factor = label_of(name, branch.units)
-    figure, panels = places_of(given, 2, height=2.4)
+    figure, panels = places_of(given, 2, height=2.0)
     for ax, key, scale in zip(panels, (name, "frequency"), (factor, 1.0), strict=False):
         y = scale * branch.points[key]
         for one in (branch, *branch.others):
