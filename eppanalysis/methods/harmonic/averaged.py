@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.results import LimitCycle
 
@@ -19,10 +17,10 @@ LEFT_OUT = (
 def of_samples(system: AveragedSystem, cycle: LimitCycle) -> LimitCycle:
     """A predicted or balanced cycle with the state of the loop whose controllers are sampled.
 
-    It may lock to the samples a whole one to either side, which no mean over their phases tells: its error is at least
-    that of two samples in its period. An error that is not known stays so.
+    It may lock to the samples a whole one to either side, which no mean over their phases tells: two samples in its
+    period are added to its error. An error that is not known stays so.
     """
     state, memory = system.started(cycle.state, cycle.memory)
     mean_state = system.started(cycle.mean_state, ())[0]
-    error = float(np.maximum(cycle.error_estimate, 2.0 * system.slowest / cycle.period))
+    error = cycle.error_estimate + 2.0 * system.slowest / cycle.period
     return replace(cycle, state=state, memory=memory, mean_state=mean_state, error_estimate=error)

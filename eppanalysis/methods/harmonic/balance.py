@@ -10,9 +10,8 @@ balance is that of the invariant curve of the samples where the period is not co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,10 @@ import numpy as np
 from eppanalysis.errors import EppError, ModelError
 from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
 from eppanalysis.methods.harmonic.elements import Regime, Unsettled
-from eppanalysis.methods.harmonic.loop import Equations, Loop, Place, inputs_of, order_one
-from eppanalysis.methods.harmonic.series import TURN, Array, ComplexArray, extrema, orders, sampled
+from eppanalysis.methods.harmonic.loop import Equations, Loop, inputs_of, order_one
+from eppanalysis.methods.harmonic.newton import Iterate, newton
+from eppanalysis.methods.harmonic.series import TURN, ComplexArray, extrema, orders, sampled
 from eppanalysis.methods.harmonic.states import without_held_states
-from eppanalysis.methods.simulation.effort import spend
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.means import mean_state
 from eppanalysis.models.systems.measured.loop import DataSystem, MeasuredLoop
@@ -36,11 +35,7 @@ from eppanalysis.results.provenance import Provenance
 #: Orders tried in turn, and the estimated relative error at which they end.
 AUTOMATIC = (1, 3, 5, 9, 15, 25, 41, 65)
 TOLERANCE = 1e-4
-_ITERATIONS = 30
-_LARGEST_STEP = 0.5
-_SMALLEST_SHARE, _MOST_SHARES = 1 / 1024, 8
-#: Steps of the engine that one linearised balance is worth: at all, and each unknown.
-_ITERATE, _UNKNOWN = 800.0, 20.0
+_MOST_SHARES = 8
 _SEEDS = 1 / 3  # and below which it may lead to an exact orbit
 #: Estimate below which a balance need not be compared with a yet higher order, and the highest that low ones are.
 _FINE, _MOST_COMPARED = 1e-6, 65
@@ -247,9 +242,10 @@ def _automatic(loop: Loop, start: _Point) -> tuple[_Point, list[_Point]]:
 def _compared(loop: Loop, point: _Point) -> _Point:
     """The balance with an error that is measured: by how far it is from balances of higher orders.
 
-    Higher orders are solved until what is left of the error, as estimated there, is small beside the distance. The
-    change by the neglected harmonics alone (see :func:`_error`) does not see that they move switches far, add some, or
-    lead elsewhere.
+    Higher orders are solved until what is left of the error, as estimated there, is small beside the distance, and one
+    more confirms it: it lies within what was said to be left. The change by the neglected harmonics alone (see
+    :func:`_error`) does not see that they move switches far, add some, or lead elsewhere, and one higher order may be
+    near by chance.
     """
     better, distance = point, 0.0
     for order in _higher(point.order, loop.highest(point.omega)):
@@ -257,16 +253,36 @@ def _compared(loop: Loop, point: _Point) -> _Point:
         if not trial.converged:
             trial = _solve(loop, better, (better.order + order) // 2)
         if not trial.converged:
-            break
+            return _unknown(point, f"No balance above order {better.order}, with which it is compared, converges.")
+        confirmed = better is not point and _distance(better, trial) <= _left(better, distance)
         better, distance = trial, _distance(point, trial)
-        if better.error < max(0.25 * distance, _FINE) or better.order < order:
+        error = distance + _left(better, distance)
+        if better.error < _TRUSTED and error < _SEEDS and (confirmed or better.error < _FINE):
             break
-    if better is point:
-        return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
-    error = (1.0 + _MARGIN) * distance + _REST * better.error
-    if not (better.error < _TRUSTED and error < _SEEDS):
+    else:
         return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
+    if not _switches_alike(loop, point, error):
+        return _unknown(point, "Elements switch otherwise in a period within its error; no exact orbit need be near.")
     return replace(point, error=error)
+
+
+def _switches_alike(loop: Loop, point: _Point, error: float) -> bool:
+    """Whether the elements switch alike where the period is shorter and longer by its error: some measure time."""
+
+    def switches(omega: float) -> list[set[tuple[int, int]]]:
+        _, regimes = loop.answers(point.Z, omega)
+        return [{(s.mode, id(s.mode_guard.guard)) for s in regime.switches} for regime in regimes]
+
+    try:
+        as_found = switches(point.omega)
+        return all(switches(point.omega * (1.0 + change)) == as_found for change in (-error, error))
+    except Unsettled:
+        return False
+
+
+def _left(better: _Point, distance: float) -> float:
+    """What is left of an error at a higher order that is so far away."""
+    return _MARGIN * distance + _REST * better.error
 
 
 def _unknown(point: _Point, why: str) -> _Point:
@@ -274,10 +290,10 @@ def _unknown(point: _Point, why: str) -> _Point:
 
 
 def _higher(order: int, highest: int) -> list[int]:
-    """Orders with which one is compared."""
-    wanted = [2 * order + 7, 4 * order + 21]
+    """Orders with which one is compared; two at least, so that the last can confirm what the first says."""
     most = min(max(_MOST_COMPARED, order + order // 2), highest)
-    return sorted({min(n, most) for n in wanted if min(n, most) > order})
+    wanted = {min(n, most) for n in (2 * order + 7, 3 * order + 14, 4 * order + 21)}
+    return sorted(n for n in (wanted if len(wanted) > 1 else {(order + most) // 2, most}) if n > order)
 
 
 def _distance(point: _Point, other: _Point) -> float:
@@ -326,9 +342,9 @@ def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int 
     equations = Equations(loop, order, start.pivot, weight)
     try:
         X = equations.pack(loop.continued(start.Z, start.omega, order), start.omega)
-        last, ok, count = _newton(equations, X, descend=True)
+        last, ok, count = newton(equations, X, descend=True)
         if not ok:
-            last, ok, more = _newton(equations, X, descend=False)
+            last, ok, more = newton(equations, X, descend=False)
             count += more
         Z, omega = equations.unpack(last.X)
         ok &= bool(np.abs(Z[start.pivot, 1]) > 1e-6 * np.abs(start.Z[start.pivot, 1]) and omega > 0)
@@ -339,91 +355,7 @@ def _solve(loop: Loop, start: _Point, order: int, share: float = 1.0, kept: int 
     return _Point(Z, omega, start.pivot, ok, last.residual, error, count)
 
 
-@dataclass(frozen=True, eq=False)
-class _Iterate:
-    """A point of Newton's iteration: unknowns, scaled residual, sizes; most that are tried are never solved at."""
-
-    X: Array
-    R: Array
-    place: Place
-    unknowns: Array
-    rows: Array
-
-    @classmethod
-    def at(cls, equations: Equations, X: Array, sizes: tuple[Array, Array] | None = None) -> _Iterate:
-        spend(_ITERATE + _UNKNOWN * X.size)
-        place = equations.at(X)
-        unknowns, rows = equations.scales(X, place.W) if sizes is None else sizes
-        return cls(X, place.residual / rows, place, unknowns, rows)
-
-    @cached_property
-    def solve(self) -> Callable[[Array], Array]:
-        """Solver of the scaled Jacobian."""
-        return _solver(self.place.jacobian * self.unknowns / self.rows[:, None])
-
-    @property
-    def residual(self) -> float:
-        return float(np.abs(self.R).max())
-
-
-def _newton(equations: Equations, X: Array, descend: bool) -> tuple[_Iterate, bool, int]:
-    """Newton's method with limited steps, with `descend` damped so that the next simplified step shrinks.
-
-    Deuflhard (2004, section 3.3). Where switches appear and vanish on the way there may be no descent; then free steps
-    often come through.
-    """
-    here = _Iterate.at(equations, X)
-    sizes = here.unknowns, here.rows
-    share, small = 1.0, False
-    for count in range(1, _ITERATIONS + 1):
-        step = -here.solve(here.R)
-        largest = float(np.abs(step).max())
-        if not np.isfinite(largest):
-            return here, False, count
-        if largest < 1e-9:
-            # Rounding sets a floor: a second small step is the last.
-            if largest < 1e-13 or small:
-                return here, True, count
-            small, here = True, _Iterate.at(equations, here.X + sizes[0] * step, sizes)
-            continue
-        share, small = min(1.0, 2.0 * share, _LARGEST_STEP / largest), False
-        trial = _damped(equations, here, step, share, descend)
-        if trial is None:
-            return here, False, count
-        here, share = trial
-    return here, False, _ITERATIONS
-
-
-def _damped(
-    equations: Equations, here: _Iterate, step: Array, share: float, descend: bool
-) -> tuple[_Iterate, float] | None:
-    """The next point and the share of the step that leads there; None if even a small share does not help."""
-    size = float(np.linalg.norm(step))
-    while share >= _SMALLEST_SHARE:
-        try:
-            trial = _Iterate.at(equations, here.X + share * here.unknowns * step, (here.unknowns, here.rows))
-            shrinks = not descend or np.linalg.norm(here.solve(trial.R)) <= (1.0 - share / 4) * size
-            # Judged by the step that would follow from the old Jacobian, as that does not depend on how the equations
-            # are scaled against each other; the residual does.
-            if trial.X[-1] > 0 and shrinks:
-                return trial, share
-        except Unsettled:
-            pass
-        share /= 2
-    return None
-
-
-def _solver(J: Array) -> Callable[[Array], Array]:
-    """Solver of a linear system for several right-hand sides; not-a-number where it is singular."""
-    from scipy.linalg import lapack
-
-    factors, pivots, singular = lapack.dgetrf(J)
-    if singular or not np.all(np.isfinite(factors)):
-        return lambda right: np.full_like(right, np.nan)
-    return lambda right: lapack.dgetrs(factors, pivots, right)[0]
-
-
-def _error(loop: Loop, equations: Equations, last: _Iterate) -> float:
+def _error(loop: Loop, equations: Equations, last: Iterate) -> float:
     """Relative change of omega and fundamentals by the neglected harmonics, to first order.
 
     The inputs get the harmonics n + 1 .. 3 n + 8 that the linear part makes of the outputs; what this changes in the

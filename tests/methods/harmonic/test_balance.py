@@ -354,6 +354,20 @@ def test_estimate_covers_the_distance_to_an_exact_orbit_or_says_that_it_cannot(n
     assert np.median([e.estimate / e.error for e in given]) < 2.0
 
 
+def test_estimate_of_a_sampled_loop_covers_what_its_order_and_its_samples_leave():
+    """Either alone did not: the cycle locks to 28 samples, and the balance of order 15 is 13 % off."""
+    found = entries("buck_converter", [3, 7, 8, 15, 16, 19])
+    assert len(found) == 6
+    assert all(np.isfinite(e.estimate) and e.covered for e in found)
+
+
+def test_a_balance_within_whose_error_a_dwell_time_passes_has_no_estimate():
+    """Parking ends every motion of this elbow; balances of a dozen orders go round, and orders nearby agree."""
+    found = entries("parking_stops_it", [5, 11, 16, 17])
+    assert len(found) == 4
+    assert all(np.isnan(e.estimate) for e in found)
+
+
 def test_without_an_orbit_near_there_is_no_estimate_and_a_reason():
     """Below its smallest stable amplitude the loop has a cycle in first order alone."""
     system = epp.case("sat_plus_backlash").to_system()
