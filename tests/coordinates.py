@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from eppanalysis.models.elements import Cube, Nonlinearity
+import eppanalysis as epp
+from eppanalysis.models.elements import Nonlinearity
 from eppanalysis.models.systems.lure import LureSystem
 
-#: Fields of elements that have neither the unit of an amplitude nor that of time.
-_PURE = {"slope", "kinetic_ratio", "levels", "stiffness"}
-_TIMES = {"dwell_time", "period", "damping"}
 #: Factors on time, amplitudes and states (the seed of a random factor for each).
 UNITS = ((1e6, 1e-6, 1), (1e-6, 1e6, 2), (1.0, 1e-6, None), (1e-6, 1.0, None), (1e6, 1.0, 3))
 
@@ -82,16 +81,36 @@ def rescaled(system: LureSystem, time: float, amplitude: float, states: int | No
 
 
 def _rescaled_element(element: Nonlinearity, time: float, amplitude: float) -> Nonlinearity:
-    def scaled(name: str, value: object) -> object:
-        if name in _PURE or value is None or isinstance(value, str):
+    def scaled(name: str) -> object:
+        value, role = getattr(element, name), element.units.get(name)
+        if role is None or value is None:
             return value
-        if name in _TIMES:
-            return value * time
-        if name == "stribeck":
-            return value / amplitude
-        return value / amplitude**2 if isinstance(element, Cube) else value * amplitude
+        into, out, of_time = role
+        return np.multiply(value, amplitude ** (into + out) * time**of_time).tolist()
 
-    return type(element)(**{f.name: scaled(f.name, getattr(element, f.name)) for f in fields(element) if f.init})
+    return type(element)(**{f.name: scaled(f.name) for f in fields(element) if f.init})
+
+
+@dataclass(frozen=True)
+class InOtherWords:
+    """A case whose loop is changed, its parameters and their units left as they are; a run is so many times as long."""
+
+    case: epp.Case
+    change: Callable[[LureSystem], LureSystem]
+    time: float = 1.0
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.case, name)
+
+    def to_system(self) -> LureSystem:
+        return self.change(self.case.to_system())
+
+    def with_values(self, values: Mapping[str, object]) -> InOtherWords:
+        return replace(self, case=self.case.with_values(values))
+
+    @property
+    def t_end(self) -> float:
+        return self.case.t_end * self.time
 
 
 def words(sentence: str) -> str:

@@ -9,24 +9,25 @@ import pytest
 
 import eppanalysis as epp
 from tests.coordinates import UNITS, rescaled, rotated
+from tests.methods.continuation.test_coordinates import BRANCHES, TURNED_ONLY, branch_alike, in_units, turned
 from tests.test_coordinates import (
     CASES,
     LOOPS,
     TEXTBOOK,
-    UNPREDICTED,
     predict_alike,
     search_alike,
     simulate_alike,
 )
 
 TURNS = range(20)
+#: Its fold is within 1 % of a grazing contact, at which one turn in five ends the branch.
+ELBOW = "fig8a_original"
 #: Unstable cycles without end: which of them bisection meets is left to rounding.
 CHAOTIC = "two_mass_deadzone"
-PREDICTED = [name for name in CASES if name != UNPREDICTED]
 SEARCHED = [n for n in LOOPS if n != CHAOTIC and not epp.case(n).to_system().time_step]
 
 
-@pytest.mark.parametrize("name", PREDICTED)
+@pytest.mark.parametrize("name", CASES)
 def test_predictions_in_turned_coordinates(name: str) -> None:
     system = epp.case(name).to_system()
     wanted = epp.predict_limit_cycles(system)
@@ -34,7 +35,7 @@ def test_predictions_in_turned_coordinates(name: str) -> None:
         predict_alike(wanted, rotated(system, seed))
 
 
-@pytest.mark.parametrize("name", [n for n in LOOPS if n != UNPREDICTED])
+@pytest.mark.parametrize("name", LOOPS)
 def test_predictions_in_other_units(name: str) -> None:
     system = epp.case(name).to_system()
     wanted = epp.predict_limit_cycles(system)
@@ -72,3 +73,15 @@ def test_searches_in_other_units(name: str) -> None:
     wanted = epp.find_limit_cycles(system)
     for time, amplitude, states in UNITS:
         search_alike(wanted, rescaled(system, time, amplitude, states), time, amplitude)
+
+
+@pytest.mark.parametrize("name", [n for n in BRANCHES if n != ELBOW])
+def test_branches_in_turned_coordinates(name: str) -> None:
+    for seed in TURNS[:5]:
+        branch_alike(name, turned(name, seed))
+
+
+@pytest.mark.parametrize("name", [n for n in BRANCHES if n not in TURNED_ONLY])
+def test_branches_in_other_units(name: str) -> None:
+    for units in UNITS:
+        branch_alike(name, in_units(name, *units), units[1])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from eppanalysis.methods.continuation.cover import Gap, gaps
 from eppanalysis.methods.continuation.doubling import doubled, half_alike
 from eppanalysis.methods.continuation.families import Family
 from eppanalysis.methods.continuation.labels import Change, crossing, difference, in_words, is_linear, standstill
+from eppanalysis.methods.continuation.own_states import OwnStates
 from eppanalysis.methods.continuation.result import Branch, SpecialPoint
 from eppanalysis.methods.continuation.sampled import sampled_branch
 from eppanalysis.methods.continuation.steps import (
@@ -133,6 +135,22 @@ def continue_branch(
     if not first != last:
         raise EppError(f"continue_branch: {parameter} runs from {start} to {stop}; expected two different values.")
     limits = min(first, last), max(first, last)
+    if (own := OwnStates.of(case)) is not None:
+        within: Any = own  # a case that passes on what it does not know itself
+        branch = continue_branch(
+            within,
+            parameter,
+            first,
+            last,
+            cycle=None if cycle is None else own.states.asked(cycle),
+            origin=origin,
+            n_points=n_points,
+            max_step=max_step,
+            n_simulated=n_simulated,
+            n_others=n_others,
+            progress=progress,
+        )
+        return own.told(branch)
     family = Family(lambda value: steady_case(case.with_values({parameter: value})), limits)
     walk = Walk(case, parameter, family, limits, n_points, max_step)
     if origin is not None and origin.point is None:
@@ -300,8 +318,8 @@ class Walk:
                 continue
             if new is None or lost or not admissible(new):
                 new, why = self._lost(points, points[-1]) if lost else self._change(points, ds)
-                if new is None:
-                    return points, why
+                if new is None or standstill(points[-1], new):
+                    return self._ended(points, new, why)
                 points.append(new)
                 ds = 0.25 * self.max_step
                 continue
@@ -310,10 +328,8 @@ class Walk:
                     ds *= 0.3
                     continue
                 return self._left(points, new)
-            stands = standstill(points[-1], new)
-            if stands is not None:
-                self._note(stands, new, _STANDSTILLS[stands], len(points))
-                return [*points, new], f"ends where {_STANDSTILLS[stands]}"
+            if standstill(points[-1], new):
+                return self._stood(points, new)
             if self._watch(points[-1], new, len(points)):
                 return points, "joins the branch of half its period"
             points.append(new)
@@ -321,6 +337,19 @@ class Walk:
                 return points, "closes on itself"
             ds = min(1.5 * ds, self.max_step) if bend(points[-2], new) < 0.1 else ds
         return points, "stops at the number of points asked for"
+
+    def _ended(self, points: list[Point], new: Point | None, why: str) -> tuple[list[Point], str]:
+        """The points up to a change of the sequence beyond which no orbit is, or at which the parameter stands."""
+        if new is None:
+            return points, why
+        self.special.pop()  # that the events change there is up to rounding
+        return self._stood(points, new)
+
+    def _stood(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
+        """The points up to one at which the parameter stands still."""
+        stands = standstill(points[-1], new) or Change.CONTINUUM
+        self._note(stands, new, _STANDSTILLS[stands], len(points))
+        return [*points, new], f"ends where {_STANDSTILLS[stands]}"
 
     def _left(self, points: list[Point], new: Point) -> tuple[list[Point], str]:
         """The points up to the limit of the range, beyond which the new one is."""

@@ -59,6 +59,8 @@ def standstill(old: Point, new: Point) -> Change | None:
     if abs(new.turn) > _STANDS:
         return None
     before, tau = old.orbit.tau, new.orbit.tau
+    if before.size != tau.size:
+        return Change.CONTINUUM
     of_size = tau > _BRIEF * new.orbit.period
     growth = (tau[of_size] - before[of_size]) / tau[of_size]
     longest = float(growth[np.argmax(tau[of_size])])

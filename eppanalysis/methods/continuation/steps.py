@@ -255,7 +255,7 @@ def locate(point: Point, far: Point, test: Callable[[Point], float], tolerance: 
     reach, size, moved, in_vain = abs(ends[1][0]), max(abs(f) for _, _, f in ends), -1, 0
     for _ in range(40):
         (a, _, f_a), (b, _, f_b) = ends
-        if abs(b - a) < 1e-14 * reach:
+        if abs(b - a) < 1e-14 * reach or f_a == f_b:  # zero at both
             break
         # The line through both values tells where, the cubic through both orbits with their tangents what it is like
         # there.

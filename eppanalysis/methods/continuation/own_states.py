@@ -1,0 +1,50 @@
+"""A case whose loop is followed in states of its own, where those that it is given in mix what is stiff with the rest.
+
+In turned states rounding keeps the orbits of an elbow from closing (`methods/orbits/apart.py`): a branch has no start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from eppanalysis.methods.continuation.result import Branch
+from eppanalysis.methods.harmonic.states import OtherStates
+from eppanalysis.methods.orbits.apart import motions_apart
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.sampled.strobe import is_sampled
+from eppanalysis.models.systems.subject import CaseLike
+
+
+@dataclass(frozen=True, eq=False)
+class OwnStates:
+    """A case that makes its loop in other states, the same at all values of its parameters."""
+
+    case: CaseLike
+    states: OtherStates
+
+    @classmethod
+    def of(cls, case: CaseLike) -> OwnStates | None:
+        """None where the states need no others, or are taken at samples."""
+        system = case.to_system()
+        if isinstance(case, cls) or system.time_step or is_sampled(system.elements):
+            return None
+        states = motions_apart(system)
+        return None if states is None else cls(case, states)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.case, name)
+
+    def to_system(self) -> LureSystem:
+        """The loop in these states."""
+        return self.case.to_system().in_coordinates(self.states.T, self.states.inverse)
+
+    def with_values(self, values: Mapping[str, Any]) -> OwnStates:
+        """The case with other values, in the same states."""
+        return replace(self, case=self.case.with_values(values))
+
+    def told(self, branch: Branch) -> Branch:
+        """A branch of the case with its cycles in the user's states."""
+        special = tuple(replace(s, cycle=self.states.told(s.cycle)) for s in branch.special)
+        return replace(branch, special=special, others=tuple(map(self.told, branch.others)))
