@@ -82,7 +82,8 @@ def expand_step(model, compiled, workspace, now):
         )  # fmt: skip
         if now.last < 0:
             now.d, now.on_grid = 0.5 * now.d, False
-            now.holds = now.d
+            if model.S.shape[1] > 0:  # without, the next mode tells its own step
+                now.holds = now.d
             now.ahead = min(now.ahead, now.d)
             now.refused_series += 1
             now.spent += 1.0
