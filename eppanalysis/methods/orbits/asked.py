@@ -65,6 +65,11 @@ class Asked:
         """The same for an orbit that a better estimate vouches for, too."""
         return replace(self, tolerance=min(_LOOSER * self.tolerance, _MOST))
 
+    def widened(self) -> Asked:
+        """The same for orbits that are known: of a relaxation oscillation more than a factor of two may be promised."""
+        estimate = self.cycle.error_estimate
+        return replace(self, tolerance=max(self.tolerance, estimate)) if np.isfinite(estimate) else self
+
     def difference(self, orbit: Orbit) -> str:
         """What tells an orbit from the one that is asked for, in words; empty where nothing does."""
         cycle = self.cycle

@@ -335,6 +335,9 @@ class Ends:
             if status is not Status.LIMIT_CYCLE:
                 break
             if facts[3] < _REACHED:
+                # Beside a doubled period the run was not near enough before.
+                if (orbit := orbit_of(self.hybrid, run, float(facts[1]))) is not None:
+                    return self.add(orbit)
                 reached = Reached.of(self.system, start, run, facts)
                 return End.UNCLOSED if reached is None else self.keep(reached)
         return End.UNCLOSED

@@ -283,7 +283,7 @@ class _Search(Told):
 
     def _other_answer(self, cycle: LimitCycle, answers: Mapping[int, LimitCycle]) -> int | None:
         """Number of an orbit that no other prediction asks for and that this one may mean; -1 for a cycle of a run."""
-        asked = Asked.of(self.system, self.hybrid, cycle)
+        asked = Asked.of(self.system, self.hybrid, cycle).widened()
         for i, orbit in enumerate(self.orbits):
             if i not in answers and is_stable(orbit.multipliers) == cycle.stable and not asked.difference(orbit):
                 return i

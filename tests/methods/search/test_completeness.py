@@ -81,3 +81,38 @@ def test_a_missed_cycle_would_be_noticed() -> None:
     blind = replace(found, cycles=tuple(c for c in found if c is not found.stable[-1]))
     reached = basin(system, blind, starts_around(system, found, 16))
     assert set(reached.ends.tolist()) - {i for i, c in enumerate(blind) if c.stable} - {REST, UNDECIDED}
+
+
+@pytest.mark.slow
+def test_a_cycle_of_four_turns_is_listed_once() -> None:
+    """Chua's circuit behind two doublings: runs were not near enough to close it, and its mirror image stood twice."""
+    loop = epp.LureSystem.build(
+        [[-2.4, 8.4, 0.0], [1.0, -1.0, 1.0], [0.0, -14.286, 0.0]], [[3.6], [0.0], [0.0]], [[1.0, 0.0, 0.0]],
+        [epp.Saturation(-1.0, 1.0)],
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    assert "could not be closed" not in found.message
+    # Both members of three generations, and the symmetric one around them; by the period alone they are told apart.
+    assert sorted(round(c.period, 6) for c in found) == [
+        2.317459, 2.317459, 2.362914, 4.594685, 4.594685, 9.189493, 9.189493,
+    ]  # fmt: skip
+    for period in (2.317459, 4.594685, 9.189493):
+        one, other = (c.mean["saturation_input"] for c in found if round(c.period, 6) == period)
+        assert one == pytest.approx(-other, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_prediction_is_answered_by_the_cycle_that_its_estimate_promises() -> None:
+    """The nerve of FitzHugh and Nagumo, a relaxation oscillation: 2.1 times as slow as predicted, within 1.11."""
+    loop = epp.LureSystem.build(
+        [[1.0, -1.0], [0.08, -0.064]], [[-1.0 / 3.0], [0.0]], [[1.0, 0.0]], [epp.Cube(1.0)],
+        constant_state=[0.335, 0.056],
+    )  # fmt: skip
+    (predicted,) = epp.predict_limit_cycles(loop)
+    found = epp.find_limit_cycles(loop)
+    assert found.status is epp.Status.CONVERGED
+    assert not found.unclosed
+    (cycle,) = found
+    # DOP853 at 1e-12, between the rises of the potential through its middle.
+    assert cycle.period == pytest.approx(47.6140274, rel=1e-8)
+    assert 1.0 < predicted.omega / cycle.omega - 1.0 < predicted.error_estimate
