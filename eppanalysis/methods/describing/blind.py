@@ -6,6 +6,8 @@ comes to rest meanwhile: where it grows without end, sticking and slipping alter
 Canudas de Wit, Automatica 30 (1994) 1083). And an element that jumps over the only output with which the loop could
 stand still (an encoder between two levels under integral action) keeps it moving, whatever a sine would do. Where
 nothing damps a drift through a dead zone (a satellite between the thresholds of its thrusters), pulses turn it about.
+And where the linear part swings undamped by itself its response has no number: of a cycle there first order says where
+the gain of the element passes zero, and no more (x'' + x with what van der Pol adds as the element).
 """
 
 from __future__ import annotations
@@ -18,10 +20,21 @@ from eppanalysis.errors import ModelError
 from eppanalysis.methods.describing.balance import Array, Balance
 from eppanalysis.methods.describing.error import BalancedOscillation, Estimate
 from eppanalysis.methods.describing.quality import Point
-from eppanalysis.methods.describing.search import Found, frequency_nodes, frequency_scales
+from eppanalysis.methods.describing.search import (
+    Found,
+    amplitude_nodes,
+    amplitude_scales,
+    crossing_gains,
+    frequency_nodes,
+    frequency_scales,
+    static_curves,
+    thresholds_of,
+)
 from eppanalysis.methods.harmonic.elements import Unsettled
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.systems.linear import poles
+from eppanalysis.readable import listed
 
 #: Distance of the loop gain from one, up to which harmonics may make up for it, and how many places are tried.
 _NEAR, _PLACES = 0.3, 3
@@ -32,6 +45,8 @@ _BESIDE = 0.1
 _ORDERS, _SETTLED, _OTHER = (3, 9, 15), 0.03, 0.2
 #: Share of the terms of a static balance below which they balance.
 _BALANCED = 1e-9
+#: Share of a pole's size below which its real part is rounding.
+_UNDAMPED = 1e-9
 
 
 def blind_spots(
@@ -46,7 +61,13 @@ def blind_spots(
     """
     without_rest = [] if stable else _no_rest(balance)
     return tuple(
-        [*made_by_harmonics(balance, points, estimates, found), *_stick_slip(balance), *_drift(balance), *without_rest]
+        [
+            *made_by_harmonics(balance, points, estimates, found),
+            *_undamped(balance),
+            *_stick_slip(balance),
+            *_drift(balance),
+            *without_rest,
+        ]
     )
 
 
@@ -142,6 +163,32 @@ def _misses_of_one(balance: Balance) -> list[Array]:
             least &= inner <= off[1 + i : off.shape[0] - 1 + i, 1 + k : off.shape[1] - 1 + k]
     places = np.argwhere(least & (inner < _NEAR)) + 1
     return [np.array([np.log(amplitude[i]), np.log(omega[k]), 0.0, off[i, k]]) for i, k in places]
+
+
+def _undamped(balance: Balance) -> Iterator[str]:
+    """One element on a linear part that swings undamped by itself: amplitudes at which its gain passes zero."""
+    system, element = balance.system, balance.system.elements[0]
+    if balance.m > 1 or element.n_inputs > 1 or element.of_frequency or system.time_step:
+        return
+    p = poles(system.A)
+    alone = np.unique(np.abs(p[(p.imag > 0) & (np.abs(p.real) < _UNDAMPED * np.abs(p))]))
+    beside, away = (np.abs(balance.linear(alone * share)[:, 0, 0]) for share in (1.0 + 1e-7, 1.3))
+    alone = alone[beside > 1e3 * away]
+    scales = amplitude_scales(balance, crossing_gains(system), thresholds_of(balance)) if alone.size else np.zeros(0)
+    if not scales.size:
+        return
+    sizes: set[str] = set()
+    for line in static_curves(balance, amplitude_nodes(scales, thresholds_of(balance), 24), scales)[0]:
+        gain = balance.evaluate(line[:, :1], line[:, 1:], np.full(len(line), alone[0]))[1][:, 0].real
+        for i in np.flatnonzero(gain[:-1] * gain[1:] < 0):
+            share = gain[i] / (gain[i] - gain[i + 1])
+            sizes.add(f"{2.0 * float(line[i, 0] + share * (line[i + 1, 0] - line[i, 0])):.2g}")
+    if sizes:
+        yield (
+            f"The linear part swings undamped by itself at {listed([f'{w:.4g}' for w in alone])} rad/s, where first "
+            f"order has cycles of about {listed(sorted(sizes, key=float)[:_PLACES])} peak to peak at "
+            f"{system.element_names[0]}, whose gain passes zero, and does not follow them here."
+        )
 
 
 def _stick_slip(balance: Balance) -> Iterator[str]:

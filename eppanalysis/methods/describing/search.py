@@ -178,9 +178,9 @@ def search_one(balance: Balance) -> Found:
     """All limit cycles of a loop with one element of one output whose describing function is free of omega."""
     system = balance.system
     single = SingleBias.of(balance)
-    thresholds = _thresholds(balance) if single is None else single.thresholds()
+    thresholds = thresholds_of(balance) if single is None else single.thresholds()
     sizes = thresholds if _breakpoints(balance) else np.append(thresholds, np.abs(balance.operating_bias))
-    scales = amplitude_scales(balance, _crossing_gains(system), sizes, single)
+    scales = amplitude_scales(balance, crossing_gains(system), sizes, single)
     if not scales.size:
         return Found(np.zeros((0, 4)), (), "The element has one gain at all amplitudes: the loop is linear.")
     amplitude = amplitude_nodes(scales, thresholds, 24)
@@ -223,11 +223,12 @@ def _breakpoints(balance: Balance) -> int:
     return balance.system.elements[0].breakpoints.size
 
 
-def _thresholds(balance: Balance) -> Array:
+def thresholds_of(balance: Balance) -> Array:
+    """Sizes of the element's thresholds."""
     return np.abs(np.asarray(balance.system.elements[0].thresholds(), float)).ravel()
 
 
-def _crossing_gains(system: LureSystem) -> Array:
+def crossing_gains(system: LureSystem) -> Array:
     """Gains of the linear part that can meet the locus: ten a decade between its frequency scales, and beside them."""
     if isinstance(system, DataSystem):
         low, high = system.band

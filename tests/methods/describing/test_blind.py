@@ -184,3 +184,33 @@ def test_a_satellite_that_drifts_between_its_thrusters_thresholds_is_said():
 )
 def test_a_loop_that_something_damps_or_drives_between_thresholds_is_not(loop):
     assert not any("drifts" in warning for warning in predict_limit_cycles(loop).warnings)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "sizes"),
+    [
+        # van der Pol's oscillator as x'' + x with a polynomial: 4 peak to peak.
+        ((0.0, -0.2, 0.0, 0.2 / 3.0), "4"),
+        # 0.2 - 0.45 A^2 + 0.075 A^4 = 0: A = 0.6953 and 2.3486.
+        ((0.0, 0.2, 0.0, -0.6, 0.0, 0.12), "1.4 and 4.7"),
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_cycles_where_the_linear_part_swings_undamped_by_itself_are_told(coefficients, sizes, turned) -> None:
+    """There its response is infinite and the gain of the element zero: no crossing of the two curves shows them."""
+    loop = epp.LureSystem.build(
+        [[0.0, 1.0], [-1.0, 0.0]], [[-1.0], [0.0]], [[1.0, 0.0]], [epp.Polynomial(coefficients)]
+    )
+    if turned:
+        Q = np.linalg.qr(np.random.default_rng(1).normal(size=(2, 2)))[0]
+        loop = loop.in_coordinates(Q.T, Q)
+    told = str(epp.predict_limit_cycles(loop))
+    assert f"at 1 rad/s, where first order has cycles of about {sizes} peak to peak" in told
+
+
+def test_where_a_swing_is_damped_or_no_gain_passes_zero_nothing_is_told_of_it() -> None:
+    for damping, coefficients in ((0.01, (0.0, -0.2, 0.0, 0.2 / 3.0)), (0.0, (0.0, 0.2, 0.0, 0.2 / 3.0))):
+        loop = epp.LureSystem.build(
+            [[-damping, 1.0], [-1.0, 0.0]], [[-1.0], [0.0]], [[1.0, 0.0]], [epp.Polynomial(coefficients)]
+        )
+        assert "undamped" not in str(epp.predict_limit_cycles(loop))
