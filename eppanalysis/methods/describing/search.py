@@ -155,7 +155,9 @@ def amplitude_scales(balance: Balance, gains: Array, sizes: Array, single: Singl
     a, bias = (v[a > 1e-9 * np.abs(bias)] for v in (a, bias))
     N = np.abs(balance.evaluate(a[:, None], bias[:, None], np.ones(a.size))[1][:, 0])
     meets = [a[np.flatnonzero((N[:-1] * g - 1 > 0) != (N[1:] * g - 1 > 0))] for g in gains if 0 < g < np.inf]
-    return np.unique(np.concatenate([reference, *meets]))
+    met = np.unique(np.concatenate([reference, *meets]))
+    # A gain that no frequency asks for changes all the same: that of a sine, behind a small gain of the loop.
+    return met if met.size else a[np.flatnonzero(N / N[0] < 0.5)[:1]]
 
 
 def amplitude_nodes(scales: Array, thresholds: Array, per_decade: int) -> Array:

@@ -45,6 +45,9 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _STILL = 1e-9
+#: Distance of a multiplier from one that is rounding, and the share of its neighbours' size that a cycle between two of
+#: one continuum has at least.
+_NEUTRAL, _AS_LARGE = 1e-7, 0.9
 #: Fewest and most samples of a first run, and those of a turn that it lasts; how often a run without an end is made
 #: three times as long.
 _FEWEST, _MOST, _TURNS, _LONGER = 400, 8000, 320, 2
@@ -149,6 +152,7 @@ def search_discrete(
             f"when the search had taken {_MOST_WORK:.0e} steps"
         )
     cycles = [c for c in cycles if not any(_stands_for(other, c) for other in cycles)]
+    cycles = _continua_once(step, cycles)
     unclosed = not_among(cycles, predicted)
     name, closed = system.signals.names[0], sorted(set(sought) - set(left))
     cycles.sort(key=lambda c: (c.peak_to_peak[name], c.period))
@@ -163,6 +167,7 @@ def search_discrete(
         unclosed=unclosed,
         left_open=tuple(open_ends),
         n_runs=made.ends.size,
+        n_continua=sum(map(_is_one_of_many, cycles)),
         provenance=Provenance(
             "search for limit cycles",
             {"system": system.name},
@@ -180,6 +185,49 @@ def _stands_for(orbit: LimitCycle, motion: LimitCycle) -> bool:
     near, turns = motion.error_estimate, orbit.period / motion.period
     alike = abs(turns - round(turns)) <= near
     return alike and all(abs(orbit.peak_to_peak[k] - y) <= near * y for k, y in motion.peak_to_peak.items())
+
+
+def _is_one_of_many(cycle: LimitCycle) -> bool:
+    return cycle.multipliers is not None and bool(np.any(np.abs(cycle.multipliers - 1.0) < _NEUTRAL))
+
+
+def _continua_once(step: Step, cycles: Sequence[LimitCycle]) -> list[LimitCycle]:
+    """The cycles, one for each continuum: a modulator keeps for ever what its integrator began with."""
+    kept = [c for c in cycles if not _is_one_of_many(c)]
+    many: list[LimitCycle] = []
+    for cycle in (c for c in cycles if _is_one_of_many(c)):
+        if not any(_joined(step, known, cycle) for known in many):
+            many.append(cycle)
+    # At the rim of a continuum a sample is where two pieces meet.
+    on_rim = [c for c in kept if c.stable is None and any(_joined(step, known, c) for known in many)]
+    return [*many, *(c for c in kept if c not in on_rim)]
+
+
+def _joined(step: Step, one: LimitCycle, other: LimitCycle) -> bool:
+    """Whether what lies midway between two cycles is a cycle as large: they are of one continuum then."""
+    n, turn = one.state.size, float(step.system.time_step or 1.0)
+    samples = round(one.period / turn)
+    if samples != round(other.period / turn) or np.any(step.lag):  # what is on its way a state does not tell
+        return False
+    a, b = (_path(step, c.state, c.memory, samples)[:-1] for c in (one, other))
+    shift = min(range(samples), key=lambda k: float(np.ptp(np.roll(b, -k, 0) - a, axis=0).max()))
+    middle, memory = 0.5 * (a[0] + b[shift]), [*one.memory]
+    for place, i in enumerate(step.remembers):
+        memory[i] = float(middle[n + place])
+    path = _path(step, middle[:n], memory, samples)
+    size, least = np.ptp(path, axis=0), np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))
+    back = np.abs(path[-1] - path[0]) <= _STILL * (size.max() + np.abs(path[0]))
+    return bool(np.all(back) and np.all(size >= _AS_LARGE * least))
+
+
+def _path(step: Step, state: Array, memory: Sequence[float | None], samples: int) -> Array:
+    """States (samples + 1, d) from a state of the loop."""
+    S, marks = step.begin(state[None], memory)
+    path = [S[0]]
+    for _ in range(samples):
+        S, marks, _, _ = step.advance(S, marks)
+        path.append(S[0])
+    return np.array(path)
 
 
 def _slowest(system: LureSystem) -> float:

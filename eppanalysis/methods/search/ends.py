@@ -264,8 +264,11 @@ class Ends:
 
         A stuck element may creep towards its next slip far more slowly than the linear part moves.
         """
-        if self.hybrid.model.S.shape[1]:
-            return End.REST  # without long steps that would take minutes
+        if self.hybrid.model.S.shape[1]:  # without long steps that would take minutes
+            # What drifts evenly all the time, as a phase that slips for ever does, has not decayed.
+            way = np.maximum(self._sizes(), np.abs(run.x_end - start.x0))
+            stands = np.abs(run.rate_end)[start.compared] * t <= _DRIFT * way[start.compared]
+            return End.REST if np.all(stands) else End.UNDECIDED
         # An even drift reaches the next slip in this time; where that is too long the run is not made.
         with np.errstate(divide="ignore", invalid="ignore"):
             way = (self._sizes() / np.abs(run.rate_end))[start.compared]

@@ -61,7 +61,8 @@ def _reach(system: LureSystem, i: int, omega: float) -> float:
     level = max([*np.abs(np.atleast_1d(element.thresholds())), abs(float(system.constant_input[row]))], default=0.0)
     if level > 0:
         return level
-    # Without a threshold (a relay, dry friction, a cubic) its gain changes with size: where the loop's gain passes one.
+    # Without a threshold (a relay, dry friction, a cubic) its gain changes with size: where the loop's gain passes one,
+    # or where it does not (a sine that holds a phase) to half.
     a = np.geomspace(1e-60, 1e60, 601)
     try:
         gain = describe(element, a, np.zeros(a.size), np.full(a.size, omega))[1]
@@ -69,4 +70,5 @@ def _reach(system: LureSystem, i: int, omega: float) -> float:
         return 0.0
     loop = np.abs(gain @ system.frequency_response(np.array([omega]))[0, row, outputs])
     passes = np.flatnonzero((loop[:-1] > 1.0) != (loop[1:] > 1.0))
+    passes = passes if passes.size else np.flatnonzero(loop < 0.5 * loop[0])
     return float(a[passes[0]]) if passes.size else 0.0

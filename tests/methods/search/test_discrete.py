@@ -60,3 +60,34 @@ def test_starts_reach_a_basin_with_a_twentieth_of_all_states() -> None:
     system = problem("quantiser, sampled", 320).system
     made, _ = Runs.of(ready(system, epp.OperatingPoint.of(system)), starts_of(system, ()), 8000)
     assert {35, 198, 1253} <= set(made.ends.tolist())
+
+
+@pytest.mark.parametrize(("level", "samples"), [(1.0 / 3.0, 3), (3.0 / 7.0, 7), (1.0 / 5.0, 5)])
+def test_a_modulator_has_one_continuum_of_cycles(level: float, samples: int) -> None:
+    """Delta and sigma: of a level p/q the pattern has q samples (both odd), and the integrator keeps its offset."""
+    loop = epp.LureSystem.build(
+        [[1.0]], [[-1.0]], [[1.0]], [epp.Relay()], constant_state=[level], x0=[0.123], time_step=1.0
+    )
+    found = epp.find_limit_cycles(loop)
+    (cycle,) = found
+    assert cycle.period == samples and cycle.stable and found.n_continua == 1
+    assert cycle.mean["relay_output"] == pytest.approx(level)
+    assert "continuum" in str(found)
+
+
+def test_each_cycle_of_a_digital_filter_is_listed() -> None:
+    """Cycles that differ in size by whole steps of rounding are no continuum."""
+    loop = epp.LureSystem.build(
+        [[0.0, 0.0], [1.0, 0.0]], [[1.0], [0.0]], [[1.8 * np.cos(0.7) * 0.98, -0.95]], [epp.Quantiser(1.0, 40)],
+        x0=[7.0, 3.0], time_step=1.0,
+    )  # fmt: skip
+    found = epp.find_limit_cycles(loop)
+    sizes = sorted(round(c.peak_to_peak["quantiser_output"]) for c in found)
+    # The filter's own iteration from all states of whole numbers up to 15.
+    x = np.array([[a, b] for a in range(-15, 16) for b in range(-15, 16)], float)
+    path = []
+    for _ in range(600):
+        x = np.column_stack([np.floor(1.8 * np.cos(0.7) * 0.98 * x[:, 0] - 0.95 * x[:, 1] + 0.5), x[:, 0]])
+        path.append(x[:, 0])
+    seen = {int(size) for size in np.ptp(path[-24:], axis=0)} - {0}
+    assert seen <= set(sizes) and found.n_continua == 0

@@ -97,3 +97,17 @@ def test_rest_that_a_motion_could_only_swing_to_is_not_named(seed):
     assert np.iscomplex(max(np.roots([1.0, 7.0, 4.0, 1.5]), key=np.real))
     found = epp.find_limit_cycles(loop if seed is None else turned(loop, np.random.default_rng(seed)))
     assert len(found) == 1 and not found.settles
+
+
+@pytest.mark.parametrize(("detuning", "rests"), [(0.6, True), (1.3, False)])
+def test_a_phase_locked_loop_rests_within_its_hold_range_alone(detuning: float, rests: bool) -> None:
+    """A sine has no threshold and its loop no gain of one: no run was made; a slip for ever drifts, and is no rest."""
+    loop = epp.LureSystem.build(
+        [[0.0, -1.0], [0.0, -0.5]], [[-0.1], [0.45]], [[1.0, 0.0]], [epp.Sine(1.0)], constant_state=[detuning, 0.0]
+    )
+    found = epp.find_limit_cycles(loop)
+    assert found.n_runs > 0 and not len(found)
+    assert found.settles is rests
+    assert (found.status is epp.Status.CONVERGED) is rests
+    if rests:
+        assert np.sin(found.rest_state[0]) == pytest.approx(detuning, abs=1e-6)
