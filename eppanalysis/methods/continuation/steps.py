@@ -362,7 +362,9 @@ def _others(inside: Point, outside: Point) -> Iterator[tuple[Point, bool]]:
                 continue
             if turns_back and found.arcs.event_sequence.guards.size == inside.orbit.arcs.event_sequence.guards.size:
                 continue
-            yield make_point(family, value, found, None, -way if turns_back else way), turns_back
+            # The old sequence, no longer true, may have turned already: the new orbit's own side tells the way to it.
+            side = float(np.sign(value - inside.value)) or (-way if turns_back else way)
+            yield make_point(family, value, found, None, side), side != way
 
 
 def beyond(point: Point) -> tuple[Point | None, bool]:

@@ -369,3 +369,16 @@ def test_a_cycle_whose_switch_comes_ever_later_is_followed_to_the_end_and_no_fur
     assert branch.ends[1] == "ends where no orbit continues it" and not branch.status.ok
     assert 0.1999 < branch.points["value"].max() < 0.2
     assert np.all(np.diff(branch.points["period"]) > 0) and branch.points["period"][-1] > 500
+
+
+def test_a_branch_that_turns_just_before_it_touches_a_breakpoint_goes_on_behind_it() -> None:
+    """From its stable end it went back the way it had come, past a second fold, and ended where it had begun."""
+    loop = epp.LureSystem.from_tf(([30.0, 9.0], [1.0, 4.0, 4.0, 0.0, 0.0]), epp.DeadZoneSaturation(0.5, 4.0, 3.0))
+    small, large = epp.find_limit_cycles(loop)
+    down, up = (epp.continue_branch(loop, "loop.gain", 1.0, 0.05, cycle=c).to_frame() for c in (large, small))
+    for branch, first, last in ((down, large, small), (up, small, large)):
+        ends = branch["period"].to_numpy()[[0, -1]]
+        assert ends == pytest.approx([first.period, last.period], rel=1e-9)
+        assert (branch["special"] == "fold").sum() == 1
+    # The fold lies between two points.
+    assert down["loop.gain"].min() == pytest.approx(up["loop.gain"].min(), rel=1e-3)
