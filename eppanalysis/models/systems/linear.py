@@ -209,7 +209,9 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
     return apart, Q, k
 
 
-def coordinates_with_integrators_apart(A: Array, *, discrete: bool) -> tuple[Array, Array, Array] | None:
+def coordinates_with_integrators_apart(
+    A: Array, *, discrete: bool, around: tuple[Array, Array, Array] | None = None
+) -> tuple[Array, Array, Array] | None:
     """A state matrix in coordinates in which its integrators show as rows of zeros (of the unit matrix where discrete).
 
     Parameters
@@ -217,6 +219,10 @@ def coordinates_with_integrators_apart(A: Array, *, discrete: bool) -> tuple[Arr
     A : array, shape (n, n)
     discrete : bool
         An integrator has its pole at one then.
+    around : (array (n, m), array (m, k), array (k, n)), optional
+        What else leads from state to state: to the state rate, which of what comes in it hangs on, and from the state.
+        Parts that only this connects would otherwise be counted in units that have nothing to do with one another, and
+        coordinates across them lose what passes from one to the other.
 
     Returns
     -------
@@ -227,7 +233,15 @@ def coordinates_with_integrators_apart(A: Array, *, discrete: bool) -> tuple[Arr
     unit = np.eye(n) if discrete else np.zeros((n, n))
     if not n:
         return None
-    even, size = balanced(A - unit)
+    if around is None:
+        even, size = balanced(A - unit)
+    else:
+        B, through, C = around
+        whole = np.zeros((n + sum(through.shape),) * 2)
+        whole[:n, :n], whole[:n, n : n + len(through)] = A - unit, B
+        whole[n : n + len(through), n + len(through) :], whole[n + len(through) :, :n] = through, C
+        size = balanced(whole)[1][:n]
+        even = (A - unit) * size / size[:, None]
     # In discrete time the entries of A are near one, so that their rounding does not shrink with the sample time.
     rounding = max(ROUNDING * float(np.linalg.norm(even)), 4 * n * np.finfo(float).eps) if discrete else None
     apart, Q, k = integrators_apart(even, rounding)

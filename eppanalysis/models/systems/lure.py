@@ -348,7 +348,11 @@ class LureSystem(Responses):
         In other coordinates (rotated, balanced, identified) rounding makes slow poles of integrators. Where they show
         as the loop is given, it stays as it is. In discrete time an integrator has its pole at one.
         """
-        found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step))
+        through = np.zeros((self.B.shape[1], self.C.shape[0]))
+        for rows, columns in zip(self.output_slices, self.input_slices, strict=True):
+            through[rows, columns] = 1.0
+        around = (self.B, through, self.C)
+        found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step), around=around)
         if found is None:
             return self, np.eye(self.A.shape[0])
         A, T, inverse = found

@@ -95,3 +95,54 @@ def _continuous(case, changes):
     if changes:
         tables["blocks"]["controller"] = {"kind": "gain", "gain": "Kp"}
     return tables
+
+
+def two_rates() -> epp.LureSystem:
+    """A speed loop at 1 kHz around a current loop at 10 kHz, on two inertias behind a gear with play."""
+    blocks = epp.blocks
+    parts = {
+        "speed": blocks.PI(kp=0.4, ti=0.05, sample_time=1e-3),
+        "limit": epp.Saturation(lower=-10.0, upper=10.0),
+        "current": blocks.PI(kp=4.0, ti=2e-3, sample_time=1e-4),
+        "winding": blocks.TransferFunction(num=[1.0], den=[4e-3, 1.0]),
+        "torque": blocks.Gain(gain=0.5),
+        "emf": blocks.Gain(gain=0.5),
+        "tacho": blocks.LowPass(bandwidth=2000.0),
+        "motor": blocks.Inertia(inertia=1e-3, damping=1e-3),
+        "load": blocks.Inertia(inertia=3e-3, damping=1e-3),
+        "gear": epp.LockPin(gap=0.01, stiffness=300.0, damping=0.05),
+    }
+    connect = [
+        *("setpoint - tacho -> speed", "speed -> limit", "limit - winding -> current", "current - emf -> winding"),
+        *("winding -> torque", "torque - gear -> motor", "motor.speed -> emf, tacho", "gear -> load"),
+        *("motor.angle - load.angle -> gear.twist", "motor.speed - load.speed -> gear.rate"),
+    ]
+    return epp.Diagram(parts=parts, connect=connect, inputs=["setpoint"]).to_system()
+
+
+def test_with_two_rates_they_are_near_those_from_sample_to_sample_and_one_all_along_the_loop():
+    """The angles are integrators that only the gear connects: units that left it out had lost what passes there.
+
+    Ten steps of the inner loop are one of the outer, so that the loop cut at the outer controller is known exactly.
+    """
+    A = np.zeros((5, 5))  # current, twist, both speeds, tacho
+    A[0, [0, 2]], A[1, [2, 3]], A[4, [2, 4]] = (-250.0, -125.0), (1.0, -1.0), (2000.0, -2000.0)
+    A[2, :4], A[3, 1:4] = (500.0, -3e5, -51.0, 50.0), (1e5, 50.0 / 3.0, -51.0 / 3.0)
+    plant = control.sample_system(control.ss(A, [[250.0], [0], [0], [0], [0]], np.eye(5), 0), 1e-4)
+    step, into = np.zeros((6, 6)), np.zeros(6)
+    # The output of the inner controller is 4.2 e + I, with I growing by 0.2 e.
+    step[:5, :5], step[5, 0], step[5, 5], into[5] = plant.A, -0.2, 1.0, 0.2
+    step[:5] += np.outer(plant.B, [-4.2, 0, 0, 0, 0, 1.0])
+    into[:5] = 4.2 * plant.B[:, 0]
+    ten = np.linalg.matrix_power(step, 10)
+    held = sum(np.linalg.matrix_power(step, k) for k in range(10)) @ into
+    outer = control.ss(ten, held[:, None], np.eye(6)[[4]], 0, 1e-3) * control.tf([0.408, -0.4], [1.0, -1.0], 1e-3)
+    gain, phase, _, omega, _, _ = control.stability_margins(outer)
+    loop = two_rates()
+    found = epp.margins(loop, ["speed.out", "limit.out", "tacho.out"])
+    assert all(m.stable for m in found) and np.all(np.abs(control.feedback(outer, 1).poles()) < 1.0)
+    for one in found:
+        assert one.gain_margin == pytest.approx(gain, rel=1.5 * (omega * 1e-3) ** 2 / 12.0)
+        assert np.rad2deg(one.phase_margin) == pytest.approx(phase, abs=4.0)
+        assert one.gain_margin == pytest.approx(found[0].gain_margin, rel=1e-9)
+        assert one.phase_margin == pytest.approx(found[0].phase_margin, rel=1e-9)

@@ -111,7 +111,10 @@ def without_bound(question: Question, seen: Sequence[_Seen], what: str, asked: s
     if not free:
         return Scan(Finding.ALWAYS, note=f"At all values tried in the range there is a {what}: none of them is safe.")
     if unknown:
-        return Scan(Finding.UNSURE, note=f"{asked} found no {what}, but left runs undecided at {unknown}.")
+        note = f"{asked} found no {what}, but left runs undecided at {unknown}."
+        if some:
+            note = f"There is a {what} at {some}; of the others, runs were left undecided at {unknown}."
+        return Scan(Finding.UNSURE, note=note)
     if not some:
         return Scan(Finding.NONE, note=f"At no value tried in the range there is a {what}: nothing bounds it there.")
     note = f"There is a {what} at {some} and none at {free}: ask for a narrower range, which ends among these."
