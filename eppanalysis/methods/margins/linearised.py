@@ -186,8 +186,8 @@ class Linearised:
             return replace(made, executed=(*told, *said))
         made = cls._of_gains(averaged(loop))
         said = (
-            f"{n}: executed every {step:.6g} s, in the mean over where its samples fall; near the crossovers good to about "
-            f"(omega {step:.6g} s)^2/12."
+            f"{n}: executed every {step:.6g} s, in the mean over where its samples fall; near the crossovers good to "
+            f"about (omega {step:.6g} s)^2/12."
             for n, step in steps.items()
         )
         return replace(made, executed=tuple(said))
