@@ -118,6 +118,8 @@ def _turns(strobe: Strobe, run: Run, rows: Rows, t_end: float) -> tuple[NDArray[
     for at in _rarest(guards, strobe.of_samples, time, t_end):
         values, scale = rows.values[at], spans[at[-_TURNS - 1]]
         scale = np.where(scale > _REST * rows.size, scale, np.inf)
+        if not np.isfinite(scale).any():
+            continue  # all of it stands still: what is left of a decay has no turns
         back = np.max(np.abs(values - values[-1]) / scale, axis=1) <= _DIFFER
         places, values = at[back], values[back]
         length = np.diff(time[places])

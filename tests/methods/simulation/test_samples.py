@@ -171,3 +171,26 @@ def test_a_virtual_spring_comes_to_rest_where_an_independent_integrator_does(sti
         x, v = moved(x, v, -stiffness * QUANTUM * np.floor(x / QUANTUM + 0.5), 1e-3)
     assert run.status is epp.Status.SETTLED and v == 0.0
     assert run.settled_at["encoder_input"] == pytest.approx(x, abs=1e-11)
+
+
+def test_what_is_left_of_a_decay_within_a_dead_zone_is_no_cycle() -> None:
+    """A valve's overlap, within which only a lag swings out: at 1e-8 of the motion it still passes zero at each turn."""
+    blocks = epp.blocks
+    servo = epp.Diagram(
+        parts={
+            "controller": blocks.PI(kp=2000.0, ti=0.5, sample_time=2e-3),
+            "valve": blocks.TransferFunction(num=[0.001], den=[1.6e-5, 0.0048, 1.0], start=[0.0255, -5.09e-06]),
+            "overlap": epp.DeadZone(lower=-2e-4, upper=2e-4),
+            "oil": blocks.TransferFunction(num=[243e3], den=[1.0, 45.0, 8100.0], start=[3.85e-5, -7.39e-5]),
+            "piston": blocks.Integrator(start=[4.98264e-3]),
+            "sensor": blocks.LowPass(bandwidth=1500.0, start=[4.98416e-3]),
+        },
+        connect=[
+            *("demand - sensor -> controller", "controller -> valve", "valve -> overlap", "overlap -> oil"),
+            *("oil -> piston", "piston -> sensor"),
+        ],
+        inputs={"demand": 0.005},
+    ).to_system()
+    statuses = {float(t): epp.simulate(servo, t_end=t).status for t in (8.0, 9.0, 10.0, 11.0, 20.0)}
+    assert statuses.pop(20.0) is epp.Status.SETTLED
+    assert set(statuses.values()) <= {epp.Status.UNDECIDED, epp.Status.SETTLED}
