@@ -84,7 +84,7 @@ def _crossings(x: Array, left: Array, right: Array, slide: IntArray) -> tuple[By
         "memory_constant": np.zeros((n, 0)),
         "impulse": np.zeros((n, 1)),
         # What the loop does not keep on the jump passes it at once (docs/theory/engine.md, Modes).
-        "bypass": column(none, none, above, below),
+        "bypass": column(none, none, np.where(jumps, above, none), np.where(jumps, below, none)),
     }, numbers
 
 

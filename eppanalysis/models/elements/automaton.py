@@ -138,7 +138,8 @@ class Automaton:
     Raises
     ------
     ModelError
-        If a mode that a guard or the start names does not exist, or an array has a wrong shape.
+        If a mode that a guard or the start names does not exist, a guard bypasses one that does not stick, or an array
+        has a wrong shape.
 
     See Also
     --------
@@ -189,15 +190,22 @@ class Automaton:
                 )
 
     def _require_places(self) -> None:
-        """Modes that the start and the guards name exist."""
+        """Modes that the start and the guards name exist, and what a guard bypasses sticks."""
         n = len(self.modes)
         wrong = [] if 0 <= self.start_mode < n else [("start_mode", self.start_mode)]
-        for end in ("mode", "target"):
+        for end, least in (("mode", 0), ("target", 0), ("bypass", -1)):
             named = self.guard_columns[end]
-            for i in np.flatnonzero((named < 0) | (named >= n))[:1]:
+            for i in np.flatnonzero((named < least) | (named >= n))[:1]:
                 wrong.append((f"{end} of the guard {self.guards[i].name!r}", int(named[i])))
         for name, place in wrong:
             raise ModelError(f"Automaton: {name} is {place!r}; expected the number of a mode, 0 to {n - 1}.")
+        sticks, guards = self.mode_columns["sticking"], self.guard_columns
+        for i in np.flatnonzero((guards["bypass"] >= 0) & ~sticks[guards["target"]])[:1]:
+            target = self.modes[guards["target"][i]].name
+            raise ModelError(
+                f"Automaton: the guard {self.guards[i].name!r} has a bypass past {target!r}, which does not stick",
+                expected="none, or a target that sticks",
+            )
 
     @property
     def _mode_shapes(self) -> dict[str, tuple[int, ...]]:

@@ -400,6 +400,11 @@ def test_own_states_that_do_not_fit_are_refused() -> None:
         build = epp.AutomatonBuilder()
         build.guard("far", build.mode("only"), 5, on_input=1.0)
         build.build()
+    with pytest.raises(epp.ModelError, match="guard 'on' has a bypass past 'high', which does not stick; expected"):
+        build = epp.AutomatonBuilder()
+        low, high = build.mode("low"), build.mode("high", constant=1.0)
+        build.guard("on", low, high, on_input=1.0, bypass=low)
+        build.build()
 
 
 @pytest.mark.parametrize("name", [n for n, e in SHIPPED.items() if (e.n_inputs, e.n_outputs) == (1, 1)])
