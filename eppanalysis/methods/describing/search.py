@@ -200,7 +200,7 @@ def search_one(balance: Balance) -> Found:
     text = _sentence(system, real, omega, amplitude, len(lines))
     few = _breakpoints(balance) <= _MOST_CENTRES
     text += _MANY_STEPS * (not few) + _MANY_BRANCHES * (not followed) + _FEW_PLACES * coarse
-    return Found(distinct(balance, cycles), tuple(curves), text, few and followed)
+    return Found(distinct(balance, cycles), tuple(curves), text, few and followed and not coarse)
 
 
 def _search_single(single: SingleBias, amplitude: Array) -> Found:

@@ -163,6 +163,7 @@ def test_an_own_element_with_a_mean_is_sought_at_few_places_and_has_the_cycles_o
     known, found = (epp.predict_limit_cycles(replace(system, elements=(e,))) for e in (*system.elements, own))
     assert "sought at a tenth of the places" in found.search
     assert "sought at a tenth of the places" not in known.search
+    assert (found.status, known.status) == (epp.Status.INCOMPLETE, epp.Status.CONVERGED)
     assert len(found) == len(known) == 1
     for one, same in zip(known, found, strict=True):
         assert same.omega == pytest.approx(one.omega, rel=1e-9) and same.stable == one.stable
