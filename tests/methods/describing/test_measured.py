@@ -97,20 +97,21 @@ def test_harmonic_balance_on_several_paths_is_that_of_the_model():
     + [pytest.param(n, 60, marks=pytest.mark.slow) for n in CASES],
 )
 def test_intervals_cover_the_model_in_as_many_draws_as_they_say(name, draws):
-    # Beside a resonance between two points freeplay_section's intervals count what no spline follows, and are wide.
     fewest, most = binom.ppf([0.002, 0.9995], draws, 0.95)
     for row in coverage(name, draws, seed=11):
         for hits in (row.with_amplitude, row.with_frequency):
-            assert fewest <= hits <= (draws if name == "freeplay_section" else most), row
+            assert fewest <= hits <= most, row
 
 
 def test_the_stored_table_of_coverages_holds_for_two_hundred_draws():
     rows = [line.split("|")[1:-1] for line in RESULT.read_text(encoding="utf-8").splitlines()[2:]]
     assert {row[0].strip() for row in rows} <= set(CASES)
-    short = {row[0].strip() for row in rows if min(float(cell.strip(" %")) for cell in row[3:5]) < 90.0}
-    # Between friction and what nearly cancels it: the page names it.
-    assert short <= {"steering_compensated"}
-    assert all(name in PAGE.read_text(encoding="utf-8") for name in short)
+    for row in rows:
+        assert all(90.0 <= float(cell.strip(" %")) <= 99.0 for cell in row[3:5]), row
+    # Two cycles at a fold, and one between friction and what nearly cancels it, may not exist: the page names them.
+    doubtful = {row[0].strip() for row in rows if float(row[6].strip(" %")) > 50.0}
+    assert doubtful == {"quantised_sensor_ct", "quantised_sensor_ct_large", "steering_compensated"}
+    assert all(name.removesuffix("_large") in PAGE.read_text(encoding="utf-8") for name in doubtful)
 
 
 def test_what_noise_makes_or_unmakes_at_a_fold_is_said():

@@ -23,15 +23,15 @@ _ONE, _TWO = 1.959963984540054, 2.447746830680816
 _STEPS, _LAST, _LONGEST = 40, 1e-8, 0.3
 #: Share of the deviation that a step must take off it, the damping that makes a step short, and that which ends them.
 _FALLS, _SHORT, _MOST_DAMPED = 3e-4, 1e-3, 1e8
-#: Share of its terms by which the balance of a mean, which is exact, may be off for one deviation: kept more sharply
-#: it is a bent valley that no step follows.
-_EXACT = 1e-4
+#: Steps to the balance of the means, which is exact, at most, and the share of its terms that they may leave: a
+#: ten-thousandth can move the other rows by a deviation.
+_MEANS, _EXACT = 8, 1e-8
 #: How near to its deviate an end is found, trials for it, the first step at most, the factor by which one that falls
 #: short grows, and the logarithm from which on there is no end.
 _NEAR, _TRIALS, _FIRST, _GROWS, _NO_END = 1e-2, 60, 0.05, 1.5, 2.0
 
 #: Deviations up to which a motion is one of the balance, and the distance of two that are one.
-_IS_ONE, _SAME = 1e-3, 1e-2
+IS_ONE, _SAME = 1e-3, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +89,18 @@ class Noise:
         """What the data leave of motions near given places that the balance has not, and how far off these are."""
         if not places:
             return []
-        X = np.array(places)
-        X[:, -1] = 0.0
-        X, off, _ = self._least(X, np.full(len(X), -1))
+        X, off = self.least_refused(places)
         kept: list[int] = []
-        for i in np.flatnonzero((off > _IS_ONE) & (off <= _TWO)):
+        for i in np.flatnonzero((off > IS_ONE) & (off <= _TWO)):
             if all(np.abs(X[i, :2] - X[k, :2]).max() > _SAME for k in kept):
                 kept.append(int(i))
         return [(self.interval(X[i], at_a_fold=True), float(off[i])) for i in kept]
+
+    def least_refused(self, places: Sequence[Array]) -> tuple[Array, Array]:
+        """Motions near given places that the data refuse least, and by how many deviations."""
+        X = np.array(places)
+        X[:, -1] = 0.0
+        return self._least(X, np.full(len(X), -1))[:2]
 
     def _ends(self, X: Array, place: NDArray[np.intp], side: Array, most: float) -> tuple[Array, bool]:
         """How far an unknown goes to either side until a motion with it is refused, and whether a fold is passed."""
@@ -130,7 +134,7 @@ class Noise:
 
     def _linear(self, X: Array, place: NDArray[np.intp]) -> Array:
         """Deviations of unknowns, were the balance straight."""
-        r, J, _ = self._whitened(X[None])
+        _, J, *_ = self._whitened(X[None].copy())
         if not np.all(np.isfinite(J)):
             return np.full(len(place), _FIRST)
         moved = np.linalg.pinv(J[0])[:, : 2 * self.balance.m]
@@ -142,35 +146,35 @@ class Noise:
         The side is the sign of the determinant of the balance, which changes where two motions meet. Levenberg's and
         Marquardt's method: where a describing function has a corner, a full step may lead away.
         """
-        X, free = X.copy(), np.arange(X.shape[1] - 1) != held[:, None]
-        r, J, turn = self._whitened(X)
+        X, free = X.copy(), np.arange(2 * self.balance.m) != held[:, None]
+        r, J, turn, follow = self._whitened(X)
         off = self._off(r)
         damping, todo = np.full(len(X), 1e-6), np.flatnonzero(np.isfinite(off))
         for _ in range(_STEPS):
             if not todo.size:
                 break
-            size = scales(self.balance, X[todo])[:, :-1]
-            slope = J[todo] * (size * free[todo])[:, None, :]
+            slope = J[todo] * free[todo][:, None, :]
             slope = np.concatenate([slope, np.sqrt(damping[todo])[:, None, None] * np.eye(slope.shape[-1])], 1)
-            right = np.concatenate([r[todo], np.zeros_like(size)], 1)
+            right = np.concatenate([r[todo], np.zeros_like(r[todo])], 1)
             step = (np.linalg.pinv(slope) @ right[..., None])[..., 0]
             left = np.linalg.norm(((slope @ step[..., None])[..., 0] - right)[:, : r.shape[1]], axis=1)
             still = (off[todo] - left > _FALLS * np.maximum(off[todo], _LAST)) | (damping[todo] > _SHORT)
             if not still.all():
                 # What no step takes off is left as it is: its evaluation would cost as much as the others.
-                todo, step, size = todo[still], step[still], size[still]
+                todo, step = todo[still], step[still]
                 if not todo.size:
                     break
             longest = np.abs(step).max(1)
             there = X[todo]
-            there[:, :-1] -= step * size * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]
-            r_new, J_new, turn_new = self._whitened(there)
+            step = step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]
+            there[:, :-1] -= np.concatenate([step, (follow[todo] @ step[..., None])[..., 0]], 1)
+            r_new, J_new, turn_new, follow_new = self._whitened(there)
             new = self._off(r_new)
             ends = longest < _LAST
             better = (new < off[todo]) | (ends & np.isfinite(new))
             k = todo[better]
             falls = off[k] - new[better]
-            X[k], r[k], J[k] = there[better], r_new[better], J_new[better]
+            X[k], r[k], J[k], follow[k] = there[better], r_new[better], J_new[better], follow_new[better]
             turn[k], off[k] = turn_new[better], new[better]
             damping[todo] *= np.where(better, 0.1, 10.0)
             damping[k] = np.maximum(damping[k], 1e-12)
@@ -180,26 +184,50 @@ class Noise:
         return X, off, turn
 
     def _off(self, r: Array) -> Array:
-        """Deviations by which a residual is off, the means, which are exact, among them; infinite where it is none."""
+        """Deviations by which a residual is off; infinite where it is none."""
         return np.nan_to_num(np.linalg.norm(r, axis=1), nan=np.inf)
 
-    def _whitened(self, X: Array) -> tuple[Array, Array, Array]:
-        """Residual in deviations (n, 3 m), its Jacobian (n, 3 m, 3 m), and the sign of the determinant of the balance.
+    def _whitened(self, X: Array) -> tuple[Array, Array, Array, Array]:
+        """Residual in deviations (n, 2 m), its Jacobian (n, 2 m, 2 m), the sign of the determinant of the balance.
 
-        Behind real and imaginary parts the balance of the means, which is exact.
+        By amplitudes, phases and omega; means follow them (the last answer, (n, m, 2 m)), so that their balance, which
+        is exact, holds; they are put right in X.
         """
         balance, m = self.balance, self.balance.m
         with np.errstate(all="ignore"):
-            R, J = balance.residual(X)
+            R, J, back = self._with_means(X)
             a, phase, b, omega = balance.unpack(X)
             root = self._root(a, phase, b, omega)
-            size = np.maximum(np.abs(J[:, 2 * m :, :-1] * scales(balance, X)[:, None, :-1]).max(-1), 1e-300) * _EXACT
             turn = np.linalg.slogdet(np.nan_to_num(J[:, :, :-1]))[0]
-            r, by = R[:, :m] + 1j * R[:, m : 2 * m], J[:, :m, :-1] + 1j * J[:, m : 2 * m, :-1]
-            r, by = (root @ r[..., None])[..., 0], root @ by
-            whole = np.concatenate([r.real, r.imag, R[:, 2 * m :] / size], 1)
-            slope = np.concatenate([by.real, by.imag, J[:, 2 * m :, :-1] / size[..., None]], 1)
-        return whole, slope, turn
+            follow = -back @ J[:, 2 * m :, : 2 * m]
+            by = J[:, : 2 * m, : 2 * m] + J[:, : 2 * m, 2 * m : 3 * m] @ follow
+            r = (root @ (R[:, :m] + 1j * R[:, m : 2 * m])[..., None])[..., 0]
+            slope = root @ (by[:, :m] + 1j * by[:, m:])
+        return np.concatenate([r.real, r.imag], 1), np.concatenate([slope.real, slope.imag], 1), turn, follow
+
+    def _with_means(self, X: Array) -> tuple[Array, Array, Array]:
+        """Residual and Jacobian with the means in balance, by Newton's method, and the inverse of the means' own part.
+
+        Not a number where they do not come to it.
+        """
+        balance, m = self.balance, self.balance.m
+        R, J = balance.residual(X)
+        back, todo = np.zeros((len(X), m, m)), np.arange(len(X))
+        for k in range(_MEANS):
+            means, size = J[todo, 2 * m :, :-1], scales(balance, X[todo])[:, :-1]
+            terms = np.maximum(np.abs(means * size[:, None]).max(-1), 1e-300)[..., None]
+            own = np.nan_to_num(means[..., 2 * m :] * size[:, None, 2 * m :] / terms)
+            back[todo] = np.linalg.pinv(own) * size[:, 2 * m :, None] / np.swapaxes(terms, 1, 2)
+            off = ~(np.abs(R[todo, 2 * m :, None] / terms).max((1, 2)) <= _EXACT)
+            todo, size = todo[off], size[off, 2 * m :]
+            if not todo.size or k == _MEANS - 1:
+                break
+            step = (back[todo] @ R[todo, 2 * m :, None])[..., 0]
+            longest = np.nan_to_num(np.abs(step / size).max(-1, keepdims=True))
+            X[todo, 2 * m : 3 * m] -= step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))
+            R[todo], J[todo] = balance.residual(X[todo])
+        R[todo] = np.nan
+        return R, J, back
 
     def _root(self, a: Array, phase: Array, b: Array, omega: Array) -> ComplexArray:
         """Inverse root of the covariance of the residuals, shape (n, m, m)."""

@@ -28,9 +28,8 @@ _FEWEST_SPANS, _POINTS_EACH = 3, 2
 _WORST, _PATIENCE = 0.4, 6
 #: Points on either side from which the error between two points is told.
 _BESIDE = 4
-#: Points by which the scatter beside a frequency is told, and the deviations of its mean square from which it is not by
-#: chance.
-_ABOUT, _BY_CHANCE = 32, 4.0
+#: Deviations of the mean square of the scatter that a value rests on, from which it is not by chance.
+_BY_CHANCE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,52 +80,67 @@ class Curve:
 
         By their median, which a resonance that no spline follows does not move.
         """
-        return 1.0 if self.deviation is None else float(np.sqrt(np.median(self._squares) / np.log(2.0)))
+        if self.deviation is None:
+            return 1.0
+        free = 1.0 - len(self.spline.c) / len(self.points)
+        return float(np.sqrt(np.median(self._squares) / (np.log(2.0) * max(free, 1.0 / len(self.points)))))
 
     def scatter_at(self, omega: ArrayLike) -> Array:
-        """The same beside frequencies, where it is more there than chance makes it."""
-        at = np.log(np.asarray(omega, float))
+        """The same of the points that values at frequencies rest on, where it is more than chance makes it."""
         if self.deviation is None:
-            return np.ones(at.shape)
-        first = np.searchsorted(self.log_omega, at) - _ABOUT // 2
-        total = np.concatenate([[0.0], np.cumsum(self._squares)])
-        low, high = (np.clip(first + k, 0, len(self.log_omega)) for k in (0, _ABOUT))
-        here, count = total[high] - total[low], np.maximum(high - low, 1)
-        usual = self.scatter**2
-        chance = usual * (1.0 + _BY_CHANCE / np.sqrt(count))
-        return np.asarray(np.sqrt(np.where(here / count > chance, here / count, usual)))
+            return np.ones(np.shape(omega))
+        return self._scatter_of(self._weights(omega) ** 2)
+
+    def _scatter_of(self, weight: Array) -> Array:
+        """By the squares of the weights (..., m) that the points have in a value."""
+        # What is left over counts as it moves the value: a resonance that no spline follows, ten knots away, does not.
+        here = weight @ self._squares / (weight @ self._free)
+        usual, count = self.scatter**2, weight.sum(-1) ** 2 / (weight**2).sum(-1)
+        return np.asarray(np.sqrt(np.where(here > usual * (1.0 + _BY_CHANCE / np.sqrt(count)), here, usual)))
 
     @cached_property
     def _squares(self) -> Array:
-        """Squares of the points about the curve over their deviation, one on average by chance, shape (m,)."""
+        """Squares of what points lie off the curve over their deviation, mean of magnitude and phase, shape (m,)."""
         assert self.deviation is not None
-        off = ((self.spline(self.log_omega) - self.points) / self.deviation[:, None]) ** 2
-        return np.asarray(0.5 * off.sum(1) * len(off) / max(len(off) - len(self.spline.c), 1))
+        off = (self.spline(self.log_omega) - self.points) / self.deviation[:, None]
+        return np.asarray(0.5 * (off**2).sum(1))
 
     def deviation_at(self, omega: ArrayLike) -> Array:
         """Standard deviation of log magnitude and phase of a fitted curve at frequencies; zero without one.
 
         Where the points scatter more than their deviation says, that scatter counts.
         """
-        omega = np.asarray(omega, float)
         if self.deviation is None:
-            return np.zeros(omega.shape)
-        x = np.clip(np.log(omega), self.log_omega[0], self.log_omega[-1])
-        here = type(self.spline).design_matrix(x.ravel(), self.spline.t, self.spline.k).toarray()
-        root = np.linalg.solve(self._triangle.T, here.T)
-        size = np.linalg.norm(root, axis=0).reshape(omega.shape)
-        return np.asarray(size * np.maximum(self.scatter_at(omega), 1.0))
+            return np.zeros(np.shape(omega))
+        weight = self._weights(omega) ** 2
+        return np.asarray(np.sqrt(weight.sum(-1)) * np.maximum(self._scatter_of(weight), 1.0))
+
+    def _weights(self, omega: ArrayLike) -> Array:
+        """Of the points over their deviation in values of a fitted curve at frequencies, shape (..., m)."""
+        x = np.clip(np.log(np.asarray(omega, float)), self.log_omega[0], self.log_omega[-1])
+        return np.asarray(self._fit(x))
 
     @cached_property
-    def _triangle(self) -> Array:
-        """Of the design matrix B, its rows over the deviation.
+    def _fit(self) -> BSpline:
+        """What each point over its deviation adds, values of shape (m,).
 
         The variance of a fit that is linear in its data (docs/theory/measured.md, Between the points) follows from it:
         normal equations would square its condition.
         """
+        Q, R = np.linalg.qr(self._design)
+        return type(self.spline)(self.spline.t, np.linalg.solve(R, Q.T), self.spline.k)
+
+    @cached_property
+    def _design(self) -> Array:
+        """Design matrix, its rows over the deviation, shape (m, p)."""
         assert self.deviation is not None
         B = type(self.spline).design_matrix(self.log_omega, self.spline.t, self.spline.k).toarray()
-        return np.asarray(np.linalg.qr(B / self.deviation[:, None], mode="r"))
+        return np.asarray(B / self.deviation[:, None])
+
+    @cached_property
+    def _free(self) -> Array:
+        """Share of its variance that each point keeps about the curve, shape (m,)."""
+        return np.asarray(1.0 - np.einsum("mp,pm->m", self._design, self._fit.c))
 
     def error_between(self, omega: float) -> float:
         """Estimated error of ``ln G`` between two points: how far points beside lie off a curve without them.

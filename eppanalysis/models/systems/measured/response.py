@@ -87,8 +87,11 @@ class MeasuredResponse(Shown):
             _refuse("value", f"of shape {value.shape}", f"as many values as frequencies, shape {omega.shape}")
         if len(omega) < _FEWEST:
             _refuse("omega", f"{len(omega)} frequencies", f"{_FEWEST} or more")
-        if not (np.all(np.isfinite(omega)) and omega[0] > 0 and np.all(np.diff(omega) > 0)):
-            _refuse("omega", "not positive and ascending", "finite frequencies above zero, each once, in order")
+        before = np.append(0.0, omega[:-1])
+        if not np.all(rises := np.isfinite(omega) & (omega > before)):
+            i = int(np.argmin(rises))
+            behind = f" after {before[i]:.6g}" if i else ""
+            _refuse("omega", f"{omega[i]:.6g} rad/s{behind}", "finite frequencies above zero, each once, in order")
         if not (np.all(np.isfinite(value)) and np.all(np.abs(value) > 0)):
             at = omega[int(np.argmin(np.isfinite(value) & (np.abs(value) > 0)))]
             _refuse("value", f"zero or not finite at {at:.6g} rad/s", "a finite response with a magnitude")
