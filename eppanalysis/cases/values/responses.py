@@ -25,7 +25,7 @@ from eppanalysis.units import QuantityError, parse_any, parse_quantity
 Array = NDArray[np.float64]
 
 _LARGEST_FILE, _MOST_ROWS = 50_000_000, 100_000
-_HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
+_HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?\s*", re.DOTALL)
 _WANTED = "a header such as 'frequency [Hz],magnitude [dB],phase [deg]'"
 _PAIRS = (("magnitude", "phase"), ("real", "imaginary"))
 _PLACED = re.compile(r"(.*\S)\s+(\d{1,3})/(\d{1,3})")
@@ -44,7 +44,7 @@ def read_response(
     Columns are "frequency" [Hz, rad/s or any unit of either]; "magnitude" ([dB], or a unit of output over input) and
     "phase" [deg, rad], or "real" and "imaginary"; and, where it is known, "deviation" ([%], or a plain share of the
     magnitude): the standard deviation of real and imaginary part. Rows stand in any order; a row at frequency zero is
-    the static gain. Separators are commas, semicolons or tabs.
+    the static gain. Separators are commas, semicolons or tabs; beside the latter two a decimal comma will do.
 
     Of several inputs and outputs each path has columns of its own: "magnitude 2/1" and "phase 2/1" are output 2 over
     input 1. A path without columns is none.
@@ -157,6 +157,8 @@ def _rows(path: Path, source: str) -> tuple[list[str], Array]:
         _split(cell, source)
     if len(cells) - 1 > _MOST_ROWS:
         raise CaseError(source, "", f"{len(cells) - 1} rows", f"{_MOST_ROWS} at most")
+    if separator != ",":
+        cells[1:] = [(i, [cell.replace(",", ".") for cell in row]) for i, row in cells[1:]]
     return header, np.array([_numbers(row, len(header), i, source) for i, row in cells[1:]]).reshape(-1, len(header))
 
 
@@ -178,7 +180,7 @@ def _numbers(row: Sequence[str], count: int, line: int, source: str) -> list[flo
 def _split(cell: str, source: str) -> tuple[str, tuple[int, int] | None, str]:
     """Name, path (output and input, from one) and unit of a header's cell."""
     match = _HEADER.fullmatch(cell)
-    name, unit = (match[1].lower(), (match[2] or "").strip()) if match else (cell, "")
+    name, unit = (match[1].lower(), (match[2] or match[3] or "").strip()) if match else (cell, "")
     placed = _PLACED.fullmatch(name)
     name, place = (placed[1], (int(placed[2]), int(placed[3]))) if placed else (name, None)
     if name not in _COLUMNS or (place and (min(place) < 1 or max(place) > _MOST_PORTS or name == "frequency")):
@@ -202,7 +204,12 @@ def _values(columns: dict[str, tuple[int, str]], rows: Array, source: str) -> ND
     if not units[1]:
         raise CaseError(source, "line 1, phase", "without a unit", "phase [deg] or phase [rad]")
     angle = second * _in_si(units[1], "rad", "phase", source)
-    size = 10.0 ** (first / 20.0) if units[0].lower() == "db" else first * _gain_unit(units[0], "magnitude", source)
+    if units[0].lower() == "db":
+        return np.asarray(10.0 ** (first / 20.0) * np.exp(1j * angle), complex)
+    if np.any(first < 0.0):
+        least = f"{first.min():.6g} {units[0]}".strip()
+        raise CaseError(source, "magnitude", least, "none below zero, or decibels as magnitude [dB]")
+    size = first * _gain_unit(units[0], "magnitude", source)
     return np.asarray(size * np.exp(1j * angle), complex)
 
 

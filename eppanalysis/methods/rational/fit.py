@@ -99,7 +99,11 @@ def rational_model(
     at_zero, falls = _ends(response)
     k = at_zero if integrators is None else integrators
     data = _Data(omega, value, response.deviation, k, max(falls - k, 0))
-    orders = range(max(1, data.degree), _HIGHEST + 1) if order is None else [max(order, data.degree)]
+    if order is not None and order < data.degree:
+        raise EppError(
+            f"rational_model: order is {order}; expected at least {data.degree}, as steeply as the data fall."
+        )
+    orders = range(max(1, data.degree), _HIGHEST + 1) if order is None else [order]
     found = _chosen(data, orders, tolerance)
     allowed = tolerance if response.deviation is None else _DEVIATIONS * float(np.max(data.deviation))
     meets = found.misfit <= max(allowed, _POOR)

@@ -26,6 +26,7 @@ def written(path, header, *columns, separator=","):
         ("Frequency [rad/s];Magnitude [dB];Phase [rad]", (OMEGA, 20 * np.log10(np.abs(VALUE)), np.angle(VALUE)), ";"),
         ("real [m/N]\timaginary [m/N]\tfrequency [Hz]", (VALUE.real, VALUE.imag, OMEGA / (2 * np.pi)), "\t"),
         ("frequency [kHz],real,imaginary", (OMEGA / (2e3 * np.pi), VALUE.real, VALUE.imag), ","),
+        ("Frequency (rad/s),Real (mm/N),Imaginary (mm/N)", (OMEGA, 1e3 * VALUE.real, 1e3 * VALUE.imag), ","),
     ],
 )  # fmt: skip
 def test_units_and_forms(tmp_path, header, columns, separator):
@@ -33,6 +34,12 @@ def test_units_and_forms(tmp_path, header, columns, separator):
     assert np.allclose(response.omega, OMEGA, rtol=1e-12)
     assert np.allclose(response.value, VALUE, rtol=1e-12)
     assert response.name == "g.csv"
+
+
+def test_decimal_commas_beside_semicolons(tmp_path):
+    path = written(tmp_path / "g.csv", "frequency [rad/s];real;imaginary", OMEGA, VALUE.real, VALUE.imag, separator=";")
+    path.write_text(path.read_text().replace(".", ","))
+    assert np.allclose(epp.read_response(path).value, VALUE, rtol=1e-12)
 
 
 def test_order_of_rows_deviation_and_static_gain(tmp_path):
@@ -65,6 +72,11 @@ def test_order_of_rows_deviation_and_static_gain(tmp_path):
         ("frequency [Hz],real,imaginary\n1,2,nan", "finite"),
         ("frequency [Hz],real,imaginary\n1,2,3", "8 or more"),
         ("frequency [Hz],real,imaginary,deviation [m]\n1,2,3,1", "deviation"),
+        (
+            "frequency [Hz],magnitude,phase [deg]\n1,-3.5,0",
+            "magnitude is '-3.5'; expected none below zero, or decibels",
+        ),
+        ("frequency [rad/s],real,imaginary" + "\n1,2,3" * 8, "omega is 1 rad/s after 1;"),
     ],
 )
 def test_refuses(tmp_path, text, said):

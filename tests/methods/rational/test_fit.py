@@ -81,6 +81,8 @@ def test_an_unstable_part_is_not_passed_off_as_a_stable_one():
 def test_refuses(wrong):
     with pytest.raises(epp.EppError, match="expected"):
         epp.rational_model(epp.MeasuredResponse(OMEGA, 1.0 / (S + 1.0)), **wrong)
+    with pytest.raises(epp.EppError, match="order is 1; expected at least 2"):
+        epp.rational_model(epp.MeasuredResponse(OMEGA, 1.0 / (S * (S + 1.0) * (S + 2.0))), order=1)
 
 
 def test_picture():
