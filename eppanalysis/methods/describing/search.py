@@ -42,7 +42,7 @@ _MANY_STEPS = (
 _AMPLITUDES, _FEW_AMPLITUDES = 250, 60
 _FEW_PLACES = (
     " The means of its element are quadratures: a branch of the bias was sought at a tenth of the places, and "
-    "cycles on a small one may be missing."
+    "cycles on a small one, or between two jumps of the describing function near each other, may be missing."
 )
 #: Branches of the bias that are followed: an element that turns back for ever, such as a sine, has them without end.
 _MOST_BRANCHES = 40

@@ -50,8 +50,8 @@ def check_element(
     Returns
     -------
     ElementCheck
-        With the status INCOMPLETE where guards read smooth outputs, or are too many, or there is no describing
-        function.
+        With the status INCOMPLETE where guards read smooth outputs, or are too many, there is no describing function,
+        or it leaves out linear states that an `AutomatonElement` brings.
 
     Raises
     ------
@@ -86,6 +86,8 @@ def check_element(
     rules = Rules(automaton, automaton.n_inputs == 2 and element.reads_rate)
     findings = tuple(rules.examine())
     said = [] if rules.complete else [_UNDECIDED]
+    if element.by_quadrature and element.own_states is not None:
+        said.append(_NOT_EXCITED)
     try:
         described = element.describing_function(sizes, bias, omega)
     except ModelError as error:
@@ -117,6 +119,7 @@ _UNDECIDED = (
     "Whether the rules are unambiguous is not decided: guards read smooth functions by way of the output, or there are "
     "too many of them."
 )
+_NOT_EXCITED = "Its linear states are not excited: describing function and energy are those of its automaton alone."
 _NOT_ANSWERED = "It does not answer with the period of a sine, or switches without end, at"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eppanalysis as epp
-from tests.models.elements.test_elements import SHIPPED
+from tests.models.elements.test_elements import SHIPPED, lag_behind
 
 
 def kinds(element: epp.Nonlinearity) -> set[str]:
@@ -132,6 +132,8 @@ def test_what_cannot_be_told_is_said() -> None:
     creeps = epp.check_element(epp.AutomatonElement(slow.build()), amplitudes=[0.05, 0.5])
     assert not creeps.status.ok and "does not answer with the period of a sine" in str(creeps)
     assert "at 1 of 2 amplitudes" in str(creeps)
+    lagging = epp.check_element(lag_behind(epp.Saturation(), 1.0))
+    assert lagging.status is epp.Status.INCOMPLETE and "linear states are not excited" in str(lagging)
 
 
 @pytest.mark.parametrize("wrong", [{"amplitudes": [-1.0]}, {"omega": 0.0}, {"amplitudes": [[1.0]]}])
