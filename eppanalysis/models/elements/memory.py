@@ -369,7 +369,8 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
     Notes
     -----
     One input: the total stretch s [m]. Two outputs: the force ``F_f = k_f u`` at the sensor and ``F_h = k_h (s - u)``
-    at the harness [N]. Memory: u [m], as a :class:`Slip` or a plain number (stuck at it).
+    at the harness [N]. Memory: u [m], as a :class:`Slip` or a plain number (stuck at it); without one it
+    begins slack, so that a stretch at the start has slid up.
     """
 
     n_outputs: ClassVar[int] = 2
@@ -404,10 +405,10 @@ class StictionPulley(_Sticking, kind="stiction_pulley"):
         return product * (other - ratio) / (self._weight(ratio) * self._weight(other))
 
     def output(self, x: ArrayLike, memory: Any = None) -> tuple[Array, Slip]:
-        """Forces (trailing axis: sensor, harness) and memory; without memory both tensions start equal, stuck."""
+        """Forces (trailing axis: sensor, harness) and memory."""
         s = floats(x, "output: x")
         kinetic = self.kinetic_ratio * self.friction
-        before = memory if isinstance(memory, Slip) else Slip(self.share(0.0) * s if memory is None else memory)
+        before = memory if isinstance(memory, Slip) else Slip(0.0 if memory is None else memory)
         u = np.asarray(before.value, float)
         up = ((np.asarray(before.direction) > 0) & (s >= before.reached)) | (u < self.share(self.friction) * s)
         down = ((np.asarray(before.direction) < 0) & (s <= before.reached)) | (u > self.share(-self.friction) * s)

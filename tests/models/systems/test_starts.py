@@ -133,6 +133,16 @@ def test_laws_that_know_the_time_and_the_cable_begin_with_what_they_remember(ele
         assert element.memory_at(mode, stored, x, np.array([20.0 * stored[0], 0.0])) == pytest.approx(memory)
 
 
+@pytest.mark.parametrize("kinetic", [0.6, 1.0])
+@pytest.mark.parametrize("stretch", [-0.2, 0.05, 1.3])
+def test_a_cable_without_memory_begins_in_a_run_as_its_map_says(kinetic: float, stretch: float) -> None:
+    pulley = StictionPulley(5.0, 20.0, 0.3, kinetic)
+    loop = epp.LureSystem.build([[-1.0]], [[0.0, 0.0]], [[1.0]], [pulley], x0=[stretch], element_names=["cable"])
+    run = epp.simulate(loop, t_end=0.1, t_eval=np.array([0.0, 0.1]))
+    first = [run.signals[f"cable_output{i}"][0] for i in (1, 2)]
+    assert first == pytest.approx(pulley.output(stretch)[0].tolist(), abs=1e-12)
+
+
 @pytest.mark.parametrize("element", [Play(2.0), JumpAndFollow(1.5, 0.4), JumpAndFollow(0.4, 0.7, slope=2.0)])
 @pytest.mark.parametrize("start", [-3.0, -0.6, 0.0, 0.3, 0.9, 2.5])
 def test_an_element_without_memory_begins_alike_in_continuous_and_discrete_time(element: Any, start: float) -> None:
