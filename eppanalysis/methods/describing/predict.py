@@ -24,7 +24,7 @@ from eppanalysis.methods.describing.multi import choose_pivot, search_several
 from eppanalysis.methods.describing.nyquist import loop_gain_curves, nyquist_curves
 from eppanalysis.methods.describing.quality import Point, point, stability
 from eppanalysis.methods.describing.search import Found, search_one
-from eppanalysis.methods.harmonic.averaged import LEFT_OUT, of_samples
+from eppanalysis.methods.harmonic.averaged import left_out, of_samples
 from eppanalysis.methods.harmonic.loop import role_of_input
 from eppanalysis.methods.harmonic.states import without_held_states
 from eppanalysis.methods.margins.margins import margins
@@ -210,15 +210,10 @@ def _unseen(
     loop = balance.system
     if isinstance(loop, DataSystem):
         seen = [c for c in cycles if isinstance(c, MeasuredCycle)]
-        return (*cautions(loop, balance, points, found, seen), *made_by_harmonics(balance, points, estimates, found))
+        told = cautions(loop, balance, points, found, seen)
+        return (*told, *made_by_harmonics(balance, points, estimates, found), *left_out(loop, cycles))
     sentences = blind_spots(balance, points, estimates, found, stable=any(c.stable for c in cycles))
-    return (*sentences, _left_out(loop, cycles)) if isinstance(loop, AveragedSystem) else sentences
-
-
-def _left_out(system: AveragedSystem, cycles: Sequence[LimitCycle]) -> str:
-    """What the mean over the phases of the samples does not tell."""
-    turns = sorted(c.period / system.slowest for c in cycles)
-    return f"{LEFT_OUT} The fastest cycle has {turns[0]:.3g} samples a turn." if turns else LEFT_OUT
+    return (*sentences, *left_out(loop, cycles))
 
 
 def _cycle(balance: Balance, p: Point, at: OperatingPoint, estimate: Estimate, coordinates: Array) -> LimitCycle:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.models.systems.sampled.averaged import AveragedSystem
 from eppanalysis.results import LimitCycle
 
@@ -14,13 +17,24 @@ LEFT_OUT = (
 )
 
 
-def of_samples(system: AveragedSystem, cycle: LimitCycle) -> LimitCycle:
-    """A predicted or balanced cycle with the state of the loop whose controllers are sampled.
+def of_samples(system: AveragedSystem | DataSystem, cycle: LimitCycle) -> LimitCycle:
+    """A predicted or balanced cycle with the state of the loop whose controllers are sampled, if it has states.
 
     It may lock to the samples a whole one to either side, which no mean over their phases tells: two samples in its
     period are added to its error. An error that is not known stays so.
     """
+    if not system.slowest:
+        return cycle
+    cycle = replace(cycle, error_estimate=cycle.error_estimate + 2.0 * system.slowest / cycle.period)
+    if isinstance(system, DataSystem):
+        return cycle
     state, memory = system.started(cycle.state, cycle.memory)
-    mean_state = system.started(cycle.mean_state, ())[0]
-    error = cycle.error_estimate + 2.0 * system.slowest / cycle.period
-    return replace(cycle, state=state, memory=memory, mean_state=mean_state, error_estimate=error)
+    return replace(cycle, state=state, memory=memory, mean_state=system.started(cycle.mean_state, ())[0])
+
+
+def left_out(system: LureSystem, cycles: Sequence[LimitCycle]) -> tuple[str, ...]:
+    """What the mean over the phases of the samples does not tell; nothing of a loop without samples."""
+    if not isinstance(system, AveragedSystem | DataSystem) or not system.slowest:
+        return ()
+    turns = min((c.period / system.slowest for c in cycles), default=None)
+    return (LEFT_OUT if turns is None else f"{LEFT_OUT} The fastest cycle has {turns:.3g} samples a turn.",)

@@ -112,8 +112,8 @@ def harmonic_balance(
             found = replace(found, converged=found.converged and bool(np.isfinite(found.error)))
         try:
             cycle = replace(_cycle(system, loop, found, log), operating_point=at)
-            if isinstance(system, AveragedSystem):
-                return replace(of_samples(system, cycle), note=f"{cycle.note} {LEFT_OUT}".strip())
+            if isinstance(system, AveragedSystem | DataSystem) and system.slowest:
+                cycle = replace(of_samples(system, cycle), note=f"{cycle.note} {LEFT_OUT}".strip())
             return replace(cycle, state=_NONE, mean_state=_NONE) if isinstance(system, DataSystem) else cycle
         except Unsettled:
             method = f"{HARMONIC_BALANCE}, order {found.order}"

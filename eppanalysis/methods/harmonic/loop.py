@@ -295,10 +295,9 @@ def _of_data(system: DataSystem, rows: NDArray[np.intp], cycle: LimitCycle) -> C
     outputs = np.linalg.pinv(system.signal_response(omega)) @ seen.T[1:, :, None]
     Z = np.zeros((len(rows), count), complex)
     Z[:, 1:] = (system.frequency_response(omega)[:, rows] @ outputs)[..., 0].T
-    means = np.array(
-        [cycle.elements[name]["bias"] if name in cycle.elements else np.nan for name in system.element_names]
-    )
-    before = [names.index(name) for name in names if name == "x" or name.endswith("_input")]
+    known = system.element_names
+    means = np.array([cycle.elements[name]["bias"] if name in cycle.elements else np.nan for name in known])
+    before = [names.index("x" if "x" in names else f"{name}_input") for name in known]
     Z[:, 0] = np.where(np.isfinite(means), means, seen[before, 0].real)
     return Z
 

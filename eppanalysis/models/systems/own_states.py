@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eppanalysis.arguments import floats
 from eppanalysis.errors import ModelError
-from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.base import Nonlinearity, OwnStates
 
 Array = NDArray[np.float64]
 
@@ -49,34 +49,40 @@ def passes_outputs(element: Nonlinearity) -> bool:
 
 def stacked(elements: Sequence[Nonlinearity]) -> dict[str, Array]:
     """Own states of all elements as one system; what has none passes x to z and w to y."""
-    parts: dict[str, list[Array]] = {}
-    rates: list[Array] = []
-    for e in elements:
-        before, behind = ports(e)
-        own = e.own_states
-        k, z = own_count(e), _inputs_inside(e)
-        A, B, C, D = (
-            np.zeros((0, 0)),
-            np.zeros((0, before + e.n_outputs)),
-            np.zeros((z + behind, 0)),
-            np.eye(z + behind),
+    return side_by_side([_fitting(e) for e in elements])
+
+
+def _fitting(element: Nonlinearity) -> OwnStates:
+    """What stands between the loop and an automaton, checked against their signals."""
+    own, outputs = element.own_states, element.n_outputs
+    if own is None:
+        n = element.n_inputs
+        return OwnStates(
+            np.zeros((0, 0)), np.zeros((0, n + outputs)), np.zeros((n + outputs, 0)), np.eye(n + outputs), n, outputs
         )
-        if own is not None:
-            A, B, C, D = own.A, own.B, own.C, own.D
-        rate = np.zeros((k, 1)) if own is None or own.rate is None else own.rate[:, None]
-        shapes = {"B": (k, before + e.n_outputs), "C": (z + behind, k), "D": (z + behind, before + e.n_outputs)}
-        for name, given in zip("BCD", (B, C, D), strict=True):
-            if given.shape != shapes[name]:
-                who = type(e).__name__
-                raise ModelError(f"{who}: {name} of its own states has shape {given.shape}; expected {shapes[name]}.")
-        blocks = {
-            "A": A, "B_x": B[:, :before], "B_w": B[:, before:], "C_z": C[:z], "C_y": C[z:],
-            "D_zx": D[:z, :before], "D_zw": D[:z, before:], "D_yx": D[z:, :before], "D_yw": D[z:, before:],
+    rows, columns = _inputs_inside(element) + own.n_behind, own.n_before + outputs
+    shapes = {"B": (len(own.A), columns), "C": (rows, len(own.A)), "D": (rows, columns)}
+    for name, shape in shapes.items():
+        found = getattr(own, name).shape
+        if found != shape:
+            who = type(element).__name__
+            raise ModelError(f"{who}: {name} of its own states has shape {found}; expected {shape}.")
+    return own
+
+
+def side_by_side(parts: Sequence[OwnStates]) -> dict[str, Array]:
+    """Several such parts as one system, by the signals that its matrices stand between."""
+    blocks: dict[str, list[Array]] = {}
+    for own in parts:
+        x, z = own.n_before, len(own.C) - own.n_behind
+        named = {
+            "A": own.A, "B_x": own.B[:, :x], "B_w": own.B[:, x:], "C_z": own.C[:z], "C_y": own.C[z:],
+            "D_zx": own.D[:z, :x], "D_zw": own.D[:z, x:], "D_yx": own.D[z:, :x], "D_yw": own.D[z:, x:],
         }  # fmt: skip
-        for name, block in blocks.items():
-            parts.setdefault(name, []).append(block)
-        rates.append(rate)
-    return {name: diagonal(blocks) for name, blocks in parts.items()} | {"rate": np.vstack(rates)}
+        for name, block in named.items():
+            blocks.setdefault(name, []).append(block)
+    rate = np.concatenate([np.zeros(0), *(own.rate for own in parts if own.rate is not None)])
+    return {name: diagonal(found) for name, found in blocks.items()} | {"rate": rate[:, None]}
 
 
 def started(elements: Sequence[Nonlinearity], memory: Sequence[Any]) -> tuple[Array, tuple[Any, ...]]:

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 from scipy.stats import binom
 
 import eppanalysis as epp
-from eppanalysis.models.systems.own_states import ports
 from studies.measured_coverage import CASES, DEVIATION, RESULT, coverage, of_case
 from tests.shared import predicted
 
@@ -24,15 +23,15 @@ ONE_ELEMENT = (
 
 PAGE = Path(__file__).parents[3] / "docs" / "theory" / "measured.md"
 
-#: Loops of several elements, of one with states of its own, and of one about a mean.
+#: Loops of several elements, of one with states of its own, and of one about a mean; with clocks, with a contact angle,
+#: and with sampled controllers.
 SEVERAL = (
-    "actuator_both_limits", "backlash_discrete_pi", "backlash_discrete_pi_kp05_ki01", "clegg_loop",
+    "actuator_both_limits", "backlash_discrete_pi", "backlash_discrete_pi_kp05_ki01", "buck_converter", "clegg_loop",
     "elbow_cycle_not_there", "fig6a_original_pulley", "fig8a_original", "gain_brings_it_back", "level_valve",
-    "light_forearm", "rate_limited_aircraft", "relay_biased_fopdt", "robot_servo", "sat_asymmetric",
-    "sat_plus_backlash", "steering_compensated", "two_mass_damped_shaft_classical", "wheelchair",
+    "light_forearm", "parking_stops_it", "rate_limited_aircraft", "relay_biased_fopdt", "robot_servo", "sat_asymmetric",
+    "sat_plus_backlash", "steering_compensated", "two_mass_damped_shaft", "two_mass_damped_shaft_classical",
+    "wheelchair",
 )  # fmt: skip
-#: The other loops that ship in continuous time; their elements read a contact's or a sampler's own state.
-NOT = ("two_mass_damped_shaft", "parking_stops_it", "virtual_spring")
 
 
 def measured(system, cycles, per_decade=200, **options):
@@ -61,7 +60,7 @@ def test_data_of_shipped_loops_have_the_cycles_of_the_model(name):
     assert len(found) == len(known) or name == "relay_fopdt_closed"
 
 
-@pytest.mark.parametrize("name", SEVERAL)
+@pytest.mark.parametrize("name", [*SEVERAL, pytest.param("virtual_spring", marks=pytest.mark.slow)])
 def test_data_of_loops_with_several_paths_have_the_cycles_of_the_model(name):
     known, found = predicted(name), epp.predict_limit_cycles(of_case(name))
     assert len(found) == len(known)
@@ -73,15 +72,79 @@ def test_data_of_loops_with_several_paths_have_the_cycles_of_the_model(name):
         assert ours == pytest.approx(theirs, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", NOT)
-def test_elements_whose_inputs_are_not_measured_are_refused(name):
-    system = epp.case(name).to_system()
-    rows, columns = (
-        sum(ports(e)[k] - (e.input_ports[1:2] == ("rate",)) * (1 - k) for e in system.elements) for k in (0, 1)
+@pytest.mark.parametrize(
+    "name", [pytest.param("azimuth_servo", marks=pytest.mark.slow), "backlash_servo_unseen", "pid_hunting", "upright"]
+)
+def test_data_of_loops_without_a_cycle_of_first_order_have_none(name):
+    assert len(predicted(name)) == len(epp.predict_limit_cycles(of_case(name, per_decade=60))) == 0
+
+
+def test_what_first_order_makes_nothing_of_is_refused():
+    omega = np.geomspace(0.1, 100.0, 301)
+    lag = epp.MeasuredResponse(omega, 1.0 / (1.0 + 1j * omega), static_gain=1.0)
+    build = epp.AutomatonBuilder(n_inputs=3)
+    build.mode("adds", from_input=[1.0, 0.0, 1.0])
+    with pytest.raises(epp.ModelError, match="AutomatonElement reads a second signal, of which first order makes"):
+        epp.MeasuredLoop(epp.MeasuredMatrix([[lag], [lag]]), epp.AutomatonElement(build.build()))
+    # Without damping the phase steps by half a turn: neither way round is in the data.
+    with pytest.raises(epp.ModelError, match="3.14 rad of phase apart"):
+        of_case("belt_leine")
+
+
+def sampled_servo(**options):
+    """A servo under a sampled PI law with a computation delay behind an encoder, and the same with its plant measured.
+
+    The law is the data's own element; the wire from the encoder to it is a path that is known.
+    """
+    law = epp.SampledController([[1.0]], [[0.05]], [[1.0]], [[1.7]], sample_time=0.01, delay=0.004)
+    elements = [epp.Quantiser(step=0.01, levels=50), law]
+    lags = np.polymul([0.02, 1.0], [0.005, 1.0])
+    model = epp.LureSystem.build(
+        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -lags[2] / lags[0], -lags[1] / lags[0]]]),
+        np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 40.0 / lags[0]]]),
+        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        elements,
+        D=[[0.0, 0.0], [-1.0, 0.0]],
     )
-    lag = epp.MeasuredResponse(np.arange(1.0, 20.0), 1.0 / (1.0 + 1j * np.arange(1.0, 20.0)))
-    with pytest.raises(epp.ModelError, match="several inputs|has a clock|as the elements"):
-        epp.MeasuredLoop(epp.MeasuredMatrix([[lag] * columns] * rows), system.elements)
+    omega = np.geomspace(0.1, 2000.0, 861)
+    s = 1j * omega
+    plant = epp.MeasuredResponse(omega, 40.0 / (s * np.polyval(lags, s)), static_gain=np.inf, **options)
+    wire = epp.MeasuredResponse(omega, 0.0 * s - 1.0, static_gain=-1.0, **options)
+    return model, epp.MeasuredLoop(epp.MeasuredMatrix([[None, plant], [wire, None]]), elements, feedback=1)
+
+
+def test_a_measured_plant_under_a_sampled_law_has_the_cycles_of_its_model():
+    model, data = sampled_servo()
+    known, found = epp.predict_limit_cycles(model), epp.predict_limit_cycles(data)
+    assert len(found) == len(known) == 2
+    for one, cycle in zip(found, known, strict=True):
+        assert one.omega == pytest.approx(cycle.omega, rel=1e-7)
+        assert first(one) == pytest.approx(first(cycle), rel=1e-6)
+        assert one.error_estimate == pytest.approx(cycle.error_estimate, rel=1e-3)
+        assert one.error_estimate >= 0.02 * one.frequency * (1.0 - 1e-9)
+    assert any("what the samples fold back from beyond half their rate" in w for w in found.warnings)
+    ours, theirs = (epp.harmonic_balance(x, p[1], order=9) for x, p in ((data, found), (model, known)))
+    assert ours.omega == pytest.approx(theirs.omega, rel=1e-6)
+    assert "fold back" in ours.note and ours.error_estimate >= 0.02 * ours.frequency * (1.0 - 1e-9)
+
+
+def test_a_law_that_reads_two_signals_is_closed_around_both():
+    """A state feedback of position and speed on a double integrator, by hand: 1 + N (k1 + k2 s)/s^2 H = 0."""
+    T, k = 0.05, (4.0, 1.5)
+    law = epp.SampledController([], np.zeros((0, 2)), np.zeros((1, 0)), [[-k[0], -k[1]]], sample_time=T)
+    omega = np.geomspace(0.05, 600.0, 1601)
+    s = 1j * omega
+    # Rows: limit, both signals that the law reads; columns: limit, law.
+    force = [epp.MeasuredResponse(omega, g, static_gain=np.inf) for g in (1.0 / s**2, 1.0 / s)]
+    wire = epp.MeasuredResponse(omega, 0.0 * s + 1.0, static_gain=1.0)
+    paths = epp.MeasuredMatrix([[None, wire], [force[0], None], [force[1], None]])
+    data = epp.MeasuredLoop(paths, [epp.RelayDeadZone(threshold=0.005), law], feedback=1)
+    for cycle in (found := epp.predict_limit_cycles(data)):
+        w = 1j * cycle.omega
+        hold = (1.0 - np.exp(-w * T)) / (w * T)
+        _, gain = epp.RelayDeadZone(threshold=0.005).describing_function(first(cycle))
+        assert 1.0 + complex(gain) * hold * (k[0] + k[1] * w) / w**2 == pytest.approx(0.0, abs=1e-7)
+    assert len(found)
 
 
 def test_harmonic_balance_on_several_paths_is_that_of_the_model():

@@ -7,6 +7,7 @@ the data reach, the error by what is between the points, and the intervals that 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from eppanalysis.methods.describing.data.intervals import Noise
 from eppanalysis.methods.describing.error import Estimate
 from eppanalysis.methods.describing.quality import Point
 from eppanalysis.methods.describing.search import Found
+from eppanalysis.methods.harmonic.averaged import of_samples
 from eppanalysis.methods.harmonic.loop import Loop
 from eppanalysis.models.systems.measured.loop import DataSystem
 from eppanalysis.readable import count
@@ -80,10 +82,9 @@ def _of_data(
     noise = Noise.of(system, balance)
     interval = noise.interval(p.unknowns(balance)) if noise else None
     return MeasuredCycle.of(
-        cycle,
+        of_samples(system, replace(cycle, error_estimate=estimate.error + beyond + between)),
         state=np.zeros(0),
         mean_state=np.zeros(0),
-        error_estimate=estimate.error + beyond + between,
         intervals=interval.in_hertz if interval else {},
         at_a_fold=interval.at_a_fold if interval else False,
         interpolation_error=between,
@@ -139,6 +140,8 @@ def cautions(
             f"Left out: {count(len(omega), 'balance')} from {omega[0]:.4g} rad/s on, as the data end below harmonics "
             "that matter there."
         )
+    if any(np.isnan(c.beyond) for c in cycles):
+        out.append("How much harmonics above the data matter is not known, as the harmonics of an element are not.")
     if not system.means_known:
         out.append("The static gain is not known: cycles with a mean were not sought.")
     for cycle in cycles:
@@ -166,10 +169,10 @@ def above_the_data(system: DataSystem, balance: Balance, cycles: Sequence[Measur
     levels = np.abs(np.asarray(system.elements[0].thresholds(), float)).ravel()
     levels = levels[levels > 0]
     a = (float(levels.max()) if levels.size else 1.0) * _AMPLITUDES
-    gain = np.abs(balance.evaluate(a[:, None], np.zeros((len(a), 1)), np.ones(len(a)))[1][:, 0])
+    gain = np.abs(balance.evaluate(a[:, None], np.zeros((len(a), 1)), np.full(len(a), system.band[1]))[1][:, 0])
     most = gain * float(np.abs(system.only.at(system.band[1])))
     reach = a[np.isfinite(most) & (most >= 1.0)]
-    least = min((c.amplitude("x") for c in cycles), default=0.0)
+    least = min((c.amplitude_of_first for c in cycles), default=0.0)
     if not reach.size or reach.max() < _SMALL * least:
         return ()
     return (

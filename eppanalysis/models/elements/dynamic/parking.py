@@ -40,6 +40,7 @@ class ParkingBandLaw(Nonlinearity):
     """
 
     n_inputs: ClassVar[int] = 2
+    input_ports = ("force", "clock")
     input_unit = "N"
 
     law: FiveBandLaw
@@ -160,6 +161,7 @@ class SampledLaw(Nonlinearity):
     """
 
     n_inputs: ClassVar[int] = 2
+    input_ports = ("input", "clock")
 
     law: PiecewiseLinear
     period: float

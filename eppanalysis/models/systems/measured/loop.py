@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from eppanalysis.arguments import checked_class, floats
 from eppanalysis.errors import ModelError
 from eppanalysis.models.elements.base import Nonlinearity
+from eppanalysis.models.elements.dynamic.sampled import SampledController
 from eppanalysis.models.systems.lure import LureSystem
+from eppanalysis.models.systems.measured.between import Between, columns_of, measured_of, ways_of
 from eppanalysis.models.systems.measured.matrix import MeasuredMatrix
 from eppanalysis.models.systems.measured.response import MeasuredResponse
-from eppanalysis.models.systems.own_states import ports, stacked
+from eppanalysis.models.systems.own_states import ports
+from eppanalysis.models.systems.sampled.averaged import averaged
 from eppanalysis.models.systems.signals import element_signals, labels_of, slices
 
 Array = NDArray[np.float64]
@@ -48,10 +50,12 @@ class MeasuredLoop:
     Parameters
     ----------
     response : MeasuredResponse or MeasuredMatrix
-        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs.
-        An input that is the rate of the one before it has no row.
+        Of several elements a matrix: a row for each of their inputs, a column for each of their outputs. What follows
+        from others has none: the rate of an input, a clock, a contact angle and the rate that it is the integral of.
     element : Nonlinearity or sequence of Nonlinearity
-        Linear states that an element brings itself are no part of the response.
+        Linear states that an element brings itself are no part of the response. A :class:`SampledController` is taken
+        with hold and delay, in the mean over where its samples fall; the response is that of the plant around it, in
+        continuous time.
     feedback : {-1, 1}
         Sign of the feedback.
     name : str
@@ -86,21 +90,18 @@ class MeasuredLoop:
     def __post_init__(self) -> None:
         if self.feedback not in (-1, 1):
             raise ModelError(self.name, self.feedback, "-1 or 1", field="feedback")
-        rows, columns = len(self._rows), sum(ports(e)[1] for e in self.elements)
+        for e in self.elements:
+            if "unknown" in ways_of(e):
+                what = f"{self.name}: {type(e).__name__} reads a second signal, of which first order makes nothing"
+                raise ModelError(what, expected="elements of one input, its rate, or a clock; or a rational model")
+        rows, columns = (len(places) for places in self._places)
         if self.matrix.shape != (rows, columns):
             what = f"{self.name}: the response has {self.matrix.shape[0]} outputs and {self.matrix.shape[1]} inputs"
             raise ModelError(what, expected=f"{rows} and {columns}, as the elements", field="response")
-        for e in self.elements:
-            if ports(e)[0] > 1 and e.input_ports[1:] != ("rate",):
-                what = f"{self.name}: {type(e).__name__} has several inputs"
-                raise ModelError(what, expected="elements of one input, or one and its rate; or a rational model")
-            if e.own_states is not None and e.own_states.rate is not None and np.any(e.own_states.rate):
-                what = f"{self.name}: {type(e).__name__} has a clock"
-                raise ModelError(what, expected="elements that take no samples, or a rational model")
         self._check_means()
 
     def _check_means(self) -> None:
-        m = len(self._rows)
+        m = self.matrix.shape[0]
         if self.means is not None:
             shapes = tuple(np.shape(part) for part in self.means)
             if shapes != ((m, m), (m, self.matrix.shape[1]), (m,)):
@@ -108,9 +109,10 @@ class MeasuredLoop:
                     f"{self.name}: means", f"of shapes {shapes}", f"{(m, m)}, {(m, self.matrix.shape[1])}, {(m,)}"
                 )
             return
-        places = slices([ports(e)[1] for e in self.elements])
+        places = slices([columns_of(e) for e in self.elements])
         for e, place in zip(self.elements, places, strict=True):
-            if np.any(self._open[:, place]) and _makes_a_mean(e):
+            linear = isinstance(e, SampledController)
+            if not linear and np.any(self._open[:, place]) and _makes_a_mean(e):
                 raise ModelError(
                     f"{self.name}: {type(e).__name__} makes a mean of an oscillation without one, and the data have no "
                     "static gain, with which it comes round",
@@ -132,9 +134,12 @@ class MeasuredLoop:
         )
 
     @property
-    def _rows(self) -> NDArray[np.intp]:
-        """Places of the measured ones among all signals before the elements: those that are no rates."""
-        return np.array([s.start for s in slices([ports(e)[0] for e in self.elements])], dtype=np.intp)
+    def _places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places of the measured ones among all signals before and among all signals behind the elements."""
+        before, behind = (slices([ports(e)[k] for e in self.elements]) for k in (0, 1))
+        rows = [z.start + i for e, z in zip(self.elements, before, strict=True) for i in measured_of(e)]
+        columns = [w.start + j for e, w in zip(self.elements, behind, strict=True) for j in range(columns_of(e))]
+        return np.array(rows, np.intp), np.array(columns, np.intp)
 
     @property
     def _open(self) -> NDArray[np.bool_]:
@@ -147,7 +152,7 @@ class MeasuredLoop:
         if self.means is not None:
             on_bias, on_mean, prescribed = (np.asarray(part, float) for part in self.means)
             return on_bias, on_mean, prescribed
-        gain, rows = self.matrix.static_gain, len(self._rows)
+        gain, rows = self.matrix.static_gain, self.matrix.shape[0]
         on_bias, on_mean = np.eye(rows), -self.feedback * np.where(np.isfinite(gain), gain, 0.0)
         # An integrator leaves its input's mean open, and asks instead that what it integrates has none.
         for i in np.flatnonzero((np.isinf(gain).sum(1) == 1) & ~np.isnan(gain).any(1)):
@@ -156,26 +161,46 @@ class MeasuredLoop:
 
     def to_system(self) -> DataSystem:
         """What stands for it in methods that need no states."""
-        elements, (on_bias, on_mean, prescribed) = self.elements, self._balance_of_means()
-        m, (q, p) = len(self._rows), (sum(ports(e)[k] for e in elements) for k in (1, 0))
-        # The means b and their rates stand for the states: means that stand still are balanced, and no more of these
-        # states is ever seen.
-        A, B, C = np.eye(2 * m, k=m), np.zeros((2 * m, q)), np.zeros((p, 2 * m))
-        A[m:, :m], B[m:], constant = on_bias, on_mean, np.append(np.zeros(m), -prescribed)
-        C[self._rows, :m] = np.eye(m)
-        for i, e in enumerate(elements):
-            if ports(e)[0] > 1:
-                C[self._rows[i] + 1, m + i] = 1.0
-        labels = labels_of(elements, None)
-        single = ("x", "y") if m == q == 1 else None
-        D = np.zeros((p, q))
-        signals = element_signals(elements, labels, C, D, np.zeros((p, 0)), np.zeros(p), single)
-        plain = LureSystem.build(
-            A, B, C, elements, constant_state=constant, element_names=labels, signals=signals, name=self.name
+        elements, (A, B, C, constant) = self.elements, self._means_as_states()
+        labels, (p, q) = labels_of(elements, None), (len(C), B.shape[1])
+        single = ("x", "y") if self.matrix.shape == (1, 1) and q == 1 else None
+        signals = element_signals(elements, labels, C, np.zeros((p, q)), np.zeros((p, 0)), np.zeros(p), single)
+        plain = averaged(
+            LureSystem.build(
+                A, B, C, elements, constant_state=constant, element_names=labels, signals=signals, name=self.name
+            )
         )
         values = {f.name: getattr(plain, f.name) for f in fields(LureSystem)}
         known = self.means is not None or not np.any(self._open)
         return DataSystem(**values, matrix=self.matrix, feedback=self.feedback, outer=elements, means_known=known)
+
+    def _means_as_states(self) -> tuple[Array, Array, Array, Array]:
+        """Matrices of a loop whose states are the means b and their rates: means that stand still are balanced.
+
+        No more of these states is ever seen. Behind them are contact angles, of which rest asks that their rates have
+        no mean, and a clock.
+        """
+        (on_bias, on_mean, prescribed), (rows, columns) = self._balance_of_means(), self._places
+        ways = [way for e in self.elements for way in ways_of(e)]
+        m, p, q = len(rows), len(ways), sum(ports(e)[1] for e in self.elements)
+        contacts = np.setdiff1d(np.arange(q), columns)
+        n = 2 * m + len(contacts) + ("clock" in ways)
+        A, B, C, constant = np.zeros((n, n)), np.zeros((n, q)), np.zeros((p, n)), np.zeros(n)
+        A[:m, m : 2 * m], A[m : 2 * m, :m] = np.eye(m), on_bias
+        B[m : 2 * m, columns], B[2 * m + np.arange(len(contacts)), contacts] = on_mean, 1.0
+        constant[m : 2 * m], constant[2 * m + len(contacts) :] = -prescribed, 1.0
+        C[rows, :m] = np.eye(m)
+        follows = {"rate": m + np.searchsorted(rows, np.arange(p)) - 1, "clock": np.full(p, n - 1)}
+        follows["contact"] = 2 * m - 1 + np.cumsum([way == "contact" for way in ways])
+        for i, way in enumerate(ways):
+            if way != "measured":
+                C[i, follows[way][i]] = 1.0
+        return A, B, C, constant
+
+
+def _inner(element: Nonlinearity) -> int:
+    """Number of outputs that an element has in first order, where controllers are linear."""
+    return 0 if isinstance(element, SampledController) else element.n_outputs
 
 
 def _makes_a_mean(element: Nonlinearity) -> bool:
@@ -185,7 +210,7 @@ def _makes_a_mean(element: Nonlinearity) -> bool:
     a = (float(levels.max()) if levels.size else 1.0) * _AMPLITUDES
     with np.errstate(all="ignore"):
         mean, gain = element.describing_function(a, 0.0)
-    size = np.abs(gain) * a
+    size = np.abs(gain) * (a if gain.shape == a.shape else a[:, None])
     known = np.isfinite(mean) & np.isfinite(size)
     return bool(np.any(np.abs(mean[known]) > 1e-9 * np.max(size[known], initial=0.0)))
 
@@ -220,6 +245,16 @@ class DataSystem(LureSystem):
         """The measured response of a loop that has a single one, without states between."""
         alone = self.data.shape == (1, 1) and all(e.own_states is None for e in self.outer)
         return self.data.known[0][2] if alone else None
+
+    @property
+    def slowest(self) -> float:
+        """Longest time between two samples of a controller [s]; zero without one."""
+        return max((c.sample_time for c, _, _ in self.between.controllers), default=0.0)
+
+    @cached_property
+    def between(self) -> Between:
+        """What stands between measured signals and the automata."""
+        return Between.of(self.outer)
 
     @property
     def band(self) -> tuple[float, float]:
@@ -257,11 +292,15 @@ class DataSystem(LureSystem):
     def signal_response(self, omega: ArrayLike) -> ComplexArray:
         """Response from the elements' outputs to the named signals, shape (..., ns, nw)."""
         _, _, x, y = self._closed(floats(omega, "signal_response: omega"))
-        before, behind = (slices([ports(e)[k] for e in self.outer]) for k in (0, 1))
+        # The rate of a contact angle is an output of its element, and does not act on the measured part.
+        w = np.broadcast_to(np.eye(y.shape[-1]) + 0j, (*y.shape[:-2], y.shape[-1], y.shape[-1]))
+        before, behind, inner = (
+            slices([size(e) for e in self.outer]) for size in (lambda e: len(measured_of(e)), columns_of, _inner)
+        )
         parts = [
             part
-            for b, o in zip(before, behind, strict=True)
-            for part in (x[..., b.start : b.start + 1, :], y[..., o, :])
+            for e, b, o, i in zip(self.outer, before, behind, inner, strict=True)
+            for part in (x[..., b.start : b.start + 1, :], w[..., i, :] if e.own_states is None else y[..., o, :])
         ]
         return np.concatenate(parts, axis=-2)
 
@@ -271,31 +310,19 @@ class DataSystem(LureSystem):
 
     def _closed(self, omega: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
         """From the outputs of the automata: their inputs, these by omega, and the signals around the elements."""
-        G, dG = self._before(omega)
-        own = self._own
-        if self._straight:
+        G, dG = (self.feedback * part for part in self.data.with_slope(omega))
+        if self.between.passes:
             straight = np.broadcast_to(np.eye(G.shape[-1]) + 0j, (*omega.shape, G.shape[-1], G.shape[-1]))
             return G, dG, G, straight
-        C, B = (
-            np.concatenate(pair, axis) for pair, axis in (((own["C_z"], own["C_y"]), 0), ((own["B_x"], own["B_w"]), 1))
-        )
-        D = np.block([[own["D_zx"], own["D_zw"]], [own["D_yx"], own["D_yw"]]])
-        resolvent = np.linalg.inv(1j * omega[..., None, None] * np.eye(len(own["A"])) - own["A"])
-        P, dP = C @ resolvent @ B + D, -1j * (C @ resolvent @ resolvent @ B)
-        nz, n_x = len(own["D_zx"]), own["B_x"].shape[1]
-        (zx, zw), (yx, yw) = ((M[..., :n_x], M[..., n_x:]) for M in (P[..., :nz, :], P[..., nz:, :]))
-        (dzx, dzw), (dyx, dyw) = ((M[..., :n_x], M[..., n_x:]) for M in (dP[..., :nz, :], dP[..., nz:, :]))
+        P, dP = self.between.at(omega)
         # x = (1 - G P_yx)^-1 G P_yw w (docs/theory/measured.md, The interval of a prediction).
-        closed = np.eye(n_x) - G @ yx
-        x = np.linalg.solve(closed, G @ yw)
-        y = yx @ x + yw
-        dx = np.linalg.solve(closed, dG @ y + G @ (dyx @ x + dyw))
-        return zx @ x + zw, dzx @ x + zx @ dx + dzw, x, y
-
-    @property
-    def _straight(self) -> bool:
-        """Whether no element brings states of its own."""
-        return not len(self._own["A"]) and self.data.shape[1] == self.B.shape[1]
+        closed = np.eye(G.shape[-2]) - G @ P["yx"]
+        x = np.linalg.solve(closed, G @ P["yw"])
+        y = P["yx"] @ x + P["yw"]
+        dx = np.linalg.solve(closed, dG @ y + G @ (dP["yx"] @ x + dP["yw"]))
+        found = P["zx"] @ x + P["zw"], dP["zx"] @ x + P["zx"] @ dx + dP["zw"], x, y
+        z, dz, x, y = (np.array(part, np.complex128) for part in found)
+        return z, dz, x, y
 
     @property
     def straight(self) -> Array:
@@ -313,40 +340,12 @@ class DataSystem(LureSystem):
     def by_path(self, omega: ArrayLike) -> ComplexArray:
         """Change of :meth:`frequency_response` with the logarithm of each path, shape (..., paths, nz, nw)."""
         omega = floats(omega, "by_path: omega")
-        before, _ = self._before(omega)
-        own = self._own
-        if self._straight:
-            return self._by_path(before, np.eye(before.shape[-2]), np.eye(before.shape[-1]))
-        y = self._closed(omega)[-1]
-        resolvent = np.linalg.inv(1j * omega[..., None, None] * np.eye(len(own["A"])) - own["A"])
-        zx, yx = (own[f"C_{s}"] @ resolvent @ own["B_x"] + own[f"D_{s}x"] for s in "zy")
-        # With x = G y and y = P_yx x + P_yw w: dx = (1 - G P_yx)^-1 dG y.
-        return self._by_path(before, zx @ np.linalg.inv(np.eye(before.shape[-2]) - before @ yx), y)
-
-    def _by_path(self, before: ComplexArray, closed: NDArray[Any], y: NDArray[Any]) -> ComplexArray:
-        parts = []
-        for i, j, _ in self.data.known:
-            part = np.zeros_like(before)
-            rows = [r for r, (owner, _) in enumerate(self._ports) if owner == i]
-            part[..., rows, j] = before[..., rows, j]
-            parts.append(closed @ part @ y)
+        G = self.feedback * self.data.at(omega)
+        into, out = (np.broadcast_to(np.eye(n) + 0j, (*G.shape[:-2], n, n)) for n in G.shape[-2:])
+        if not self.between.passes:
+            P, _ = self.between.at(omega)
+            # With x = G y and y = P_yx x + P_yw w: dx = (1 - G P_yx)^-1 dG y.
+            closed = np.asarray(np.linalg.inv(np.eye(G.shape[-2]) - G @ P["yx"]), np.complex128)
+            into, out = P["zx"] @ closed, P["yx"] @ closed @ G @ P["yw"] + P["yw"]
+        parts = [into[..., :, i, None] * G[..., i, j, None, None] * out[..., None, j, :] for i, j, _ in self.data.known]
         return np.stack(parts, -3)
-
-    @property
-    def _ports(self) -> list[tuple[int, bool]]:
-        """Of each signal before the elements: the row of the matrix, and whether it is the rate of that."""
-        return [(i, k > 0) for i, e in enumerate(self.outer) for k in range(ports(e)[0])]
-
-    @cached_property
-    def _own(self) -> dict[str, Array]:
-        """Linear states that the elements bring, as one system."""
-        return stacked(self.outer)
-
-    def _before(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Response from behind to before the elements, rates included, and its derivative by omega."""
-        G, dG = self.data.with_slope(omega)
-        rows, rates = (list(part) for part in zip(*self._ports, strict=True))
-        s = np.where(rates, 1j * omega[..., None], 1.0)[..., None]
-        by_s = np.where(rates, 1j, 0.0)[:, None]
-        G, dG = self.feedback * G[..., rows, :], self.feedback * dG[..., rows, :]
-        return s * G, s * dG + by_s * G
