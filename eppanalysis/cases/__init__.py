@@ -132,6 +132,8 @@ def case(name: str) -> Case:
         expected = (
             f"a case that ships: did you mean {close[0]!r}?" if close else "a case file, or the name of a shipped case"
         )
+        if str(name).endswith(".toml"):
+            expected = "the name of a case that ships; read_case reads a file"
         raise CaseError(str(name)[:100], "", Missing(), expected)
     return load(read_raw(shipped_cases_folder() / f"{name}.toml", f"{name}.toml"))
 

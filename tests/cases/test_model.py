@@ -657,3 +657,8 @@ def test_run_time_and_numbers_of_the_input_have_units(input_signal, units):
     for name in ("kind", "values", "file"):
         with pytest.raises(CaseError, match="not known"):
             changed.unit(f"run.input.{name}")
+
+
+def test_a_file_in_place_of_a_name_is_told_who_reads_it() -> None:
+    with pytest.raises(CaseError, match="the name of a case that ships; read_case reads a file"):
+        case("my_loop.toml")

@@ -46,7 +46,10 @@ class Block(Section):
     sample_time: float | None = quantity(None, "Time between two executions, with the output held", "s", "ms", above=0)
     computation_delay: float = quantity(0.0, "Time from a sample to the new output", "s", "ms", at_least=0)
     discretisation: str = choice("How its continuous form is executed", tuple(DISCRETISATIONS))
-    start: Sequence[float] | None = numbers("States at the start", None)
+    start: Sequence[float] | None = numbers(
+        "States at the start: of matrices theirs, of a transfer function those of a controllable form in its own time",
+        None,
+    )
 
     def __init_subclass__(cls, kind: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
