@@ -73,7 +73,7 @@ def test_data_of_loops_with_several_paths_have_the_cycles_of_the_model(name):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("azimuth_servo", marks=pytest.mark.slow), "backlash_servo_unseen", "pid_hunting", "upright"]
+    "name", [pytest.param("azimuth_servo", marks=pytest.mark.slow), "backlash_servo_unseen", "belt_leine", "upright"]
 )
 def test_data_of_loops_without_a_cycle_of_first_order_have_none(name):
     assert len(predicted(name)) == len(epp.predict_limit_cycles(of_case(name, per_decade=60))) == 0
@@ -86,9 +86,6 @@ def test_what_first_order_makes_nothing_of_is_refused():
     build.mode("adds", from_input=[1.0, 0.0, 1.0])
     with pytest.raises(epp.ModelError, match="AutomatonElement reads a second signal, of which first order makes"):
         epp.MeasuredLoop(epp.MeasuredMatrix([[lag], [lag]]), epp.AutomatonElement(build.build()))
-    # Without damping the phase steps by half a turn: neither way round is in the data.
-    with pytest.raises(epp.ModelError, match="3.14 rad of phase apart"):
-        of_case("belt_leine")
 
 
 def sampled_servo(**options):

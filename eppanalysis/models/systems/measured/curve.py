@@ -54,10 +54,8 @@ class Curve:
     spline: BSpline
 
     @classmethod
-    def through(cls, omega: Array, value: ComplexArray, deviation: Array | None) -> Curve:
-        """The curve through points, or fitted to them where they have a deviation."""
-        x = np.log(omega)
-        y = np.column_stack([np.log(np.abs(value)), np.unwrap(np.angle(value))])
+    def through(cls, x: Array, y: Array, deviation: Array | None) -> Curve:
+        """The curve through points as it has them, or fitted to them where they have a deviation."""
         if deviation is None:
             return cls(x, y, None, _through(x, y))
         return cls(x, y, deviation, _fitted(x, y, deviation))

@@ -63,7 +63,7 @@ class MeasuredResponse(Shown):
     ModelError
         If lengths differ, frequencies are not positive and ascending, a value is zero or not finite, there are fewer
         than eight, a deviation is not positive or 0.3 and more, or the phase turns by more than 2.5 rad between two
-        neighbours and neither a peak nor a dip of the magnitude says which way.
+        neighbours and neither a peak nor a dip of the magnitude says which way. Of half a turn only a peak does.
 
     Examples
     --------
@@ -111,16 +111,31 @@ class MeasuredResponse(Shown):
             _refuse("static_gain", str(gain), "a number, or infinity for a part that integrates")
 
     def _told_by_magnitude(self, value: ComplexArray) -> NDArray[np.bool_]:
-        """Of each step between neighbours, whether the phase turned as the magnitude says, by less than half a turn.
+        """Of each step between neighbours, whether the phase turned as the magnitude says.
 
         At a peak, of a lightly damped pole, it turns back, or ahead where the pole is unstable; at a dip, of a zero on
-        the left, ahead.
+        the left, ahead, by less than half a turn.
         """
         size, turn = np.log(np.abs(value)), np.angle(value[1:] / value[:-1])
         told = np.zeros(len(turn), bool)
-        dip, ahead = size[:-3] + size[3:] > size[1:-2] + size[2:-1], turn[1:-1] > 0
-        told[1:-1] = np.where(dip, ahead, ~ahead | (self.unstable_poles > 1)) & (np.abs(turn[1:-1]) < _HALF_TURN)
+        dip, ahead, half = (
+            size[:-3] + size[3:] > size[1:-2] + size[2:-1],
+            turn[1:-1] > 0,
+            np.abs(turn[1:-1]) >= _HALF_TURN,
+        )
+        told[1:-1] = np.where(
+            dip, ahead & ~half, np.where(half, self.unstable_poles < 2, ~ahead | (self.unstable_poles > 1))
+        )
         return told
+
+    @property
+    def _phase(self) -> Array:
+        """Unwrapped phase at the points [rad]; what seems half a turn ahead, at the peak of a pole, is one back."""
+        value = np.asarray(self.value, complex)
+        phase = np.unwrap(np.angle(value))
+        for i in np.flatnonzero(np.diff(phase) >= _HALF_TURN):
+            phase[i + 1 :] -= 2.0 * np.pi
+        return phase
 
     def _checked_deviation(self) -> Array:
         size = _numbers(self.deviation, float, "deviation")
@@ -176,9 +191,8 @@ class MeasuredResponse(Shown):
     @cached_property
     def curve(self) -> Curve:
         """The curve through the points, or fitted to them."""
-        return Curve.through(
-            self._omega, np.asarray(self.value, complex), None if self.deviation is None else self._of()
-        )
+        size, deviation = np.log(np.abs(np.asarray(self.value))), None if self.deviation is None else self._of()
+        return Curve.through(np.log(self._omega), np.column_stack([size, self._phase]), deviation)
 
     def _of(self) -> Array:
         return np.asarray(self.deviation, float)

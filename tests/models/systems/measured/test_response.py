@@ -128,3 +128,21 @@ def test_from_control_refuses_other_things():
         epp.MeasuredResponse.from_control(control.tf([1.0], [1.0, 1.0]))
     with pytest.raises(epp.ModelError, match="2 outputs"):
         epp.MeasuredResponse.from_control(control.frd(np.ones((2, 1, 9), complex), np.arange(1.0, 10.0)))
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2, 3, 4, 5])
+def test_the_phase_of_a_pole_without_damping_turns_back(seed):
+    omega = np.geomspace(0.01, 100.0, 801)
+    value = 1.0 / (1.0 - omega[omega != 1.0] ** 2)
+    if seed is not None:
+        draw = np.random.default_rng(seed)
+        value = value * (1.0 + 0.01 * (draw.standard_normal(value.size) + 1j * draw.standard_normal(value.size)))
+    response = epp.MeasuredResponse(omega[omega != 1.0], value)
+    phase = response.to_frame()["phase"].to_numpy()
+    assert phase[0] == pytest.approx(0.0, abs=0.06)
+    assert phase[-1] == pytest.approx(-np.pi, abs=0.06)
+    # Of a zero there the way is open, and of a pole if it may be unstable.
+    with pytest.raises(epp.ModelError, match="rad of phase apart"):
+        epp.MeasuredResponse(omega[omega != 1.0], 1.0 / value)
+    with pytest.raises(epp.ModelError, match="rad of phase apart"):
+        epp.MeasuredResponse(omega[omega != 1.0], value, unstable_poles=2)
