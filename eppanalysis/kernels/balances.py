@@ -69,14 +69,14 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
         As of :func:`shift`.
     static : arrays on_bias (m, m), on_mean (m, nw), prescribed (m,)
         Balance of the means.
-    of_elements : arrays mean (4, n, nw), gain (4, n, nw), steps (3, n, nw)
-        As they are, then with amplitude, bias and frequency shifted; by how much.
+    of_elements : arrays mean (n, nw), gain (n, nw), by_mean (3, n, nw), by_gain (3, n, nw)
+        With their slopes by logarithm of the amplitude, bias and logarithm of the frequency.
     L, dL : complex array, shapes (n, m, nw)
         Responses of the linear part and their derivatives by ln omega; none of these, (0, m, nw), where omega stands
         still.
     """
     on_bias, on_mean, prescribed = static
-    mean, gain, steps = of_elements
+    mean, gain, by_mean, by_gain = of_elements
     m, moves = places.size, len(dL) > 0
     for i in range(len(R)):
         for r in range(m):
@@ -87,10 +87,10 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
                 o, share = owner[j], on_mean[r, j]
                 place, z = places[o], inputs[i, o]
                 response = L[i, r, j] * front
-                here, means = gain[0, i, j], mean[0, i, j]
+                here = gain[i, j]
                 loop = response * (here * z)
                 total += loop
-                off += share * means
+                off += share * mean[i, j]
                 # By the logarithm of an amplitude and by a phase an output changes by itself, and by itself times j:
                 # what the slope of the gain adds is all that has to be differenced (docs/theory/index.md, Several
                 # elements).
@@ -99,7 +99,7 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
                     imaginary[place + 1] += loop.real
                 response *= z
                 for k in range(3 if moves else 2):
-                    by = response * ((gain[k + 1, i, j] - here) / steps[k, i, j])
+                    by = response * by_gain[k, i, j]
                     c = place
                     if k == 0:
                         by += loop
@@ -110,7 +110,7 @@ def assemble(X, places, owner, pivot, static, of_elements, inputs, L, dL, J, R):
                         c = 1
                     real[c] += by.real
                     imaginary[c] += by.imag
-                    level[c] += share * ((mean[k + 1, i, j] - means) / steps[k, i, j])
+                    level[c] += share * by_mean[k, i, j]
             real[places[r]] -= total.real
             imaginary[places[r]] -= total.imag
             if r == pivot:
@@ -131,16 +131,21 @@ def _take(J, R, rows, columns, border, edge, matrix, right):
     Returns whether that leaves finite numbers.
     """
     for r in range(columns.size):
-        size = 0.0
+        size, total = 0.0, R[rows[r]] if r < rows.size else edge
+        right[r] = total
+        line = J[rows[r]] if r < rows.size else border
         for c in range(columns.size):
-            matrix[r, c] = J[rows[r], columns[c]] if r < rows.size else border[columns[c]]
-            size = max(size, abs(matrix[r, c])) if not math.isnan(matrix[r, c]) else math.inf
-        right[r] = R[rows[r]] if r < rows.size else edge
-        if not (0.0 < size < math.inf and math.isfinite(right[r])):
+            value = line[columns[c]]
+            matrix[r, c] = value
+            size = max(size, abs(value))
+            total += value
+        # A sum is finite where all that is added is.
+        if not (size > 0.0 and math.isfinite(total)):
             return False
-        right[r] /= size
+        share = 1.0 / size
+        right[r] *= share
         for c in range(columns.size):
-            matrix[r, c] /= size
+            matrix[r, c] *= share
     return True
 
 
@@ -159,12 +164,14 @@ def _eliminate(matrix, right):
                 matrix[k, c], matrix[best, c] = matrix[best, c], matrix[k, c]
         if matrix[k, k] == 0.0:
             matrix[k, k] = _SINGULAR
+        top, share = matrix[k], 1.0 / matrix[k, k]
         for r in range(k + 1, n):
-            factor = matrix[r, k] / matrix[k, k]
+            row = matrix[r]
+            factor = row[k] * share
             if factor != 0.0:
                 right[r] -= factor * right[k]
                 for c in range(k + 1, n):
-                    matrix[r, c] -= factor * matrix[k, c]
+                    row[c] -= factor * top[c]
 
 
 @njit(**_COMPILED)

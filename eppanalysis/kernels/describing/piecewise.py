@@ -80,7 +80,7 @@ def _halves(amplitude, distance):
 
 
 @njit(**PART, error_model="numpy")
-def _add_piece(start, end, slope, side, amplitude, bias, mean, gain):
+def _add_piece(start, end, slope, side, amplitude, bias, mean, gain, level, sway):
     """Add what a sloped piece brings on one `side` (1 above, -1 below) of the bias; it runs outwards, start to end.
 
     ``integral cos^2(phi) dphi`` and ``integral (pi/2 - phi) cos(phi) dphi`` are written in the middle of the two ends'
@@ -108,10 +108,12 @@ def _add_piece(start, end, slope, side, amplitude, bias, mean, gain):
         lever = 2.0 * (_angle(sin_middle, cos_middle) * flat + cos_middle * cube * _value(LEVER, q))
         gain[i] += 2.0 / math.pi * slope * here if inside else 0.0
         mean[i] += side * slope / math.pi * A * lever if inside else 0.0
+        level[i] += 2.0 / math.pi * slope * sin_width * _value(ASIN, q) if inside else 0.0
+        sway[i] += side * 2.0 / math.pi * slope * sin_width * cos_middle if inside else 0.0
 
 
 @njit(**PART, error_model="numpy")
-def _add_jump(edge, jump, amplitude, bias, mean, gain):
+def _add_jump(edge, jump, amplitude, bias, mean, gain, level, sway):
     """Add what a jump at `edge` brings where the input passes it."""
     for i in range(amplitude.size):
         A = amplitude[i]
@@ -122,10 +124,14 @@ def _add_jump(edge, jump, amplitude, bias, mean, gain):
         side = 0.0 if edge == bias[i] else math.copysign(1.0, edge - bias[i])
         gain[i] += 4.0 / math.pi * jump * s * c / A if inside else 0.0
         mean[i] += side * 2.0 / math.pi * jump * _angle(s, c) if inside else 0.0
+        # It is passed at the rate of the input: twice s times c is that over the amplitude.
+        rate = 2.0 * s * c
+        level[i] += jump / (math.pi * A * rate) if inside else 0.0
+        sway[i] += jump * (edge - bias[i]) / (math.pi * A * A * rate) if inside else 0.0
 
 
 @njit(**PART)
-def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
+def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
     """Start `mean` with the output at the bias and `gain` with zero, or finish both where nothing oscillates."""
     last, level, slope, jump = math.nan, math.nan, math.nan, 0.0
     for i in range(amplitude.size):
@@ -139,7 +145,7 @@ def _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
             level = slope * b + (intercepts[below] + intercepts[above]) / 2
             jump = jumps[below] if below < above else 0.0
             last = b
-        mean[i], gain[i] = level, 0.0
+        mean[i], gain[i], by[0, i], by[1, i] = level, 0.0, 0.0, 0.0
         if amplitude[i] <= 0.0:
             gain[i] = math.copysign(math.inf, jump) if jump != 0.0 else slope
         elif math.isnan(amplitude[i]) or math.isnan(b):
@@ -157,27 +163,27 @@ def _reach(amplitude, bias):
 
 
 @njit(**PART)
-def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
+def _describe(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
     """One chunk: only pieces that some of its inputs reach are visited."""
-    _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain)
+    _start(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by)
     bottom, top, lowest, highest = _reach(amplitude, bias)
     k = breakpoints.size
     for piece in range(k + 1):
         low = breakpoints[piece - 1] if piece > 0 else -math.inf
         high = breakpoints[piece] if piece < k else math.inf
         if slopes[piece] != 0.0 and high > lowest and low < top:
-            _add_piece(low, high, slopes[piece], 1.0, amplitude, bias, mean, gain)
+            _add_piece(low, high, slopes[piece], 1.0, amplitude, bias, mean, gain, by[0], by[1])
         if slopes[piece] != 0.0 and low < highest and high > bottom:
-            _add_piece(high, low, slopes[piece], -1.0, amplitude, bias, mean, gain)
+            _add_piece(high, low, slopes[piece], -1.0, amplitude, bias, mean, gain, by[0], by[1])
     for edge in range(k):
         if jumps[edge] != 0.0 and bottom < breakpoints[edge] < top:
-            _add_jump(breakpoints[edge], jumps[edge], amplitude, bias, mean, gain)
+            _add_jump(breakpoints[edge], jumps[edge], amplitude, bias, mean, gain, by[0], by[1])
 
 
 @njit(**KERNEL)
-def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain):
-    """Fill `mean` and `gain` for every pair of `amplitude` and `bias`; only breakpoints inside the oscillation are
-    visited.
+def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mean, gain, by):
+    """Fill `mean`, `gain` and what they change `by` for every pair of `amplitude` and `bias`; only breakpoints inside
+    the oscillation are visited.
 
     Parameters
     ----------
@@ -192,7 +198,11 @@ def biased_sinusoid(breakpoints, slopes, intercepts, jumps, amplitude, bias, mea
         (the mean slope at a corner, infinite at a jump); not-a-number gives not-a-number.
     mean, gain : array, shape (n,)
         Where the results are written.
+    by : array, shape (2, n)
+        Likewise: derivatives of the mean by bias and amplitude, where the amplitude is above zero. Those of the gain
+        follow from them, as all are moments of the map's slope: ``2 by[1] / A`` by the bias, and by the amplitude
+        ``2 (by[0] - gain) / A``, for the squares of sine and cosine add up to one.
     """
     for i in range(0, amplitude.size, CHUNK):
         j = min(i + CHUNK, amplitude.size)
-        _describe(breakpoints, slopes, intercepts, jumps, amplitude[i:j], bias[i:j], mean[i:j], gain[i:j])
+        _describe(breakpoints, slopes, intercepts, jumps, amplitude[i:j], bias[i:j], mean[i:j], gain[i:j], by[:, i:j])

@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 _STEP = 1e-7  # relative step of the forward differences; it only slows Newton, it does not bias its answer
-_ALL = frozenset(range(4))  # an input as it is and its three shifts
 _LARGEST_STEP = 0.7  # in one Newton step, of logarithms and phases
 #: A point is lost after so many steps in a row that are so many times longer than one may be: none of them can have
 #: been towards a solution nearby, and what is far away is another point's.
@@ -37,21 +36,17 @@ ON_THE_WAY = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """What the elements make of their inputs Z (nb, m): as they are, and with ln a, b and ln omega shifted by steps.
+    """What the elements make of their inputs Z (nb, m): means and gains (nb, nw), and their slopes (3, nb, nw).
 
-    Means and gains have shape (4, nb, nw), steps (3, nb, nw); a shift is that of the element that owns an output.
+    These are by ln a and by b of the element that owns an output, and by ln omega.
     """
 
     Z: ComplexArray
     omega: Array
     means: Array
     gains: ComplexArray
-    steps: Array
-
-    @property
-    def by_shifts(self) -> tuple[Array, ComplexArray]:
-        """Derivatives of means and gains, shape (3, nb, nw)."""
-        return (self.means[1:] - self.means[0]) / self.steps, (self.gains[1:] - self.gains[0]) / self.steps
+    by_means: Array
+    by_gains: ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +149,24 @@ class Balance:
 
         m, n, nw = self.m, len(X), self.owner.size
         a, b, omega, Z = np.empty((m, 4, n)), np.empty((m, 4, n)), np.empty((4, n)), np.empty((n, m), complex)
-        mean, gain, steps = np.empty((4, n, nw)), np.empty((4, n, nw), complex), np.empty((3, n, nw))
+        mean, gain, steps = np.empty((n, nw)), np.empty((n, nw), complex), np.empty((3, n, nw))
+        by_mean, by_gain = np.zeros((3, n, nw)), np.zeros((3, n, nw), complex)
         shift(X, self.places, self.pivot, self.owner, _STEP, Z, a, b, omega, steps)
         for i, e in enumerate(self.system.elements):
             out, used = self.system.output_slices[i], self._shifts(i, free_pivot)
+            exact = e.described_with_slopes(a[i, 0], b[i, 0])
+            if exact is not None:
+                o = out.start
+                mean[:, o], gain[:, o], (level, sway) = exact
+                by_mean[0, :, o], by_mean[1, :, o] = sway * a[i, 0], level
+                by_gain[0, :, o], by_gain[1, :, o] = 2.0 * (level - exact[1]), sway * (2.0 / a[i, 0])
+                continue
             means, gains = _described(e, a[i, used], b[i, used], omega[used])
-            mean[used, :, out], gain[used, :, out] = means, gains
-            for k in sorted(_ALL.difference(range(4)[used])):
-                mean[k, :, out], gain[k, :, out] = means[0], gains[0]
-        return Slopes(Z, omega[0], mean, gain, steps)
+            mean[:, out], gain[:, out] = means[0], gains[0]
+            by = np.arange(4)[used][1:] - 1
+            by_mean[by, :, out] = (means[1:] - means[0]) / steps[by][..., out]
+            by_gain[by, :, out] = (gains[1:] - gains[0]) / steps[by][..., out]
+        return Slopes(Z, omega[0], mean, gain, by_mean, by_gain)
 
     def _shifts(self, element: int, free_pivot: bool) -> slice:
         """Which of the shifts change the outputs of an element."""
@@ -199,7 +203,7 @@ class Balance:
 
         n, m = len(X), self.m
         J, R = np.zeros((n, 3 * m, 3 * m + 1)), np.empty((n, 3 * m))
-        elements = s.means, s.gains, s.steps
+        elements = s.means, s.gains, s.by_means, s.by_gains
         assemble(X, self.places, self.owner, self.pivot, self._of_means, elements, s.Z, L, dL, J, R)
         return R, J
 

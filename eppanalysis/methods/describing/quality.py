@@ -49,18 +49,17 @@ def point(balance: Balance, x: Array) -> Point:
     X = x[None]
     a, phase, b, omega = balance.unpack(X)
     slopes = balance.slopes(X)
-    d_mean, d_gain = slopes.by_shifts
     _, J = balance.assemble(X, slopes, *balance.linear_and_slope(omega))
     return Point(
         amplitude=a[0],
         phase=phase[0],
         bias=b[0],
         omega=float(omega[0]),
-        mean=slopes.means[0, 0],
-        gain=slopes.gains[0, 0],
+        mean=slopes.means[0],
+        gain=slopes.gains[0],
         jacobian=J[0],
-        slopes_of_mean=tuple(d[0] for d in d_mean),
-        slopes_of_gain=tuple(d[0] for d in d_gain),
+        slopes_of_mean=tuple(slopes.by_means[:, 0]),
+        slopes_of_gain=tuple(slopes.by_gains[:, 0]),
         residual=float(balance.largest_residual(X)[0]),
     )
 

@@ -321,6 +321,16 @@ class Nonlinearity(ABC):
         """
         return -np.inf, np.inf
 
+    def described_with_slopes(
+        self, amplitude: NDArray[np.float64], bias: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+        """Mean and gain (real), shape (n,), and derivatives of the mean by bias and amplitude, shape (2, n).
+
+        Of a map without memory at amplitudes above zero, where there is a closed form; None for any other element. The
+        gain's own derivatives follow: by the amplitude 2 (by bias - gain) / A, by the bias 2 (by amplitude) / A.
+        """
+        return None
+
     def linear_gain(self) -> NDArray[np.float64]:
         """Gains, shape (n_outputs, n_inputs), that stand for the element in the margins of the linearised loop.
 

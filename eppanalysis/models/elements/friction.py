@@ -118,6 +118,10 @@ class Friction(Nonlinearity, kind="friction"):
         gain = self.breakaway / np.pi * ((forward_gain + backward_gain) / a)
         return mean, np.where(at_rest, np.inf, gain) + 0j
 
+    def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
+        """Of a biased relay, where the friction does not fall."""
+        return None if self.stribeck else self._slipping.described_with_slopes(amplitude, bias)
+
     @property
     def sticks_and_slips(self) -> bool:
         """Whether the force at rest may be greater than in motion."""

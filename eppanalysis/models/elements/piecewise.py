@@ -141,13 +141,22 @@ class PiecewiseLinear(Nonlinearity, kind="piecewise_linear"):
         ModelError
             If an amplitude is negative.
         """
+        a, b, _ = broadcast(amplitude, bias, omega)
+        mean, gain, _ = self._described(a.flatten(), b.flatten())
+        return mean.reshape(a.shape), gain.reshape(a.shape).astype(complex)
+
+    def described_with_slopes(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array] | None:
+        """Mean and gain, and what the mean changes by, of the map alone."""
+        alone = type(self).describing_function is PiecewiseLinear.describing_function
+        return self._described(amplitude, bias) if alone else None
+
+    def _described(self, amplitude: Array, bias: Array) -> tuple[Array, Array, Array]:
         from eppanalysis.kernels.describing.piecewise import biased_sinusoid
 
-        a, b, _ = broadcast(amplitude, bias, omega)
-        mean, gain = np.empty(a.size), np.empty(a.size)
+        mean, gain, by = np.empty(amplitude.size), np.empty(amplitude.size), np.empty((2, amplitude.size))
         pieces = (self.breakpoints, self.slopes, self.intercepts, self.jumps)
-        biased_sinusoid(*pieces, a.flatten(), b.flatten(), mean, gain)
-        return mean.reshape(a.shape), gain.reshape(a.shape).astype(complex)
+        biased_sinusoid(*pieces, amplitude, bias, mean, gain, by)
+        return mean, gain, by
 
     def thresholds(self, bias: float = 0.0) -> Array:
         """Amplitudes at which the oscillation about `bias` reaches one more breakpoint."""

@@ -490,3 +490,20 @@ def test_quantiser_gives_levels_alone_also_at_ties():
         assert np.all(np.abs(y - x)[within] <= step / 2 * (1 + 1e-12) + 1e-13 * np.abs(x[within]))
         assert np.array_equal(quantiser.output(-x)[0], -y)
     assert Quantiser(1.0, 1000).output(902.5)[0] == 903.0
+
+
+@pytest.mark.parametrize(
+    "element",
+    [Relay(), RelayDeadZone(1.0), Saturation(-1.0, 2.0), DeadZone(-0.5, 1.0), FiveBandLaw(1.0, 2.0, 3.0, 4.5, 2.0)],
+)
+def test_slopes_of_mean_and_gain_are_those_that_differences_tell(element) -> None:
+    rng = np.random.default_rng(3)
+    a, b, h = rng.uniform(0.1, 6.0, 400), rng.uniform(-3.0, 5.0, 400), 1e-6
+    mean, gain, (level, sway) = element.described_with_slopes(a, b)
+    assert np.array_equal((mean, gain), np.real(element.describing_function(a, b)))
+    # Where it only just reaches a threshold it changes like a root, and differences tell little.
+    clear = np.abs(np.abs(b[:, None] - element.breakpoints) - a[:, None]).min(-1) > 1e-2
+    told = (level, sway, 2.0 * sway / a, 2.0 * (level - gain) / a)
+    for k, (exact, by) in enumerate(zip(told, ((0, h), (h, 0), (0, h), (h, 0)), strict=True)):
+        up, down = (element.describing_function(a + s * by[0], b + s * by[1])[k // 2].real for s in (1, -1))
+        np.testing.assert_allclose(exact[clear], ((up - down) / (2 * h))[clear], rtol=1e-5, atol=1e-7)
