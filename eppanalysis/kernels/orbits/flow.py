@@ -53,7 +53,7 @@ class Numbers(NamedTuple):
     smooth_scale: np.ndarray  # (s,)
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def numbers_of(channels, F, S):
     """The numbers of an arc; where no derivative by a parameter is asked for they stand in for it, unread."""
     return Numbers(F, S, channels.smooth_x, channels.smooth_H, channels.smooth_s, channels.smooth_scale)
@@ -75,7 +75,7 @@ def room(F):
     return np.zeros((8, padded(moving), padded(moving)))
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def affine_flow(F, y, tau, end, Phi, square):
     """State at the end of an affine arc, and its derivative; `square` is what `room` gave."""
     n, N = F.shape
@@ -114,7 +114,7 @@ def affine_flow(F, y, tau, end, Phi, square):
             Phi[i, j] = tau * F[i, j]
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def affine_change(F, by, y, tau, change, end):
     """Change of the state along an affine arc with a parameter, from that at its begin; `by` holds the derivatives.
 
@@ -149,7 +149,7 @@ def affine_change(F, by, y, tau, change, end):
         end[i] += tau * rates[n + i]
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def smooth_flow(channels, sense, F, S, y, tau, most, end, Phi, sigma, slope, by):
     """State at the end of an arc with smooth channels, its derivative, and there the channels with their slopes.
 

@@ -20,7 +20,7 @@ from eppanalysis.kernels.orbits.flow import (
 )
 
 
-@njit(**KERNEL)
+@njit(**PART)
 def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
     """Value of the guard that ends an arc, and its derivative by y into `row`, at the arc's end."""
     n = channels.smooth_x.shape[1]
@@ -40,6 +40,20 @@ def guard_at(channels, g, gs, smooth, end, sigma, slope, row):
     for j in range(end.size):
         value += g[j] * end[j]
     return value
+
+
+@njit(**KERNEL)
+def along(channels, sense, F, S, g, gs, smooth, y, tau, end, Phi, sigma, row):
+    """One arc from y: fill its end and the derivative Phi of that, the channels there, and the guard's derivative."""
+    n, N = F.shape
+    slope = np.zeros(S.shape[1])
+    sigma[:] = 0.0
+    if smooth:
+        own = numbers_of(channels, F, S)
+        smooth_flow(channels, sense, F, S, y, tau, MOST_SERIES, end, Phi, sigma, slope, own)
+    else:
+        affine_flow(F, y, tau, end, Phi, room(F.reshape((1, n, N))))
+    guard_at(channels, g, gs, smooth, end, sigma, slope, row)
 
 
 @njit(**PART)

@@ -139,6 +139,7 @@ def stability(balance: Balance, p: Point) -> tuple[bool, str]:
     others = _other_poles(balance, p)
     if others is not None:
         unstable = others[others.real > 1e-5 * p.omega]
+        unstable = unstable.real + 1j * np.abs(unstable.imag)  # of a pair the upper one, whatever rounding says
         stable &= not unstable.size
         text += "; the other poles of the quasi-linear loop are " + (
             f"unstable (at {unstable[np.argmax(unstable.real)]:.4g} 1/s)" if unstable.size else "stable"

@@ -151,40 +151,29 @@ class Round:
     def _along(
         self, modes: NDArray[np.int64], guards: NDArray[np.int64], tau: Array, starts: Array, D: Array, known: dict
     ) -> Array:
-        from eppanalysis.kernels.orbits.flow import MOST_SERIES, affine_flow, numbers_of, smooth_flow
-        from eppanalysis.kernels.orbits.sweep import guard_at
-        from eppanalysis.kernels.simd.vectors import padded
+        from eppanalysis.kernels.orbits.sweep import along
 
         it = EventSequence(modes, guards, np.full((guards.size, 3), -1), brought_about(self.start.model, guards, tau))
         arcs = Arcs.build(self.start, it)
         at_once = marked(arcs, starts, tau).at_once
         n, N = arcs.F.shape[1:]
-        sigma, slope, row = np.zeros(arcs.S.shape[2]), np.zeros(arcs.S.shape[2]), np.zeros(N)
-        square = np.zeros((8, padded(n), padded(n)))
+        sigma = np.zeros(arcs.S.shape[2])
         for a, y in enumerate(starts):
-            F, end = arcs.F[a], np.empty(N)
-            if arcs.smooth[a]:
-                Phi = np.empty((N, N))
-                smooth_flow(
-                    arcs.channels, arcs.channels.sense[a], F, arcs.S[a], y.copy(), tau[a], MOST_SERIES, end, Phi,
-                    sigma, slope, numbers_of(arcs.channels, F, arcs.S[a]),
-                )  # fmt: skip
-            else:
-                sigma[:] = slope[:] = 0.0
-                # Most arcs are as long as a sample, to rounding, in the same modes.
-                key = modes[a].tobytes(), round(float(tau[a]) / self.strobe.period, 13)
-                if key not in known:
-                    known[key] = np.empty((N, N))
-                    affine_flow(F, y.copy(), tau[a], end, known[key], square)
-                Phi = known[key]
-                end = Phi @ y
+            # Most arcs are as long as a sample, to rounding, in the same modes.
+            key = modes[a].tobytes(), round(float(tau[a]) / self.strobe.period, 13)
+            if arcs.smooth[a] or key not in known:
+                end, row, Phi = np.empty(N), np.empty(N), np.empty((N, N))
+                of_arc = arcs.F[a], arcs.S[a], arcs.g[a], arcs.gs[a], arcs.smooth[a]
+                along(arcs.channels, arcs.channels.sense[a], *of_arc, y.copy(), tau[a], end, Phi, sigma, row)
+            if not arcs.smooth[a]:
+                Phi = known.setdefault(key, Phi)
+                end, row, sigma[:] = Phi @ y, arcs.g[a], 0.0
             E = Phi @ D
-            guard_at(arcs.channels, arcs.g[a], arcs.gs[a], arcs.smooth[a], end, sigma, slope, row)
             # A switch of another element comes sooner or later with the start: by that time, at the arc's rate, the
             # disturbance ends elsewhere (docs/theory/sampled.md, Exact orbits).
             sooner = row @ E
             if at_once[a] != 1 and np.any(sooner):  # the instant of a sample stands
-                rate = F @ end + arcs.S[a] @ sigma
+                rate = arcs.F[a] @ end + arcs.S[a] @ sigma
                 E[:n] -= rate[:, None] * (sooner / (row[:n] @ rate))
             D = arcs.J[a] @ E
         return D
