@@ -112,13 +112,17 @@ def _carry(Phi, y, out, n):
 
 @njit(**PART)
 def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, square):
-    """Value of a signal where its rate vanishes inside a step, by regula falsi (Illinois) on the rate."""
+    """Value of a signal where its rate vanishes inside a step: by Newton's method on the rate, where it stays inside.
+
+    Else, and with smooth channels, by regula falsi (Illinois).
+    """
     N = y.size
     Phi, rate = np.zeros((N, N)), np.zeros(N)
     sigma, change = np.zeros(S.shape[1]), np.zeros(S.shape[1])
-    t0, t1, value = 0.0, d, 0.0
+    t0, t1, t, value = 0.0, d, 0.0, 0.0
     for _ in range(12):
-        t = (t0 * right - t1 * left) / (right - left)
+        if not t0 < t < t1:
+            t = (t0 * right - t1 * left) / (right - left)
         if smooth:
             own = numbers_of(channels, F, S)
             smooth_flow(channels, channels.sense[a], F, S, y, t, MOST_SERIES, end, Phi, sigma, change, own)
@@ -139,4 +143,10 @@ def _turning_value(channels, a, F, S, smooth, Y, Ys, y, d, left, right, end, squ
         # The value is off by the rate times what is left of the interval, to second order.
         if abs(slope) * d <= 1e-9 * abs(value) or t1 - t0 <= 1e-9 * d:
             break
+        bend = 0.0
+        for i in range(len(F)):
+            if Y[i] != 0.0:
+                for j in range(N):
+                    bend += Y[i] * F[i, j] * rate[j]
+        t = -1.0 if smooth or bend == 0.0 else t - slope / bend
     return value
