@@ -16,6 +16,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import bmat, diags
+from scipy.sparse.linalg import splu
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.equations import Expressions, polynomials, write
@@ -33,6 +35,8 @@ _SHORTEST, _SHORTEST_KNOWN = 1e-3, 0.1
 _BEYOND = (1e-4, 1e-3, 5e-3)
 #: Switches of one element this close in phase may be about to merge.
 _CLOSE = 1e-2
+#: Most steps of Newton's method from IPOPT's solution to that of the equations, and the last one's size.
+_MOST_STEPS, _ARRIVED = 4, 1e-11
 _OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -200,7 +204,7 @@ def extreme(
             smooth = not found.merging and step.same_switches(found)
             beyond = found.cycle if step.at_rim(found) else None if smooth else step.beyond(found)
             if beyond is None:
-                return path.counted(found)
+                return path.counted(step.polished(found))
             path.arrive(found, beyond)
         else:
             path.hop(found, step.settled(found))
@@ -314,9 +318,7 @@ class _Step:
 
     def solve(self) -> Fold | None:
         """The solution for these switches; None where IPOPT fails."""
-        layout, d = self.expressions.layout, self.dependence
-        used = self.expressions.used
-        p = np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
+        layout = self.expressions.layout
         v0 = np.append(self.start[:-1] / self.scales, self._scaled(self.start[-1]))
         low, high = np.full(v0.size, -np.inf), np.full(v0.size, np.inf)
         low[-1], high[-1] = self._scaled(self.window[0]), self._scaled(self.window[1])
@@ -329,21 +331,28 @@ class _Step:
         n_dwells = sum(layout.switches)
         found = self.solver(
             x0=v0,
-            p=p,
+            p=self._parameters(),
             lbx=low,
             ubx=high,
             lbg=np.zeros(n_equations + n_dwells),
             ubg=np.concatenate([np.zeros(n_equations), np.full(n_dwells, np.inf)]),
         )
         stats = self.solver.stats()
-        v = np.array(found["x"]).ravel()
-        g = np.array(found["g"]).ravel()
+        v, g, weights = (np.array(found[name]).ravel() for name in ("x", "g", "lam_g"))
         closed = np.abs(g[:n_equations]).max() < 1e-7 and stats["return_status"] in (
             "Solve_Succeeded",
             "Solved_To_Acceptable_Level",
         )
-        if not closed:
-            return None
+        return self._fold(v, g, weights, int(stats["iter_count"])) if closed else None
+
+    def _parameters(self) -> Array:
+        """What the programme is given besides its unknowns."""
+        d, used = self.dependence, self.expressions.used
+        return np.concatenate([d.base[used], d.coefficients.ravel(order="F"), self.scales, self.sizes, [self.sign]])
+
+    def _fold(self, v: Array, g: Array, weights: Array, iterations: int) -> Fold:
+        """A solution of the programme in the units of the loop."""
+        layout, d, n_equations = self.expressions.layout, self.dependence, self.sizes.size
         unknowns = v[:-1] * self.scales
         value = 0.5 * (d.low + d.high) + 0.5 * (d.high - d.low) * float(v[-1])
         value = float(np.clip(value, self.numbers.low, self.numbers.high))
@@ -351,7 +360,7 @@ class _Step:
         Z = series[:, : layout.order + 1].astype(complex)
         Z[:, 1:] += 1j * series[:, layout.order + 1 :]
         # d(bound)/d(equation), in the units of both.
-        multipliers = np.array(found["lam_g"]).ravel()[:n_equations] / self.sizes * 0.5 * (d.high - d.low) * self.sign
+        multipliers = weights[:n_equations] / self.sizes * 0.5 * (d.high - d.low) * self.sign
         ends = (self.numbers.low, self.numbers.high)
         at_end = min(abs(value - e) for e in ends) < 1e-6 * (ends[1] - ends[0])
         return Fold(
@@ -361,8 +370,39 @@ class _Step:
             multipliers,
             at_end,
             bool(np.any(g[n_equations:] < _CLOSE)),
-            int(stats["iter_count"]),
+            iterations,
         )
+
+    def polished(self, found: Fold) -> Fold:
+        """The fold itself, by Newton's method on the conditions of an extremum.
+
+        IPOPT's barriers push what it finds off a little, and its multipliers, by which elasticities are had, by more:
+        they would depend on where it began. Where the range ends or switches meet, it stays as it is.
+        """
+        if found.at_end or found.merging or self.at_rim(found):
+            return found
+        d, n, p = self.dependence, self.sizes.size, self._parameters()
+        slope, curvature = (self.solver.get_function(name) for name in ("nlp_jac_g", "nlp_hess_l"))
+        v = np.append(found.unknowns / self.scales, self._scaled(found.cycle.value))
+        weights = np.zeros(n + sum(self.expressions.layout.switches))
+        weights[:n] = found.multipliers * self.sizes / (0.5 * (d.high - d.low) * self.sign)
+        for _ in range(_MOST_STEPS):
+            g, J = slope(v, p)
+            J, H = J.sparse()[:n], curvature(v, p, 1.0, weights).sparse()
+            H = H + H.T - diags(H.diagonal())  # only its upper half is there
+            off = J.T @ weights[:n]
+            off[-1] += self.sign
+            try:
+                step = splu(bmat([[H, J.T], [J, None]], "csc")).solve(-np.append(off, np.array(g).ravel()[:n]))
+            except RuntimeError:  # singular: no fold of this kind
+                return found
+            v, weights[:n], far = v + step[: v.size], weights[:n] + step[v.size :], np.abs(step[: v.size]).max()
+            if not far < _GENUINE:  # another one
+                return found
+            if far < _ARRIVED:
+                polished = self._fold(v, np.array(slope(v, p)[0]).ravel(), weights, found.iterations)
+                return found if polished.merging else polished
+        return found
 
     def _pivot_sine(self) -> int:
         series = self.start[: self.expressions.layout.omega].reshape(-1, self.expressions.layout.width)

@@ -92,6 +92,15 @@ def test_harmonic_elasticities_have_the_sign_and_size_of_the_exact_ones(found: e
     assert harmonic["harness.step"] == pytest.approx(0.0, abs=1e-6)  # the loop does not know where it is
 
 
+def test_bounds_and_elasticities_of_harmonic_balance_do_not_depend_on_where_they_began(wheelchair: epp.Case) -> None:
+    alone, last = (
+        design_bounds(wheelchair, "play.gap", "loop.gain", at=at, exact=False)[-1] for at in ([0.012], [0.011, 0.012])
+    )
+    assert last.harmonic == pytest.approx(alone.harmonic, rel=1e-14)
+    assert alone.harmonic_elasticities["play.gap"] != 0.0
+    assert last.harmonic_elasticities == pytest.approx(alone.harmonic_elasticities, abs=1e-13)
+
+
 def test_a_bound_that_is_wrong_is_not_verified(case: epp.Case, found: epp.DesignBounds) -> None:
     orbit = found[0].orbit
     assert orbit is not None
