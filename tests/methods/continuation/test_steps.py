@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -137,15 +138,23 @@ def test_the_slope_through_smooth_elements_is_that_of_the_residual_over_a_range(
         assert np.max(np.abs(found - exact)) < 1e-11 * np.max(np.abs(exact))
 
 
+@cache
+def _on_the_belt(shape):
+    """A belt with friction of this shape: its numbers, the loop, and its one cycle."""
+    numbers = {"coulomb": 0.4, "static": 1.0, "velocity": 0.3, "viscous": 0.02, "shape": shape}
+    belt = replace(epp.case("belt_leine").to_system(), elements=(epp.StribeckFriction(**numbers),))
+    (cycle,) = epp.find_limit_cycles(belt)
+    return numbers, belt, cycle
+
+
 @pytest.mark.parametrize(("shape", "varied"), [(1.0, "static"), (3.0, "velocity"), (1.5, "velocity"), (1.5, "shape")])
 def test_the_slope_through_powers_of_the_velocity(shape, varied):
-    numbers = {"coulomb": 0.4, "static": 1.0, "velocity": 0.3, "viscous": 0.02, "shape": shape}
-    belt, value = epp.case("belt_leine").to_system(), numbers[varied]
+    numbers, belt, cycle = _on_the_belt(shape)
+    value = numbers[varied]
 
     def build(v):
         return steady_hybrid(replace(belt, elements=(epp.StribeckFriction(**{**numbers, varied: float(v)}),)))
 
-    (cycle,) = epp.find_limit_cycles(replace(belt, elements=(epp.StribeckFriction(**numbers),)))
     orbit = next(iter(orbits_near(build(value), *start_of(build(value), cycle), cycle.period)))
     family = Family(build, (0.98 * value, 1.02 * value), patience=1000)
     # Beside rest a fractional power bends like its root: a difference comes near to the derivative as it shrinks.

@@ -404,7 +404,10 @@ def test_a_search_does_not_say_that_it_tried_what_it_left(monkeypatch: pytest.Mo
     assert "mirror image of each" not in found.search and "at other periods" in found.search
 
 
-@pytest.mark.parametrize("before", [epp.Play(0.5), epp.Relay(-1.0, 1.0)], ids=["play", "relay"])
+@pytest.mark.parametrize(
+    "before",
+    [pytest.param(epp.Play(0.5), id="play", marks=pytest.mark.slow), pytest.param(epp.Relay(-1.0, 1.0), id="relay")],
+)
 def test_a_limiter_straight_behind_another_element_is_said_to_chatter(before):
     loop = epp.LureSystem.from_blocks([([1.0], [1.0, 1.0, 0.0]), before, epp.RateLimiter(1.0)])
     run, found = epp.simulate(loop, t_end=30.0), epp.find_limit_cycles(loop)

@@ -69,7 +69,13 @@ def test_a_run_by_the_method_of_steps_comes_back_to_the_cycle_and_departs_by_its
         np.testing.assert_allclose(second, first * cycle.multipliers[0].real, rtol=0, atol=2e-3 * np.abs(second).max())
 
 
-@pytest.mark.parametrize("element", [e for e, _ in LOOPS], ids=NAMES)
+@pytest.mark.parametrize(
+    "element",
+    [
+        pytest.param(e, id=n, marks=[pytest.mark.slow] * (i > 1))
+        for i, ((e, _), n) in enumerate(zip(LOOPS, NAMES, strict=True))
+    ],
+)
 def test_a_search_lists_them_whatever_the_unit_of_time_and_the_sign(element: Nonlinearity) -> None:
     loop = loop_of(element)
     found = epp.find_limit_cycles(loop)
