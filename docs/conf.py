@@ -29,7 +29,8 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx-mathjax-offline",  # formulas are shown without a network, too
 ]
-exclude_patterns = ["_build", "_generated/*.md", "_static/*.md"]
+exclude_patterns = ["_build", "_templates", "_generated/*.md", "_static/*.md"]
+templates_path = ["_templates"]
 html_theme = "furo"
 html_title = "eppanalysis"
 html_static_path = ["_static"]

@@ -11,13 +11,27 @@ from matplotlib.figure import Figure
 
 from eppanalysis.errors import EppError
 from eppanalysis.methods.bounds.result import Turn
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, SMALL, VERMILLION, note_below, place_of, put_legend
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    SMALL,
+    VERMILLION,
+    lines_of,
+    note_below,
+    place_of,
+    put_legend,
+)
 from eppanalysis.readable import number, with_unit, words
 
 if TYPE_CHECKING:
     from eppanalysis.methods.bounds.result import DesignBounds
 
 _MOST_BARS = 14
+#: Letters of a line of a label below bars, whose names take a third of the width.
+_LETTERS = 36
 _SMALLEST_BAR = 5e-4
 
 
@@ -157,7 +171,7 @@ def tornado(elasticities: Mapping[str, Mapping[str, float]], limit: str, where: 
         ax.barh(places, [values.get(n, 0.0) for n in names], height, color=colour, label=method)
     ax.set_yticks(np.arange(len(names)), [words(n) for n in names], fontsize=SMALL)
     ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.set_xlabel(f"elasticity of the bound on {words(limit)} [% for 1 %]\nat {where}")
+    ax.set_xlabel("\n".join(lines_of(f"elasticity of the bound on {words(limit)} [% for 1 %], at {where}", _LETTERS)))
     ax.spines[["top", "right"]].set_visible(False)
     put_legend(ax)
     return figure
