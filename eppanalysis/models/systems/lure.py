@@ -284,6 +284,12 @@ class LureSystem(Responses):
         ------
         ModelError
             If no block is an element, sample times differ, or `feedback` is neither -1 nor 1.
+
+        Examples
+        --------
+        >>> import eppanalysis as epp
+        >>> epp.LureSystem.from_blocks([epp.Saturation(), ([2.0], [1.0, 1.0]), ([1.0], [1.0, 0.0])]).A.shape
+        (2, 2)
         """
         require(name, "feedback", feedback, feedback in (-1, 1), "-1 or 1")
         blocks = [as_element(b) if is_element(b) else b for b in blocks]
