@@ -334,9 +334,10 @@ class Prediction(Listing[LimitCycle]):
 
     Behaves as a sequence of LimitCycle (sorted by amplitude). `curves` holds what the Nyquist picture needs:
     ``{"omega", "response", "amplitude", "locus"}`` for one element; for several the loop gain over the amplitude at the
-    principal element. `search` says how completeness was sought, `unseen` looks for what first order does not see.
-    `operating_point` is where the external inputs are held. `margins` are those of the linearised loop: where it is cut
-    ("at"), the numbers, and the gains that stand for the elements ("rule").
+    principal element. `search` says how completeness was sought, `on_grid` whether on a grid between whose points
+    cycles may lie, `unseen` looks for what first order does not see. `operating_point` is where the external inputs are
+    held. `margins` are those of the linearised loop: where it is cut ("at"), the numbers, and the gains that stand for
+    the elements ("rule").
     """
 
     cycles: tuple[LimitCycle, ...]
@@ -344,6 +345,7 @@ class Prediction(Listing[LimitCycle]):
     search: str
     curves: Mapping[str, Any] = field(default_factory=dict)
     margins: Mapping[str, Any] = field(default_factory=dict)
+    on_grid: bool = False
     unseen: Callable[[], tuple[str, ...]] = tuple
 
     parts = "cycles"
@@ -354,6 +356,7 @@ class Prediction(Listing[LimitCycle]):
         doubtful = sum(cycle.may_not_exist for cycle in self.cycles)
         doubt = [f"{doubtful} of {len(self)} may not exist."] if doubtful else []
         ended = [] if self.status.ok else [self.status.value]
+        ended += ["Cycles between the points of its grid may be missed."] if self.on_grid else []
         margin = "" if self.cycles else _margin(self.margins)
         return " ".join([f"First order predicts {counted(self.cycles)}{margin}.", *doubt, *ended, *self.warnings])
 

@@ -257,7 +257,8 @@ SENTENCES = {
 }
 PREDICTED = {
     "fig8a_original": "First order predicts 2 limit cycles, "
-    "the stable one with theta 4.291 deg peak to peak at 10.61 Hz.",
+    "the stable one with theta 4.291 deg peak to peak at 10.61 Hz. "
+    "Cycles between the points of its grid may be missed.",
     "band_two_cycles": "First order predicts 2 limit cycles, the stable one with x 9.847 peak to peak at 0.2757 Hz.",
 }
 
@@ -282,7 +283,8 @@ def test_no_cycle_is_said_with_the_margin_that_is_left():
     found = epp.predict_limit_cycles(epp.case("fig8b_reduced_backlash"))
     margin = found.margins["gain_margin"]
     assert str(found) == (
-        f"First order predicts no limit cycle; the gain margin of the linearised loop is {margin:.4g}."
+        f"First order predicts no limit cycle; the gain margin of the linearised loop is {margin:.4g}. "
+        "Cycles between the points of its grid may be missed."
     )
 
 

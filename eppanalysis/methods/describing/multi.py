@@ -102,7 +102,7 @@ def search_several(balance: Balance) -> Found:
         f"{count(len(curves), 'curve')} of zero phase followed to their ends, with all local extrema of the loop gain "
         "located. A curve that runs wholly between points of this grid may be missed."
     )
-    return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search)
+    return Found(distinct(balance, np.concatenate(cycles)), tuple(curves), search, on_grid=True)
 
 
 def _pieces(X: Array, loop: ComplexArray, path: Array) -> list[Array]:

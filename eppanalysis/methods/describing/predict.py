@@ -121,6 +121,7 @@ def predict_limit_cycles(
         cycles=cycles,
         status=Status.CONVERGED if found.complete else Status.INCOMPLETE,
         search=found.search,
+        on_grid=found.on_grid,
         unseen=partial(_unseen, *asked, cycles),
         curves=curves,
         margins={} if isinstance(own, DataSystem) else Deferred(lambda: margins(own).summary()),

@@ -54,12 +54,15 @@ _MANY_BRANCHES = (
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Limit cycles (k, 3 m + 1), the curves they were found on, how, and whether all that was asked for is covered."""
+    """Limit cycles (k, 3 m + 1), the curves they were found on, how, whether all that was asked for is covered, and
+    whether it was sought on a grid between whose points cycles may lie.
+    """
 
     cycles: Array
     curves: tuple[Array, ...]
     search: str
     complete: bool = True
+    on_grid: bool = False
 
 
 @lru_cache(maxsize=16)

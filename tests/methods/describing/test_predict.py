@@ -38,6 +38,7 @@ from eppanalysis.models.elements import (
 from eppanalysis.models.systems.linear import StateSpace
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.results import Status
+from tests.random_loops import random_loop
 from tests.shared import of_unknown_response
 
 from_tf, from_blocks = LureSystem.from_tf, LureSystem.from_blocks
@@ -643,5 +644,10 @@ def test_an_asymmetric_relay_behind_a_dead_time_is_predicted_at_one_frequency(le
 
 
 def test_what_a_grid_over_several_elements_may_miss_is_said():
-    loop = LureSystem.from_blocks([Saturation(), ([8.0], [1, 1]), Saturation(), ([1.0], [1, 3, 2])])
-    assert "wholly between points of this grid may be missed" in predict_limit_cycles(loop).search
+    """On a finer grid two more cycles of the second loop are found, on one finer still neither."""
+    of_two = LureSystem.from_blocks([Saturation(), ([8.0], [1, 1]), Saturation(), ([1.0], [1, 3, 2])])
+    for prediction in map(predict_limit_cycles, (of_two, random_loop(15))):
+        assert "wholly between points of this grid may be missed" in prediction.search
+        assert "Cycles between the points of its grid may be missed." in str(prediction)
+    of_one = LureSystem.from_tf(([1.0], [1.0, 3.0, 2.0, 0.0]), Relay())
+    assert "grid" not in str(predict_limit_cycles(of_one))
