@@ -11,7 +11,7 @@ import pytest
 import eppanalysis as epp
 from eppanalysis.methods.continuation.branch import steady_case
 from eppanalysis.methods.continuation.families import Family, slope_of
-from eppanalysis.methods.continuation.steps import evaluate_at
+from eppanalysis.methods.continuation.steps import evaluate_at, locate, make_point, step
 from eppanalysis.methods.orbits.arcs import Arcs
 from eppanalysis.methods.orbits.exact import start_of, steady_hybrid
 from eppanalysis.methods.orbits.orbit import solve
@@ -227,3 +227,15 @@ def test_folds_do_not_feel_errors_of_the_slope(monkeypatch):
     monkeypatch.setattr(Family, "slope", lambda *at: exact(*at) * (1.0 + 1e-4 * np.sin(np.arange(7.0))))
     (moved,) = epp.continue_branch(RELAY, "loop.gain", 0.7, 0.59).folds
     assert moved.value == pytest.approx(fold.value, rel=1e-11)
+
+
+def test_a_test_that_is_zero_at_both_ends_is_met_at_one_of_them():
+    """Rounding leaves the determinant of a return map at nothing over a whole step."""
+    case, name = epp.case("relay_deadzone"), "relay_dead_zone.threshold"
+    family = Family(lambda value: steady_case(case.with_values({name: value})), (1.0, 1.5))
+    hybrid, cycle = family.at(1.0), epp.find_limit_cycles(case)[-1]
+    orbit = next(iter(orbits_near(hybrid, *start_of(hybrid, cycle), cycle.period)))
+    point = make_point(family, 1.0, orbit, None)
+    further = step(point, 0.01)
+    assert further is not None
+    assert locate(point, further, lambda _: 0.0) in (point, further)
