@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -207,7 +206,7 @@ def _branch_from(walk: Walk, value: float) -> Branch | None:
     """The longest of the branches of the cycles that the exact search finds at a value."""
     found = []
     with suppress(EppError, np.linalg.LinAlgError):
-        for orbit in _orbits_found(walk.case, walk.parameter, walk.family, value):
+        for orbit in filter(None, _orbits_found(walk.case, walk.parameter, walk.family, value)):
             with suppress(EppError, np.linalg.LinAlgError):
                 found.append(replace(walk, special=[]).run((value, orbit)))
     return max(found, key=lambda b: float(np.ptp(b.points["value"])), default=None)
@@ -251,17 +250,25 @@ def _seed(
             closed = orbit_of(family.at(value), run, float(found[1]))
             if closed is not None:
                 return value, closed
+    is_there = False
     for value in ends[::-1]:
-        for orbit in _orbits_found(case, parameter, family, value):
-            return value, orbit
+        for closed in _orbits_found(case, parameter, family, value):
+            is_there = True
+            if closed is not None:
+                return value, closed
+    if is_there:
+        raise EppError(
+            f"continue_branch: limit cycles were found at the ends of the range of {parameter}, but none as an exact "
+            "orbit from switch to switch; expected one, which a loop with dead time need not have."
+        )
     raise EppError(f"continue_branch: no limit cycle was found at either end of the range of {parameter}.")
 
 
-def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit]:
-    """The orbits of all cycles that the exact search finds at a value, smallest first."""
+def _orbits_found(case: CaseLike, parameter: str, family: Family, value: float) -> Iterator[Orbit | None]:
+    """The orbits of all cycles that the exact search finds at a value, smallest first; None for one without."""
     hybrid = family.at(value)
     for known in find_limit_cycles(case.with_values({parameter: value})):
-        yield from islice(orbits_near(hybrid, *start_of(hybrid, known), known.period), 1)
+        yield next(iter(orbits_near(hybrid, *start_of(hybrid, known), known.period)), None)
 
 
 @dataclass

@@ -382,3 +382,31 @@ def test_a_branch_that_turns_just_before_it_touches_a_breakpoint_goes_on_behind_
         assert (branch["special"] == "fold").sum() == 1
     # The fold lies between two points.
     assert down["loop.gain"].min() == pytest.approx(up["loop.gain"].min(), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_cycles_that_no_branch_can_follow_are_not_said_to_be_missing() -> None:
+    """A magnetic bearing with dead time and a limited current oscillates about rest."""
+    blocks = epp.blocks
+
+    def bearing(kp: float) -> epp.Diagram:
+        return epp.Diagram(
+            parts={
+                "controller": blocks.PID(kp=kp, td=5e-3, tf=3e-4),
+                "limit": epp.Saturation(lower=-3.0, upper=3.0),
+                "late": blocks.DeadTime(delay=2e-4),
+                "coil": blocks.LowPass(bandwidth=4000.0),
+                "force": blocks.Gain(gain=40.0),
+                "pull": blocks.Gain(gain=2e5),
+                "rotor": blocks.Mass(mass=2.0, damping=1.0),
+                "probe": blocks.LowPass(bandwidth=20000.0),
+            },
+            connect=[
+                *("-probe -> controller", "controller -> limit", "limit -> late", "late -> coil", "coil -> force"),
+                *("force + pull -> rotor", "rotor.position -> pull, probe"),
+            ],
+        )
+
+    case = epp.Case.from_system(bearing(26000.0).to_system(), t_end=0.5, name="bearing")
+    with pytest.raises(epp.EppError, match="limit cycles were found at the ends of the range of loop.gain, but none"):
+        epp.continue_branch(case, "loop.gain", 0.99, 1.01)

@@ -174,7 +174,7 @@ def test_a_virtual_spring_comes_to_rest_where_an_independent_integrator_does(sti
 
 
 def test_what_is_left_of_a_decay_within_a_dead_zone_is_no_cycle() -> None:
-    """A valve's overlap, within which only a lag swings out: at 1e-8 of the motion it still passes zero at each turn."""
+    """Within the overlap of a valve a lag swings out: at 1e-8 of the motion it still passes zero at each turn."""
     blocks = epp.blocks
     servo = epp.Diagram(
         parts={
