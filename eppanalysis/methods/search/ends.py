@@ -21,7 +21,7 @@ from eppanalysis.methods.search.rests import Met, note_modes
 from eppanalysis.methods.simulation.effort import Spent, Work, allotted, left
 from eppanalysis.methods.simulation.kept import Run
 from eppanalysis.methods.simulation.simulate import cycle_of_run, judge, repeats_undecided, run_hybrid
-from eppanalysis.models.systems.hybrid import HybridSystem
+from eppanalysis.models.systems.hybrid import DELAY_LINE, HybridSystem
 from eppanalysis.models.systems.linear import poles
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.operating import OperatingPoint
@@ -264,11 +264,12 @@ class Ends:
 
         A stuck element may creep towards its next slip far more slowly than the linear part moves.
         """
-        if self.hybrid.model.S.shape[1]:  # without long steps that would take minutes
+        smooth = self.hybrid.model.smooth_kind
+        if smooth.size:  # without long steps that would take minutes
             # What drifts evenly all the time, as a phase that slips for ever does, has not decayed.
             way = np.maximum(self._sizes(), np.abs(run.x_end - start.x0))
             stands = np.abs(run.rate_end)[start.compared] * t <= _DRIFT * way[start.compared]
-            return End.REST if np.all(stands) else End.UNDECIDED
+            return End.REST if np.all(stands) or np.all(smooth == DELAY_LINE) else End.UNDECIDED
         # An even drift reaches the next slip in this time; where that is too long the run is not made.
         with np.errstate(divide="ignore", invalid="ignore"):
             way = (self._sizes() / np.abs(run.rate_end))[start.compared]
