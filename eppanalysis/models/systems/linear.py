@@ -210,7 +210,7 @@ def integrators_apart(A: Array, rounding: float | None = None) -> tuple[Array, A
 
 
 def coordinates_with_integrators_apart(
-    A: Array, *, discrete: bool, around: tuple[Array, Array, Array] | None = None
+    A: Array, *, discrete: bool, around: tuple[Array, list[tuple[int, int]], Array] | None = None
 ) -> tuple[Array, Array, Array] | None:
     """A state matrix in coordinates in which its integrators show as rows of zeros (of the unit matrix where discrete).
 
@@ -219,8 +219,8 @@ def coordinates_with_integrators_apart(
     A : array, shape (n, n)
     discrete : bool
         An integrator has its pole at one then.
-    around : (array (n, m), array (m, k), array (k, n)), optional
-        What else leads from state to state: to the state rate, which of what comes in it hangs on, and from the state.
+    around : (array (n, m), list of (int, int), array (k, n)), optional
+        What else leads from state to state: to the state rate, the outputs and inputs of each element, from the state.
         Parts that only this connects would otherwise be counted in units that have nothing to do with one another, and
         coordinates across them lose what passes from one to the other.
 
@@ -236,10 +236,13 @@ def coordinates_with_integrators_apart(
     if around is None:
         even, size = balanced(A - unit)
     else:
-        B, through, C = around
-        whole = np.zeros((n + sum(through.shape),) * 2)
-        whole[:n, :n], whole[:n, n : n + len(through)] = A - unit, B
-        whole[n : n + len(through), n + len(through) :], whole[n + len(through) :, :n] = through, C
+        from scipy.linalg import block_diag
+
+        B, sizes, C = around
+        k = n + B.shape[1]
+        whole = np.zeros((k + len(C),) * 2)
+        whole[:n, :n], whole[:n, n:k], whole[k:, :n] = A - unit, B, C
+        whole[n:k, k:] = block_diag(np.zeros((0, 0)), *map(np.ones, sizes))
         size = balanced(whole)[1][:n]
         even = (A - unit) * size / size[:, None]
     # In discrete time the entries of A are near one, so that their rounding does not shrink with the sample time.

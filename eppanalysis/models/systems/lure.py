@@ -351,16 +351,12 @@ class LureSystem(Responses):
     def with_integrators_apart(self) -> tuple[LureSystem, Array]:
         """The loop in coordinates in which integrators have rows of zeros in A, and T of ``x = T y``.
 
-        In other coordinates (rotated, balanced, identified) rounding makes slow poles of integrators. Where they show
-        as the loop is given, it stays as it is. In discrete time an integrator has its pole at one.
+        In other coordinates rounding makes slow poles of integrators. Where they show already the loop stays as it is.
         """
-        through = np.zeros((self.B.shape[1], self.C.shape[0]))
-        for rows, columns in zip(self.output_slices, self.input_slices, strict=True):
-            through[rows, columns] = 1.0
-        around = (self.B, through, self.C)
+        around = self.B, [(e.n_outputs, e.n_inputs) for e in self.elements], self.C
         found = coordinates_with_integrators_apart(self.A, discrete=bool(self.time_step), around=around)
         if found is None:
-            return self, np.eye(self.A.shape[0])
+            return self, np.eye(len(self.A))
         A, T, inverse = found
         return replace(self.in_coordinates(T, inverse), A=A), T
 
