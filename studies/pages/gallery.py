@@ -21,7 +21,7 @@ from studies import DOCS
 PAGE = DOCS / "gallery.md"
 #: A block of code, and the picture that it makes.
 BLOCK = re.compile(r"^```python\n(.*?)^```$(?:\n\n!\[.+?\]\((_static/\S+\.png)\))?", re.MULTILINE | re.DOTALL)
-DOTS_AN_INCH = 90
+DOTS_AN_INCH = 150
 
 
 def blocks(text: str) -> list[tuple[str, str]]:
