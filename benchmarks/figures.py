@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks import report
-from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION
+from eppanalysis.plotting import BLUE, GREEN, GREY, VERMILLION, figure_of_height, panels_of, put_legend
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESULT = DOCS / "_static" / "benchmarks.json"
@@ -37,7 +37,7 @@ KINDS = {
 
 def accuracy(results: Results) -> Figure:
     """Time against error of everything that was tried in job A."""
-    figure = Figure(figsize=(7.5, 4.5), layout="constrained")
+    figure = figure_of_height(4.6)
     ax = figure.subplots()
     job = results["job_a"]
     points = [(r["name"], r["error"], r["seconds"]) for r in job["rows"]]
@@ -50,7 +50,7 @@ def accuracy(results: Results) -> Figure:
             )
     ax.set(xscale="log", yscale="log", xlabel="largest error of theta [rad]", ylabel="time [s]", xlim=(None, 0.2))
     ax.grid(alpha=0.3)
-    ax.legend(fontsize=7, ncols=2)
+    put_legend(ax)
     return figure
 
 
@@ -64,24 +64,23 @@ def _curve(
 
 def growth(results: Results) -> Figure:
     """Time against states, events per second, and cells."""
-    figure = Figure(figsize=(10.0, 3.2), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
+    figure, (first, second, third) = panels_of(3, 1.7)
     states, events, cells = (results["growth"][k] for k in ("states", "events", "cells"))
     n = [r["states"] for r in states]
-    _curve(left, n, [r["seconds"] for r in states], ("states", "time of 6 s [s]"), "engine", VERMILLION)
+    _curve(first, n, [r["seconds"] for r in states], ("states", "time of 6 s [s]"), "engine", VERMILLION)
     theirs = [r["seconds"] * r["ratio"] for r in states]
-    _curve(left, n, theirs, ("states", "time of 6 s [s]"), "scipy DOP853, rtol 1e-06")
-    left.set_xticks(n, [str(k) for k in n])
-    left.minorticks_off()
-    left.legend(fontsize=7)
+    _curve(first, n, theirs, ("states", "time of 6 s [s]"), "scipy DOP853, rtol 1e-06")
+    first.set_xticks(n, [str(k) for k in n])
+    first.minorticks_off()
+    put_legend(first)
     rates = [r["events_per_second"] for r in events]
-    _curve(middle, rates, [r["seconds"] for r in events], ("events per second", "time of 6 s [s]"), "", VERMILLION)
-    middle.set_ylim(1e-5, 1e-2)  # a scale on which scatter looks like scatter
+    _curve(second, rates, [r["seconds"] for r in events], ("events per second", "time of 6 s [s]"), "", VERMILLION)
+    second.set_ylim(1e-5, 1e-2)  # a scale on which scatter looks like scatter
     count = [r["cells"] for r in cells]
-    _curve(right, count, [r["seconds"] for r in cells], ("cells", "time [s]"), "one thread", VERMILLION)
+    _curve(third, count, [r["seconds"] for r in cells], ("cells", "time [s]"), "one thread", VERMILLION)
     two = [r["seconds"] / r["speedup_two_threads"] for r in cells]
-    _curve(right, count, two, ("cells", "time [s]"), "two threads", GREEN)
-    right.legend(fontsize=7)
+    _curve(third, count, two, ("cells", "time [s]"), "two threads", GREEN)
+    put_legend(third)
     return figure
 
 

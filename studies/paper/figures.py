@@ -12,7 +12,21 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 import eppanalysis as epp
-from eppanalysis.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from eppanalysis.plotting import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    SMALL,
+    VERMILLION,
+    WIDTH,
+    figure_of_height,
+    in_columns,
+    legend_below,
+    put_legend,
+)
+from eppanalysis.readable import words
 from eppanalysis.sweep import sweep
 from eppanalysis.sweep.picture import plot_design_map
 from studies import GENERATED
@@ -40,7 +54,7 @@ ENDS = r"$F_\mathrm{slack}$, $F_\mathrm{max}$"
 
 def paper_figure_2() -> Figure:
     """The band law with both profiles that the cases use."""
-    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+    figure = figure_of_height(3.9)
     ax = figure.subplots()
     force = np.linspace(0.0, 5.0, 2001)
     wide, narrow = epp.case("fig8a_original"), epp.case("fig6a_original_pulley")
@@ -48,21 +62,20 @@ def paper_figure_2() -> Figure:
         label = f"profile range {case.parameters['bands.range']} ({origin})"
         ax.plot(force, _law(case, force * LBF), color=colour, label=label)
     thresholds = np.array(wide.elbow_parameters.bands.thresholds) / LBF
-    for x in thresholds:
-        ax.axvline(x, color=GREY, linewidth=0.6, linestyle=":")
+    for x, label in zip(thresholds, ("thresholds of the wider profile", None, None, None), strict=True):
+        ax.axvline(x, color=GREY, linewidth=0.8, linestyle=":", label=label)
     edges = [0.0, *thresholds, 5.0]
     for name, left, right in zip(BANDS, edges, edges[1:], strict=False):
         inside = name == "parking"
-        ax.text((left + right) / 2, 21.0 if inside else 18.2, name, ha="center", fontsize=8)
+        ax.text((left + right) / 2, 21.0 if inside else 17.5, name, ha="center", fontsize=SMALL)
     names = [r"$F_\mathrm{slack}$", r"$F_\mathrm{low}$", r"$F_\mathrm{high}$", r"$F_\mathrm{max}$"]
-    for name, x, shift in zip(names, thresholds, (-0.19, -0.16, 0.16, 0.19), strict=True):
-        ax.text(x + shift, -20.0, name, ha="center", fontsize=8)
+    for name, x, shift in zip(names, thresholds, (-0.23, -0.19, 0.18, 0.21), strict=True):
+        ax.text(x + shift, -20.0, name, ha="center", fontsize=SMALL)
     ax.set_ylim(-21.5, 24.0)
     ax.set_xlim(0.0, 5.0)
-    ax.set_title("dotted: thresholds of the wider profile", fontsize=8, loc="right")
     ax.set_xlabel("input force [lbf]")
     ax.set_ylabel("output voltage [V]")
-    ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.85))
+    put_legend(ax)
     _plain(ax)
     return figure
 
@@ -76,18 +89,18 @@ def paper_figure_4() -> Figure:
         "(b) original pulley, static friction only": made.tray(friction, 1.0),
         f"(b) original pulley, kinetic ratio {kinetic:g}": made.tray(friction, kinetic),
     }
-    figure = Figure(figsize=(8.4, 3.1), layout="constrained")
-    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    figure = figure_of_height(5.4)
+    axes = figure.subplots(3, 1, sharex=True, sharey=True)
     for ax, (title, test) in zip(axes, panels.items(), strict=True):
         up, down = slice(None, test.top + 1), slice(test.top, None)
         ax.plot(test.weight[up] / LBF, test.voltage[up], color=BLUE, marker=".", markersize=3, label="loading")
         ax.plot(
             test.weight[down] / LBF, test.voltage[down], color=VERMILLION, marker=".", markersize=3, label="unloading"
         )
-        ax.set_title(title, fontsize=8)
-        ax.set_xlabel("weight on the tray [lbf]")
-    axes[0].set_ylabel("sensor voltage [V]")
-    axes[0].legend(fontsize=8)
+        ax.set_title(title, fontsize=SMALL, loc="left")
+        ax.set_ylabel("sensor [V]")
+    axes[-1].set_xlabel("weight on the tray [lbf]")
+    legend_below(figure, axes[0])
     _plain(*axes)
     return figure
 
@@ -96,27 +109,28 @@ def paper_figure_5() -> Figure:
     """The four phases: where sensor and harness side are on the band law, and when."""
     name = "fig6a_original_pulley"
     case, result, phase = epp.case(name), made.run(name, t_end=1.0), made.paper_slip()
-    figure = Figure(figsize=(8.4, 6.0), layout="constrained")
-    grid = figure.add_gridspec(3, 4, height_ratios=[1.0, 1.35, 0.8])
+    figure = figure_of_height(7.6)
+    grid = figure.add_gridspec(4, 2, height_ratios=[1.0, 1.0, 1.5, 0.8])
     first = float(result.t[0])
     moments = (
         (first, "(a) at rest"),
         (first + 5e-4, "(b) step: flexion"),
-        (phase.slips - 5e-4, "(c) pulley stuck:\nstill flexion"),
-        (phase.extension + 5e-4, "(d) pulley has slipped:\nextension"),
+        (phase.slips - 5e-4, "(c) pulley stuck: still flexion"),
+        (phase.extension + 5e-4, "(d) pulley slipped: extension"),
     )
     force = np.linspace(0.0, 5.0, 501)
     for i, (time, title) in enumerate(moments):
-        ax = figure.add_subplot(grid[0, i])
+        ax = figure.add_subplot(grid[divmod(i, 2)])
         ax.plot(force, _law(case, force * LBF), color=GREY, linewidth=1.0)
         _mark_forces(ax, case, result, time, resting=i == 0)
-        ax.set_title(title, fontsize=8)
-        ax.set_xlabel("force [lbf]", fontsize=8)
+        ax.set_title(title, fontsize=SMALL)
         ax.set_xlim(0.0, 5.0)
-        ax.tick_params(labelsize=7, labelleft=i == 0)
+        ax.tick_params(labelleft=i % 2 == 0, labelbottom=i > 1)
         _plain(ax)
-        if i == 0:
-            ax.set_ylabel("voltage [V]", fontsize=8)
+        if i % 2 == 0:
+            ax.set_ylabel("voltage [V]")
+        if i > 1:
+            ax.set_xlabel("force [lbf]")
     _draw_phases(figure, grid, case, result, phase)
     return figure
 
@@ -134,7 +148,7 @@ def _mark_forces(ax: Axes, case: epp.Case, result: epp.Trajectory, time: float, 
 
 
 def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, phase: made.Slip) -> None:
-    top, bottom = figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :])
+    top, bottom = figure.add_subplot(grid[2, :]), figure.add_subplot(grid[3, :])
     window = (0.53, 0.66)
     keep = (result.t >= window[0]) & (result.t <= window[1])
     t = 1e3 * result.t[keep]
@@ -154,14 +168,12 @@ def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, p
                 ax.axvspan(1e3 * event.time, 1e3 * following.time, color=SKY, alpha=0.25, linewidth=0)
         ax.set_xlim(1e3 * window[0], 1e3 * window[1])
     for time, letter in ((phase.slips - 5e-4, "(c)"), (phase.extension + 5e-4, "(d)")):
-        top.annotate(letter, (1e3 * time + 0.4, 3.42), fontsize=9)
+        top.annotate(letter, (1e3 * time + 0.4, 3.42), fontsize=SMALL)
         top.axvline(1e3 * time, color="black", linewidth=0.7)
     top.set_ylim(1.5, 3.65)
     top.set_ylabel("force [lbf]")
     top.tick_params(labelbottom=False)
-    handles = [*top.get_legend_handles_labels()[0], Patch(color=SKY, alpha=0.25)]
-    labels = [*top.get_legend_handles_labels()[1], "pulley stuck"]
-    top.legend(handles, labels, fontsize=7, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+    put_legend(top, [*top.get_legend_handles_labels()[0], Patch(color=SKY, alpha=0.25, label="pulley stuck")])
     bottom.plot(t, result.signals["theta"][keep] / DEGREE, color=GREEN)
     bottom.set_ylabel("forearm [deg]")
     bottom.set_xlabel("time after the step [ms]")
@@ -171,8 +183,8 @@ def _draw_phases(figure: Figure, grid, case: epp.Case, result: epp.Trajectory, p
 
 def _three_steps(names: tuple[str, str], titles: tuple[str, str]) -> Figure:
     """Angle over three steps, and the end of the third step close up."""
-    figure = Figure(figsize=(8.4, 4.6), layout="constrained")
-    axes = figure.subplots(2, 2, width_ratios=[3.2, 1.0])
+    figure = figure_of_height(4.6)
+    axes = figure.subplots(2, 2, width_ratios=[2.6, 1.0])
     for row, name, title in zip(axes, names, titles, strict=True):
         result, input_signal = made.run(name), epp.case(name).input
         theta = result.signals["theta"] / DEGREE
@@ -182,14 +194,14 @@ def _three_steps(names: tuple[str, str], titles: tuple[str, str]) -> Figure:
         row[0].fill_between(
             result.t, 0, 1, where=down, color=GREY, alpha=0.3, linewidth=0, transform=row[0].get_xaxis_transform()
         )
-        row[0].set_title(title, fontsize=9, loc="left")
-        row[0].set_ylabel("forearm angle [deg]")
+        row[0].set_title(title, fontsize=SMALL, loc="left")
+        row[0].set_ylabel("forearm [deg]")
         row[0].set_xlim(0.0, result.t[-1])
         end = result.t > result.t[-1] - 0.5
         row[1].set_xlim(result.t[-1] - 0.5, result.t[-1])
         middle = float(np.mean(theta[end]))
         row[1].set_ylim(middle - 3.0, middle + 3.0)
-        row[1].set_title("the last half second", fontsize=8)
+        row[1].set_title("last half second", fontsize=SMALL)
     for ax in axes[1]:
         ax.set_xlabel("time [s]")
     _plain(*axes.flat)
@@ -204,13 +216,13 @@ def paper_figure_6() -> Figure:
 def paper_figure_8() -> Figure:
     """Three steps with either gap."""
     gaps = [epp.case(name).parameters["lock_pin.backlash"] for name in made.FIGURE_8]
-    return _three_steps(made.FIGURE_8, (f"(a) original, gap {gaps[0]}", f"(b) reduced backlash, gap {gaps[1]}"))
+    return _three_steps(made.FIGURE_8, (f"(a) original, gap {gaps[0]}", f"(b) reduced, gap {gaps[1]}"))
 
 
 def paper_figure_7() -> Figure:
     """Force and pin torque while the forearm is moved by hand through the gap, the drive standing still."""
-    figure = Figure(figsize=(8.4, 3.3), layout="constrained")
-    axes = figure.subplots(1, 2)
+    figure = figure_of_height(5.0)
+    axes = figure.subplots(2, 1, sharex=True)
     for ax, name, title in (
         (axes[0], "fig8a_original", "original lock pin"),
         (axes[1], "fig8b_reduced_backlash", "modified lock pin"),
@@ -232,18 +244,13 @@ def paper_figure_7() -> Figure:
         other.set_ylim(-25.0, 25.0)
         for side in (ax, other):
             side.spines["top"].set_visible(False)
-        ax.set_xlabel("forearm against drive [deg]")
-        ax.set_title(f"{title}: gap {p.lock_pin.backlash / DEGREE:.3g}°", fontsize=9)
+        ax.set_title(f"{title}: gap {p.lock_pin.backlash / DEGREE:.3g}°", fontsize=SMALL, loc="left")
         ax.set_ylim(1.0, 4.0)
-        if ax is axes[0]:
-            ax.set_ylabel("input force [lbf]")
-            ax.plot([], [], color=VERMILLION, linestyle="--", linewidth=1.0, label="pin torque (right)")
-            ax.legend(fontsize=7, loc="upper right")
-            other.tick_params(right=False, labelright=False)
-            other.spines["right"].set_visible(False)
-            ax.spines["right"].set_visible(False)
-        else:
-            other.set_ylabel("torque in the pin [N·m]")
+        ax.set_ylabel("input force [lbf]")
+        other.set_ylabel("pin torque [N·m]")
+        ax.plot([], [], color=VERMILLION, linestyle="--", linewidth=1.0, label="pin torque (right)")
+    axes[-1].set_xlabel("forearm against drive [deg]")
+    legend_below(figure, axes[0])
     return figure
 
 
@@ -255,18 +262,18 @@ def paper_boundaries() -> Figure:
         (
             made.gain_branch(),
             1 / LBF,
-            "profile range [lbf], reduced gap",
+            "profile range [lbf],\nreduced gap",
             ("gain_brings_it_back", "fig8b_reduced_backlash"),
         ),
         (made.friction_branch(), 1.0, "pulley friction", ("fig6b_ball_bearing", "fig6a_original_pulley")),
         (
             made.cable_branch(),
             1 / nominal.value("cable.stiffness"),
-            "cable stiffness / nominal",
+            "cable stiffness,\nshare of the nominal",
             ("soft_cable", "fig8a_original"),
         ),
     )
-    figure = Figure(figsize=(8.4, 5.4), layout="constrained")
+    figure = figure_of_height(5.4)
     for ax, (found, factor, label, cases) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         value, size = factor * found.points["value"], found.points["theta"] / DEGREE
         stable = found.points["stable"].astype(bool)
@@ -280,11 +287,8 @@ def paper_boundaries() -> Figure:
         ax.set_xlabel(label)
         ax.set_ylim(bottom=-0.15)
         _plain(ax)
-    for ax in (figure.axes[0], figure.axes[2]):
-        ax.set_ylabel("oscillation of the forearm,\npeak to peak [deg]")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.axes[0].legend(unique.values(), unique.keys(), fontsize=7)
+    figure.supylabel("oscillation of the forearm, peak to peak [deg]", fontsize=SMALL + 1.0)
+    legend_below(figure, *figure.axes)
     return figure
 
 
@@ -295,25 +299,24 @@ def paper_mass() -> Figure:
     inertia, stiffness = case.value("forearm.inertia"), case.value("cable.stiffness")
     share = np.linspace(0.15, 1.2, 22)
     steps = [s for s in np.linspace(-40.0, 40.0, 21) * 1e-3 if s != 0]
-    figure = Figure(figsize=(8.6, 4.0), layout="constrained")
+    figure = figure_of_height(6.6)
     for ax, name, nominal in zip(
-        figure.subplots(1, 2), ("forearm.inertia", "cable.stiffness"), (inertia, stiffness), strict=True
+        figure.subplots(2, 1), ("forearm.inertia", "cable.stiffness"), (inertia, stiffness), strict=True
     ):
         found = sweep(case, {name: share * nominal, "harness.step": steps}, progress=False)
         plot_design_map(found, name, "harness.step", amplitude=False, ax=ax)
-        factor = 1.0 if name == "forearm.inertia" else 1e-3
-        if factor != 1.0:
+        if name == "cable.stiffness":
             ax.set_xlabel("cable stiffness [kN/m]")
             ax.set_xticks(ax.get_xticks(), [f"{1e-3 * x:g}" for x in ax.get_xticks()])
             ax.set_xlim(0.1225 * nominal, 1.225 * nominal)
         ax.axvline(nominal, color="black", linewidth=1.2, linestyle="--")
-        ax.text(nominal, 38.0, " nominal", fontsize=8, va="top")
+        ax.text(nominal, 38.0, " nominal", fontsize=SMALL, va="top")
     return figure
 
 
 def paper_upright() -> Figure:
     """The upright elbow as it is, and with backlash and friction."""
-    figure = Figure(figsize=(8.4, 2.8), layout="constrained")
+    figure = figure_of_height(3.0)
     axes = figure.subplots(1, 2, width_ratios=[2.2, 1.0])
     for result, colour, label in (
         (made.run("upright", *made.ORIGINAL_ELBOW), VERMILLION, "original gap and pulley"),
@@ -325,11 +328,11 @@ def paper_upright() -> Figure:
     axes[0].set_xlim(0.0, 3.0)
     axes[1].set_xlim(end - 0.5, end)
     axes[1].set_ylim(result.signals["theta"][-1] / DEGREE - 4.0, result.signals["theta"][-1] / DEGREE + 4.0)
-    axes[1].set_title("the last half second", fontsize=8)
+    axes[1].set_title("last half second", fontsize=SMALL)
     axes[0].set_ylabel("forearm angle [deg]")
-    axes[0].legend(fontsize=8, loc="lower right")
     for ax in axes:
-        ax.set_xlabel("time after the step [s]")
+        ax.set_xlabel("time after the step [s]" if ax is axes[0] else "time [s]")
+    legend_below(figure, axes[0])
     _plain(*axes)
     return figure
 
@@ -338,7 +341,7 @@ def paper_parking() -> Figure:
     """The same run without and with parking logic."""
     name = "parking_stops_it"
     case = epp.case(name)
-    figure = Figure(figsize=(8.4, 4.6), layout="constrained")
+    figure = figure_of_height(4.4)
     axes = figure.subplots(2, 2, sharex="col", sharey="row", height_ratios=[1.0, 1.0])
     without = made.run(name, ("parking.dwell_time", 10.0), t_end=4.0)
     _, low, high, _ = np.array(case.elbow_parameters.bands.thresholds) / LBF
@@ -353,15 +356,14 @@ def paper_parking() -> Figure:
         last = next(e for e in reversed(result.events) if e.element == "bands")
         if last.name == "parks":
             upper.axvline(last.time, color=VERMILLION, linewidth=1.0, label="parks for good")
-        upper.set_title(title, fontsize=9)
-        lower.set_xlabel("time after the step [s]")
+        upper.set_title(title, fontsize=SMALL)
+        lower.set_xlabel("time after step [s]")
         upper.set_ylim(58.5, 62.5)
         lower.set_ylim(1.6, 3.4)
         upper.set_xlim(0.2, 4.0)
     axes[0, 0].set_ylabel("forearm angle [deg]")
     axes[1, 0].set_ylabel("input force [lbf]")
-    axes[0, 1].legend(fontsize=8, loc="upper right")
-    axes[1, 1].legend(fontsize=8, loc="upper right")
+    legend_below(figure, *axes[:, 1])
     _plain(*axes.flat)
     return figure
 
@@ -379,33 +381,23 @@ def paper_sensitivity() -> Figure:
             table[names.index(name), n * j : n * (j + 1)] = codes
     words = ("given by the paper, or what the finding itself changes", "holds", "flips", "undecided")
     colours = ("#F4F4F4", SKY, VERMILLION, ORANGE)
-    figure = Figure(figsize=(8.6, 5.6), layout="constrained")
+    figure = figure_of_height(1.6 + 0.18 * len(names))
     ax = figure.subplots()
     ax.pcolormesh(table, cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(5) - 0.5, 4), edgecolors="white")
     for j in range(1, len(sensitivity.FINDINGS)):
         ax.axvline(n * j, color="black", linewidth=1.2)
-    ax.set_yticks(np.arange(len(names)) + 0.5, [name.replace("_", " ") for name in names], fontsize=8)
-    ax.set_xticks(
-        np.arange(table.shape[1]) + 0.5,
-        [f"{100 * (f - 1):+.0f} %" for f in factors] * len(sensitivity.FINDINGS),
-        fontsize=6,
-        rotation=90,
-    )
+    ax.set_yticks(np.arange(len(names)) + 0.5, [words(name) for name in names], fontsize=SMALL)
+    ax.set_xticks(n * (np.arange(len(sensitivity.FINDINGS)) + 0.5), range(1, len(sensitivity.FINDINGS) + 1))
+    ax.set_xlabel(f"finding; each at {', '.join(f'{100 * (f - 1):+.0f}' for f in factors)} %", fontsize=SMALL)
     ax.invert_yaxis()
     ax.tick_params(length=0)
-    top = ax.secondary_xaxis("top")
-    top.set_xticks(
-        n * (np.arange(len(sensitivity.FINDINGS)) + 0.5),
-        [f.replace("_", "\n", 1).replace("_", " ") for f in sensitivity.FINDINGS],
-        fontsize=7,
-    )
-    top.tick_params(length=0)
     there = [
         Patch(facecolor=c, edgecolor=GREY, label=w)
         for i, (w, c) in enumerate(zip(words, colours, strict=True))
         if i in table
     ]
-    figure.legend(handles=there, fontsize=8, loc="outside lower center", ncols=4, frameon=False)
+    texts, columns = in_columns([str(patch.get_label()) for patch in there], 0.96 * WIDTH)
+    figure.legend(there, texts, fontsize=SMALL, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
