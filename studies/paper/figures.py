@@ -379,7 +379,7 @@ def paper_sensitivity() -> Figure:
         for name, found in sensitivity.one_at_a_time(finding).items():
             codes = [1 if word == want else 2 if word in ("settle", "oscillate") else 3 for word in found]
             table[names.index(name), n * j : n * (j + 1)] = codes
-    words = ("given by the paper, or what the finding itself changes", "holds", "flips", "undecided")
+    meanings = ("given by the paper, or what the finding itself changes", "holds", "flips", "undecided")
     colours = ("#F4F4F4", SKY, VERMILLION, ORANGE)
     figure = figure_of_height(1.6 + 0.18 * len(names))
     ax = figure.subplots()
@@ -393,7 +393,7 @@ def paper_sensitivity() -> Figure:
     ax.tick_params(length=0)
     there = [
         Patch(facecolor=c, edgecolor=GREY, label=w)
-        for i, (w, c) in enumerate(zip(words, colours, strict=True))
+        for i, (w, c) in enumerate(zip(meanings, colours, strict=True))
         if i in table
     ]
     texts, columns = in_columns([str(patch.get_label()) for patch in there], 0.96 * WIDTH)
