@@ -67,14 +67,14 @@ def design_table(design: Design) -> Table:
     own = [] if design.objective in names else [design.objective]
     heads = [with_unit(name, design.readable[name][0]) for name in ([over] if over else []) + own + names]
     table = table_of(*heads, with_unit("first order", design.readable[design.limit][0]), "active", "confirmed")
-    rows = [("-", design.optimum), *((cell(design.readable[over][1] * v), o) for v, o in design.front)]
-    for place, best in rows:
+    for place, (value, best) in enumerate([(design.front_own, design.optimum), *design.front]):
         values = {**best.at, **{name: best.objective for name in own}}
         shown = [cell(design.readable[n][1] * values[n]) if best.feasible else "-" for n in own + names]
         first_order = cell(design.readable[design.limit][1] * best.first_order)
         active = best.active or (best.kind if best.kind is not Turn.END else "own range")
         active = active if best.feasible else "infeasible"
-        table.add_row(*([place] if over else []), *shown, first_order, active, "yes" if best.confirmed else "no")
+        beside = [cell(design.readable[over][1] * value) + " (own)" * (place == 0)] if over else []
+        table.add_row(*beside, *shown, first_order, active, "yes" if best.confirmed else "no")
     return table
 
 

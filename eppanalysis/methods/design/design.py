@@ -207,6 +207,7 @@ def design(
         tolerances=shares,
         front_over=over,
         front=tuple(zip(values, found[1:], strict=True)),
+        front_own=case.value(over) if over else float("nan"),
         margin=margin,
         allowed=allowed,
         readable={n: case.readable(n) for n in names} | {n: m.shown or (m.unit, 1.0) for n, m in measured.items()},

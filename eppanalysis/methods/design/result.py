@@ -123,6 +123,8 @@ class Design(Result):
         Parameter of the front; empty where none was asked for.
     front : tuple of (float, Optimum)
         Its values [SI], and the optimum at each.
+    front_own : float
+        Its value in the case itself [SI], to which `optimum` belongs.
     margin : float
         Distance of the tests from the active constraint, relative to the objective.
     allowed : Allowed or None
@@ -142,6 +144,7 @@ class Design(Result):
     tolerances: dict[str, float] = field(default_factory=dict)
     front_over: str = ""
     front: tuple[tuple[float, Optimum], ...] = ()
+    front_own: float = _NAN
     margin: float = _NAN
     allowed: Allowed | None = None
     readable: dict[str, tuple[str, float]] = field(default_factory=dict)
@@ -172,7 +175,7 @@ class Design(Result):
 
     def to_frame(self) -> pandas.DataFrame:
         """One row a design: the optimum, and behind it those of the front, at its values [SI]."""
-        rows = [self._row(self.optimum), *(self._row(found, value) for value, found in self.front)]
+        rows = [self._row(self.optimum, self.front_own), *(self._row(found, value) for value, found in self.front)]
         return frame_of(rows, {**self.units, "first_order": self.units.get(self.limit, ""), "frequency": "Hz"})
 
     def in_brief(self) -> pandas.DataFrame:

@@ -183,10 +183,11 @@ def test_table_picture_and_files(servo: epp.Case, found: epp.Design, tmp_path: P
     assert "7.518" in str(epp.table(found))
     assert said_above(found.plot().figure)[0].startswith("The largest k")
     front = replace(found, front_over="play.gap", front=((1.0, found.optimum), (2.0, Optimum({}, message="none"))))
-    front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)})
+    front = replace(front, readable={**found.readable, "play.gap": ("", 1.0)}, front_own=3.0)
     assert front.plot().figure.axes[0].get_xlabel() == "play gap" and "infeasible" in str(epp.table(front))
     assert design_columns(front).columns["k"][1] == found.optimum.at["k"]
     assert front.to_frame()["active"].tolist() == ["fold", "fold", "infeasible"]
+    assert front.to_frame()["play.gap"].tolist() == [3.0, 1.0, 2.0] and "3 (own)" in str(epp.table(front))
     write_design(servo, found, tmp_path / "designed.toml")
     again = epp.read_case(tmp_path / "designed.toml")
     assert again.value("k") == pytest.approx(0.99 * found.optimum.at["k"], rel=1e-10)
