@@ -245,25 +245,29 @@ def _compared(loop: Loop, point: _Point) -> _Point:
     Higher orders are solved until what is left of the error, as estimated there, is small beside the distance, and one
     more confirms it: it lies within what was said to be left. The change by the neglected harmonics alone (see
     :func:`_error`) does not see that they move switches far, add some, or lead elsewhere, and one higher order may be
-    near by chance.
+    near by chance. Where no further one converges it counts alone.
     """
-    better, distance = point, 0.0
+    better, distance, settled, alone = point, 0.0, False, False
     for order in _higher(point.order, loop.highest(point.omega)):
         trial = _solve(loop, better, order)
         if not trial.converged:
             trial = _solve(loop, better, (better.order + order) // 2)
         if not trial.converged:
-            return _unknown(point, f"No balance above order {better.order}, with which it is compared, converges.")
-        confirmed = better is not point and _distance(better, trial) <= _left(better, distance)
-        better, distance = trial, _distance(point, trial)
-        error = distance + _left(better, distance)
-        if better.error < _TRUSTED and error < _SEEDS and (confirmed or better.error < _FINE):
+            alone = settled = True
             break
-    else:
+        settled = better is not point and _distance(better, trial) <= _left(better, distance)
+        better, distance = trial, _distance(point, trial)
+        if better.error < _FINE or (settled and _may_be_told(better, distance)):
+            break
+    if better is point:
+        return _unknown(point, "No balance of a higher order, with which it would be compared, converges.")
+    if not (settled or better.error < _FINE) or not _may_be_told(better, distance):
         return _unknown(point, f"Balances up to order {better.order} do not settle; no exact orbit need be near.")
+    error = distance + _left(better, distance)
     if not _switches_alike(loop, point, error):
         return _unknown(point, "Elements switch otherwise in a period within its error; no exact orbit need be near.")
-    return replace(point, error=error)
+    note = f"Its error is that against order {better.order} alone: no higher one converges." if alone else point.note
+    return replace(point, error=error, note=note)
 
 
 def _switches_alike(loop: Loop, point: _Point, error: float) -> bool:
@@ -283,6 +287,11 @@ def _switches_alike(loop: Loop, point: _Point, error: float) -> bool:
 def _left(better: _Point, distance: float) -> float:
     """What is left of an error at a higher order that is so far away."""
     return _MARGIN * distance + _REST * better.error
+
+
+def _may_be_told(better: _Point, distance: float) -> bool:
+    """Whether a balance so far from a higher order is known well enough to have an error."""
+    return better.error < _TRUSTED and distance + _left(better, distance) < _SEEDS
 
 
 def _unknown(point: _Point, why: str) -> _Point:

@@ -95,7 +95,7 @@ def _controller(p, sensed):
     else:
         parts["bands"] = SampledLaw(law, period) if parking is None else ParkingBandLaw(law, parking)
         parts |= {"second": epp.blocks.Constant(value=1.0), "clock": epp.blocks.Integrator()}
-        connect += ["second -> clock", f"{sensed} -> bands.in1", "clock -> bands.in2"]
+        connect += ["second -> clock", f"{sensed} -> bands.{parts['bands'].input_ports[0]}", "clock -> bands.clock"]
     T = p.controller.delay
     if not T:
         return parts, [*connect, "bands -> motor.voltage"]

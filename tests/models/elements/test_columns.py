@@ -26,14 +26,15 @@ def listed(map_: epp.PiecewiseLinear) -> Automaton:
         build.mode(f"piece {i}", from_input=a[i], constant=b[i])
     for i, edge in enumerate(x):
         left, right = a[i] * edge + b[i], a[i + 1] * edge + b[i + 1]
-        over, under = i + 1, i
+        over, under, past = i + 1, i, (-1, -1)
         if abs(right - left) > 1e-12 * max(abs(left), abs(right)):
             up = 1.0 if right > left else -1.0
             over = under = build.mode(f"slides at {i}", sticking=True, level=float(edge), jump=float(right - left))
+            past = (i + 1, i)
             build.guard(f"leaves {i} upward", over, i + 1, on_output=up, constant=float(-up * right))
             build.guard(f"leaves {i} downward", over, i, on_output=-up, constant=float(up * left))
-        build.guard(f"rises through {i}", i, over, on_input=1.0, constant=float(-edge), bypass=i + 1)
-        build.guard(f"falls through {i}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=i)
+        build.guard(f"rises through {i}", i, over, on_input=1.0, constant=float(-edge), bypass=past[0])
+        build.guard(f"falls through {i}", i + 1, under, on_input=-1.0, constant=float(edge), bypass=past[1])
     return build.build(start_mode=a.size // 2)
 
 
