@@ -182,8 +182,8 @@ def ten_minutes_table() -> str:
 
 def make_all(folder: Path) -> None:
     """Make all of it."""
-    for make, dpi in ((limit_cycle, 110), (first_order_blind, 110), (ten_minutes, 80)):
-        make().savefig(folder / f"{make.__name__}.png", dpi=dpi, metadata={"Software": None})
+    for make in (limit_cycle, first_order_blind, ten_minutes):
+        make().savefig(folder / f"{make.__name__}.png", dpi=150, metadata={"Software": None})
     (folder / "ten_minutes.md").write_text(f"{ten_minutes_table()}\n", encoding="utf-8")
 
 
