@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from enum import Enum
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -58,6 +59,12 @@ def make_pages(app) -> None:
         maker.make_all(GENERATED)
 
 
+def leave_out(app, what, name, obj, skip, options) -> bool | None:
+    """Fields of a class stand in its own words: a second list of their names has nothing to say of them."""
+    return True if what == "attribute" and not isinstance(obj, Enum) else None
+
+
 def setup(app) -> None:
-    """Register the maker of pictures and tables."""
+    """Register the maker of pictures and tables, and what lists of attributes leave out."""
     app.connect("builder-inited", make_pages)
+    app.connect("autodoc-skip-member", leave_out)
