@@ -1,6 +1,7 @@
-"""A case whose loop is followed in states of its own, where those that it is given in mix what is stiff with the rest.
+"""A case whose loop is followed in states of its own, where those that it is given in are mixed.
 
-In turned states rounding keeps the orbits of an elbow from closing (`methods/orbits/apart.py`): a branch has no start.
+In turned states rounding keeps the orbits of an elbow from closing, and those of a long chain of lags from closing well
+(`methods/orbits/apart.py`): a branch has no start, or ends where none is.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 
 from eppanalysis.methods.continuation.result import Branch
 from eppanalysis.methods.harmonic.states import OtherStates
-from eppanalysis.methods.orbits.apart import motions_apart
+from eppanalysis.methods.orbits.apart import unmixed
 from eppanalysis.models.systems.lure import LureSystem
 from eppanalysis.models.systems.sampled.strobe import is_sampled
 from eppanalysis.models.systems.subject import CaseLike
@@ -30,7 +31,7 @@ class OwnStates:
         system = case.to_system()
         if isinstance(case, cls) or system.time_step or is_sampled(system.elements):
             return None
-        states = motions_apart(system)
+        states = unmixed(system)
         return None if states is None else cls(case, states)
 
     def __getattr__(self, name: str) -> Any:

@@ -1,9 +1,10 @@
-"""A loop in coordinates of its own stiffest motion, where those that it is given in mix what is stiff with what is not.
+"""A loop in states of its own, where those that it is given in mix what is stiff or large with what is not.
 
 A stiff contact makes entries of 1e8 in the matrix of its mode, of a position into a speed. In natural coordinates, and
 in any units of the states, they stand alone, and motions are known to the last digits. In turned ones they are
 everywhere, for all states mix positions with speeds, and as many digits are lost as the matrix is larger than its
-fastest pole.
+fastest pole. Likewise states of a chain of lags are of very different sizes, and in turned states all signals are small
+differences of the largest.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from eppanalysis.methods.harmonic.states import OtherStates, without_held_states
-from eppanalysis.models.systems.linear import poles
+from eppanalysis.models.systems.linear import balanced, poles
 from eppanalysis.models.systems.lure import LureSystem
 
 Array = NDArray[np.float64]
@@ -26,11 +27,53 @@ _MIXED = 10.0
 _KNOWN = 1e-3
 #: Condition of the motions beyond which they are no coordinates.
 _WORST = 1e10
+#: So many times as large as the signals are the terms of which they are made up, where states are mixed; in natural
+#: coordinates and any units it is near one.
+_CANCELS = 20.0
+#: What elements drive is weighed over a few times that of the fastest pole, so that integrators count as well.
+_FADES = 0.1
 
 
 def in_states_of_its_own(system: LureSystem) -> OtherStates | None:
     """The loop without states that nothing drives, else in those of its stiffest motions; None where it needs none."""
-    return without_held_states(system) or (None if system.time_step else motions_apart(system))
+    return without_held_states(system) or (None if system.time_step else unmixed(system))
+
+
+def unmixed(system: LureSystem) -> OtherStates | None:
+    """The loop in coordinates that mix neither stiff motions nor large states with others; None where none are."""
+    return motions_apart(system) or evenly_driven(system)
+
+
+def evenly_driven(system: LureSystem) -> OtherStates | None:
+    """The loop in coordinates in which its elements drive every state alike, where signals are differences of states.
+
+    With the Gramian W of what the elements reach (Moore 1981), ``W = T T'``, no signal is smaller than its terms.
+
+    Examples
+    --------
+    >>> import eppanalysis as epp
+    >>> evenly_driven(epp.case("relay_hyst_goncalves6").to_system()) is None  # as it is given
+    True
+    """
+    if not system.B.size:
+        return None
+    A, units = balanced(system.A)
+    B, C, values = system.B / units[:, None], system.C * units, poles(A)
+    fading = max(float(values.real.max()), 0.0) + _FADES * float(np.abs(values).max())
+    if fading == 0.0:
+        return None
+    B = B / np.maximum(np.linalg.norm(B, axis=0), np.finfo(float).tiny)
+    W = scipy.linalg.solve_continuous_lyapunov(A - fading * np.eye(len(A)), -B @ B.T)
+    size = np.sqrt(np.abs(np.diag(W)))
+    terms, seen = np.abs(C) @ size, np.sqrt(np.abs(np.einsum("ij,jk,ik->i", C, W, C)))
+    if not np.all(size > 0.0) or not np.any(terms > _CANCELS * seen):
+        return None
+    strengths, turn = np.linalg.eigh(W / np.outer(size, size))
+    if not strengths[0] > strengths[-1] / _WORST:
+        return None
+    size, strong = size * units, np.sqrt(strengths)
+    T, inverse = size[:, None] * turn * strong, (turn / strong).T / size
+    return _in_states(system, T, inverse)
 
 
 def motions_apart(system: LureSystem) -> OtherStates | None:
@@ -46,21 +89,25 @@ def motions_apart(system: LureSystem) -> OtherStates | None:
     if stiff is None or not stiff.size:
         return None
     both: Any = scipy.linalg.eig(stiff, left=True, right=True)  # scipy's stubs know pairs only
-    poles, left, V = both
-    fastest = int(np.argmax(np.abs(poles)))
+    values, left, V = both
+    fastest = int(np.argmax(np.abs(values)))
     # The best units are powers of two that LAPACK finds.
     with np.errstate(invalid="ignore"):  # scipy also returns the scales as whole numbers, which need not fit
         size = np.abs(scipy.linalg.matrix_balance(stiff, permute=False)[0]).max()
-    if size <= _MIXED * abs(poles[fastest]):
+    if size <= _MIXED * abs(values[fastest]):
         return None
     # Of integrators in turned states the poles are rounding, and have no directions of their own: the error of a pole
     # is that of the matrix over the cosine between its left and right direction.
-    if np.finfo(float).eps * size > _KNOWN * abs(poles[fastest]) * abs(np.vdot(left[:, fastest], V[:, fastest])):
+    if np.finfo(float).eps * size > _KNOWN * abs(values[fastest]) * abs(np.vdot(left[:, fastest], V[:, fastest])):
         return None
-    T = np.column_stack([part for p, v in zip(poles, V.T, strict=True) for part in _real(p, v)]).astype(float)
+    T = np.column_stack([part for p, v in zip(values, V.T, strict=True) for part in _real(p, v)]).astype(float)
     if not np.linalg.cond(T) < _WORST:
         return None
-    inverse = np.asarray(np.linalg.inv(T), float)
+    return _in_states(system, T, np.asarray(np.linalg.inv(T), float))
+
+
+def _in_states(system: LureSystem, T: Array, inverse: Array) -> OtherStates | None:
+    """The loop in other states; None where these lose an integrator."""
     own = system.in_coordinates(T, inverse)
     # Where these coordinates are long and thin beside the given ones, integrators are lost in them: their poles become
     # slow motions, which set how long runs are and where they start.

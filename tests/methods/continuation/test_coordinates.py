@@ -26,6 +26,7 @@ BRANCHES = {
     "relay_biased_fopdt": ("hysteresis_relay.high", 1.3, 0.7),
     "relay_deadzone": ("relay_dead_zone.threshold", 1.0, 3.0),
     "relay_fopdt_closed": ("loop.delay", 0.5, 1.0),
+    "relay_hyst_goncalves6": ("hysteresis_relay.upper", 0.25, 1.0),
     "robot_servo": ("Kp", 60.0, 50.0),
     "sat_asymmetric": ("saturation.upper", 2.0, 0.5),
     "sat_plus_backlash": ("play.gap", 1.0, 3.0),
@@ -34,7 +35,14 @@ BRANCHES = {
     "van_der_pol_mu1": ("cube.scale", 1.0 / 3.0, 1.0),
     "wheelchair": ("play.gap", 0.012, 0.02),
 }
-QUICK = ["clegg_loop", "freeplay_section", "relay_deadzone", "relay_fopdt_closed", "two_mass_damped_shaft"]
+QUICK = [
+    "clegg_loop",
+    "freeplay_section",
+    "relay_deadzone",
+    "relay_fopdt_closed",
+    "relay_hyst_goncalves6",
+    "two_mass_damped_shaft",
+]
 #: Loops with parts whose units are not told are turned only.
 TURNED_ONLY = {"clegg_loop", "fig8a_original"}
 
@@ -79,7 +87,7 @@ def in_units(name: str, time: float, amplitude: float, states: int | None) -> In
 
 @pytest.mark.parametrize("name", QUICK)
 def test_branches_do_not_depend_on_coordinates_and_units(name):
-    branch_alike(name, turned(name, 1))
+    branch_alike(name, turned(name, 2))
     if name not in TURNED_ONLY:
         branch_alike(name, in_units(name, *UNITS[0]), UNITS[0][1])
 
