@@ -104,7 +104,8 @@ def _corners(marks: Array, delays: Array) -> Array:
     """Times between which all signals are smooth: the events, and their echoes behind each dead time."""
     begin, period = marks[0], marks[-1] - marks[0]
     echoes = [begin + (marks - begin + delay) % period for delay in delays if delay > 0]
-    corners = np.unique(np.concatenate([marks, *echoes]))
+    # Of two events at one instant the later may come first by rounding.
+    corners = np.unique(np.clip(np.concatenate([marks, *echoes]), begin, marks[-1]))
     near = np.diff(corners) > 1e-12 * period
     return np.append(corners[:-1][near], marks[-1])
 

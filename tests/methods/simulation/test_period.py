@@ -47,6 +47,14 @@ def test_extremum_between_samples_and_away_from_events():
     assert coefficient(found.harmonics["y"], 1) == pytest.approx(-1j * a * np.exp(1j * (omega * 2.0 + phi)), abs=1e-13)
 
 
+@pytest.mark.parametrize("marks", [[0.0, 1.0 + 1e-10, 1.0], [0.0, -1e-10, 1.0]], ids=["last", "first"])
+def test_two_events_at_one_instant_may_stand_in_the_wrong_order(marks):
+    """They do by rounding at a change of the sequence: the period is the one without them."""
+    found, plain = (shape_of(lambda t: np.sin(2.0 * np.pi * t), m) for m in (marks, [0.0, 1.0]))
+    assert found.peak_to_peak["y"] == pytest.approx(plain.peak_to_peak["y"], rel=1e-13)
+    np.testing.assert_allclose(found.harmonics["y"], plain.harmonics["y"], atol=1e-13)
+
+
 def test_exponential_sawtooth():
     """exp(-t/tau) on [0, 1): c_k = 2 (1 - exp(-1/tau)) / (1/tau + 2 pi j k), up to the last harmonic."""
     tau = 0.13
